@@ -94,7 +94,8 @@ def changed_json(content: bytes, rng: Rng) -> bytes:
         text = json.dumps(document)
         return ("{" + f'"{name}": 1, ' + text[1:]).encode()
     else:
-        inner, place = document, name
+        inner = document
+        place = name
         while isinstance(inner[place], dict | list) and inner[place]:
             if rng.random() < 0.3:
                 break
@@ -283,7 +284,8 @@ def run(command: str, folder: Path) -> tuple[str, bytes]:
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(code)
-    end, status = time.monotonic() + PATIENCE, None
+    end = time.monotonic() + PATIENCE
+    status = None
     while status is None and time.monotonic() < end:
         number, found = os.waitpid(child, os.WNOHANG)
         status = found if number else None
@@ -308,7 +310,9 @@ def run(command: str, folder: Path) -> tuple[str, bytes]:
 
 def attack_all(number: int, seed: int) -> int:
     """So many attacks; a line for each kind, and each failure. How many failed."""
-    kinds, failed, tried = list(KINDS), Counter[str](), Counter[str]()
+    kinds = list(KINDS)
+    failed = Counter[str]()
+    tried = Counter[str]()
     with tempfile.TemporaryDirectory() as home:
         base = Path(home) / "sound"
         base.mkdir()

@@ -92,7 +92,11 @@ def run_case(case: Case) -> Row:
     said = {
         (f.kind, f.where): f for r in reports for f in r.errors_and_warnings
     }.values()
-    false, true, arm, errors, facts = [], [], [], [], []
+    false = []
+    true = []
+    arm = []
+    errors = []
+    facts = []
     for f in said:
         text = f"{f.kind} ({f.where})"
         if f.severity == "error":

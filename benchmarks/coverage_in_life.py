@@ -39,27 +39,26 @@ TURN = (
     0.04,
     0.06,
 )  # rad/s over which dry friction turns round, of slides half of that in m/s
-QUANTUM, JITTER = 2.0 * np.pi / 2**17, 2e-5  # rad, of the encoder
+# rad, of the encoder
+QUANTUM = 2.0 * np.pi / 2**17
+JITTER = 2e-5
 #: Remembers 250 samples: of the log half a second, of a disturbance half of that.
-WHITE, SLOW = SensorNoise(colour=0.0), SensorNoise(colour=0.996)
+WHITE = SensorNoise(colour=0.0)
+SLOW = SensorNoise(colour=0.996)
 
 
 def measured(
     arm: RatedArm, closed: bool, rng: np.random.Generator
 ) -> tuple[Site, Measurements]:
     """The true robot, and its run as planned or in a closed loop."""
-    noise, kind = (
-        WHITE if rng.random() < 0.5 else SLOW,
-        str(rng.choice(["periodic", "aperiodic"])),
-    )
+    noise = WHITE if rng.random() < 0.5 else SLOW
+    kind = str(rng.choice(["periodic", "aperiodic"]))
     usual = Conditions(width=TURN, channel=Channel(step=QUANTUM), duration=14.0)
     world = draw_world(replace(usual, noise=noise, motion=kind), rng, arm=arm)
     motion = draw_motion(world, 0, rng)
     size = world.torque(motion).std(axis=0)
-    jitter, pull = (
-        JITTER * arm.unit_speed * rng.normal(size=motion.q.shape),
-        np.zeros_like(motion.q),
-    )
+    jitter = JITTER * arm.unit_speed * rng.normal(size=motion.q.shape)
+    pull = np.zeros_like(motion.q)
     if closed:
         pull = SLOW.draw(len(motion.t), rng.uniform(0.005, 0.02) * size, rng)
         motion = driven(world, motion, pull, jitter)
@@ -70,8 +69,10 @@ def measured(
 def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
     """Share of the intervals that hold the truth, and their median width, by quantity;
     of a run that is refused nothing."""
-    rng, axes = np.random.default_rng([seed, 77]), drawn(seed, 2, 4)
-    model, n = true_model(axes, rng), len(axes)
+    rng = np.random.default_rng([seed, 77])
+    axes = drawn(seed, 2, 4)
+    model = true_model(axes, rng)
+    n = len(axes)
     # N m, of dry friction, and of viscous friction at 1 rad/s.
     friction = np.array([2.5 * 0.7**k for k in range(n)])
     world, run = measured(
@@ -85,7 +86,8 @@ def draw(seed: int, closed: bool) -> dict[str, tuple[float, float]]:
         estimate = identify(problem := believed("drawn", axes), run, effects=USUAL)
     except InputError:
         return {}
-    base, own = base_rows(problem, estimate.model).rows[: -3 * n], estimate.uncertainty
+    base = base_rows(problem, estimate.model).rows[: -3 * n]
+    own = estimate.uncertainty
     out = {}
     for name, truth, intervals in (
         ("base parameters", base @ np.append(links, rubs), own.base[: len(base)]),
@@ -109,7 +111,8 @@ def main() -> None:
         "--out", type=Path, default=Path("results", "coverage_in_life.md")
     )
     chosen = parser.parse_args()
-    seeds, rows = range(chosen.seed, chosen.seed + chosen.draws), []
+    seeds = range(chosen.seed, chosen.seed + chosen.draws)
+    rows = []
     for word in ("planned", "closed loop"):
         draws = [found for k in seeds if (found := draw(k, word == "closed loop"))]
         for name in draws[0]:

@@ -30,10 +30,8 @@ def read(folder: Path, joints: int) -> tuple[Array, Array, Array]:
         for name in ("time", "positions", "torques")
     )
     t, *channels = map(np.loadtxt, files)
-    grid, columns = (
-        np.arange(t[0], t[-1], 0.001),
-        (x.reshape(-1, joints).T for x in channels),
-    )
+    grid = np.arange(t[0], t[-1], 0.001)
+    columns = (x.reshape(-1, joints).T for x in channels)
     q, tau = (
         np.column_stack([np.interp(grid, t, x) for x in channel]) for channel in columns
     )
@@ -47,7 +45,9 @@ def kept(samples: int) -> slice:
 
 def columns(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
     """Y (M, n, 13 n): rigid body, viscous, Coulomb, offset."""
-    data, n, stack = model.createData(), q.shape[1], []
+    data = model.createData()
+    n = q.shape[1]
+    stack = []
     for x, dx, ddx in zip(q, dq, ddq, strict=True):
         rigid = pin.computeJointTorqueRegressor(model, data, x, dx, ddx).copy()
         friction = [np.diag(dx), np.diag(np.tanh(dx / SIGN_WIDTH)), np.eye(n)]

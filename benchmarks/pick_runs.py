@@ -40,7 +40,8 @@ JUDGED = (0.5, 1.0, 2.0, 5.0)
 def splice(before: Measurements, after: Measurements, at: float) -> Measurements:
     """One run until ``at`` seconds, then the other from where the arm is at the same
     place."""
-    t_before, t_after = before.t - before.t[0], after.t - after.t[0]
+    t_before = before.t - before.t[0]
+    t_after = after.t - after.t[0]
     first = np.flatnonzero(t_before < at)
     near = np.flatnonzero(np.abs(t_after - at) < 4.0)
     distance = np.abs(after.q[near] - before.q[first[-1]]).max(axis=1)
@@ -58,7 +59,8 @@ def changes(
 ) -> tuple[list[PayloadChange], list[tuple[float, float, float]]]:
     """All changes that a run brings to light; mass and its interval [kg] at the instants
     ``marks``, NaN where nothing is carried."""
-    reported, masses = [], []
+    reported = []
+    masses = []
     left = list(marks)
     for t, q, tau in zip(run.t, run.q, run.tau, strict=True):
         change = estimator.update(t, q, tau)
@@ -84,8 +86,12 @@ def real_picks(runs: dict[str, Measurements]) -> list[tuple[str, str]]:
     """Masses within their intervals, instants and latencies of spliced picks, and false
     alarms of all runs without a load."""
     hits, errors, widths = np.zeros((3, 2, 10, len(JUDGED)))
-    instants, latencies, n_extra, n_missed = list[float](), list[float](), 0, 0
-    alarms, seconds = 0, 0.0
+    instants = list[float]()
+    latencies = list[float]()
+    n_extra = 0
+    n_missed = 0
+    alarms = 0
+    seconds = 0.0
     for k, (trained, judged) in enumerate([PAIRS, PAIRS[::-1]]):
         estimate = model_of(runs, trained)
         noise = PayloadEstimator.calibrated(estimate, runs[CALIBRATION], 100.0).noise
@@ -129,7 +135,8 @@ def real_picks(runs: dict[str, Measurements]) -> list[tuple[str, str]]:
 def update_times(estimate: Estimate) -> list[tuple[str, str]]:
     """Time of an update at 1 kHz, simulated, and of the same work undisturbed: the
     shortest of three runs, update by update."""
-    robot, t = estimate.robot, np.arange(6000) * 1e-3
+    robot = estimate.robot
+    t = np.arange(6000) * 1e-3
     trajectory = random_trajectory(robot, 3, 6.0)
     states = trajectory.states(t)
     tau = estimate.torque(Motion(t, *states))

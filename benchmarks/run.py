@@ -83,7 +83,8 @@ def cpu(call: Callable[[], object], times: int = 1) -> float:
 def text(problem: Problem, folder: Path) -> list[Row]:
     """Text files to an estimate against the decimated script, and both on motion not
     seen."""
-    model, basis = problem.robot._model, inertia.PSEUDO_INERTIA_BASIS
+    model = problem.robot._model
+    basis = inertia.PSEUDO_INERTIA_BASIS
     warnings.simplefilter("ignore")  # the script's
     script = partial(decimated.identify, folder, model, basis)
 
@@ -94,21 +95,21 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     def judged_too() -> Estimate:
         return identify(problem, load_measurements(folder, joints=7), check=False)
 
-    estimate, run = ours(), load_measurements(folder, joints=7)
+    estimate = ours()
+    run = load_measurements(folder, joints=7)
     settings = problem.preprocessing.resolve(run)
     split = phase_folds(run, settings, 5)
     judged = FilteredRun(run, settings).all_rows(estimate.model)
-    at, cells = judged.motion, split.cell(0, judged.motion.t)
+    at = judged.motion
+    cells = split.cell(0, judged.motion.t)
     t, q, tau = decimated.read(folder, 7)
     rows, torque = decimated.rows(model, q, tau)
     own_cells = split.cell(0, t[decimated.kept(len(t))])
     columns = decimated.columns(model, at.q, at.dq, at.ddq)
     left = np.zeros_like(judged.torque)
     for k in range(split.count):
-        train, tested = (
-            np.isin(own_cells, split.training(k)),
-            np.isin(cells, split.tested(k)),
-        )
+        train = np.isin(own_cells, split.training(k))
+        tested = np.isin(cells, split.tested(k))
         theta = decimated.solve(rows[train], torque[train], basis)
         left[tested] = columns[tested] @ theta - judged.torque[tested]
     theirs = 100.0 * float(np.linalg.norm(left) / np.linalg.norm(judged.torque))
@@ -117,15 +118,14 @@ def text(problem: Problem, folder: Path) -> list[Row]:
         "neither checks the data; theirs: every 28th sample, Pinocchio, CVXPY; no"
         " certificate"
     )
-    posed, method = build_problem(problem, run), LmiSdp()
+    posed = build_problem(problem, run)
+    method = LmiSdp()
     fit = method.fit(posed.task)
     again = partial(
         replace, posed.task
     )  # without what an earlier call has left in its cache
-    spent, plain = (
-        cpu(ours, 5),
-        "theirs: the rows as they are, not their R factor, to CVXPY",
-    )
+    spent = cpu(ours, 5)
+    plain = "theirs: the rows as they are, not their R factor, to CVXPY"
     return [
         ("text files to estimate, CPU", spent, cpu(script, 5), "s", note),
         (
@@ -164,7 +164,8 @@ def fits(problem: Problem, run: Measurements) -> list[Row]:
     loop."""
     tasks = {"the measured Panda": build_problem(problem, run).task}
     tasks |= {f"{n} links": chain_task(n) for n in (7, 20, 60)}
-    rows, methods = [], (LmiSdp(), LmiSdp(solver="clarabel"))
+    rows = []
+    methods = (LmiSdp(), LmiSdp(solver="clarabel"))
     for name, task in tasks.items():
         times = 9 if len(task.bound) < 300 else 3
         gaps = [method.fit(task).gap for method in methods]
@@ -201,9 +202,9 @@ def measured(command: list[str]) -> tuple[float, ...]:
 def processes(problem: Problem, run: Measurements) -> list[Row]:
     """Commands as processes against importing NumPy and SciPy."""
     with tempfile.TemporaryDirectory() as name:
-        log, model, out = (
-            str(Path(name, x)) for x in ("run.csv", "model.json", "report.html")
-        )
+        log = str(Path(name, "run.csv"))
+        model = str(Path(name, "model.json"))
+        out = str(Path(name, "report.html"))
         save(run, Path(log))
         identified = [*PROGRAM, "identify", problem.name, "--data", log, "--out", model]
         bare = [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"]
@@ -217,10 +218,8 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
         used = np.array(
             [[measured(command)[0] for command in commands.values()] for _ in range(4)]
         )
-    least, note = (
-        used[1:].min(axis=0).tolist(),
-        f"other: a process that does `{bare[2]}`",
-    )
+    least = used[1:].min(axis=0).tolist()
+    note = f"other: a process that does `{bare[2]}`"
     pairs = list(zip(commands, least, strict=True))[1:]
     return [(f"{key} as a process, CPU", x, least[0], "s", note) for key, x in pairs]
 
@@ -229,7 +228,9 @@ def recorded(path: Path, rows: int, model: Estimate) -> None:
     """A recording as CSV, a part at a time: a Panda at 1 kHz on a motion that never
     comes back; its torque is a model's, with a Stribeck friction that this lacks and
     white noise."""
-    rng, n, part = np.random.default_rng(5), 7, 50_000
+    rng = np.random.default_rng(5)
+    n = 7
+    part = 50_000
     noise = np.array([0.15, 0.2, 0.15, 0.15, 0.08, 0.08, 0.06])  # N m
     states = plan(load_arm("panda"), "aperiodic", rows / 1000.0, rng)
     with path.open("w") as file:
@@ -263,9 +264,9 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
     with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
         true = identify(problem, run, check=False)
         true.save(Path(folder, "model.json"))
-        log, model, out = (
-            str(Path(folder, x)) for x in ("run.csv", "model.json", "out.json")
-        )
+        log = str(Path(folder, "run.csv"))
+        model = str(Path(folder, "model.json"))
+        out = str(Path(folder, "out.json"))
         commands = {
             "identify": ["identify", "panda", "--data", log, "--out", out],
             "check": ["check", log, "--problem", "panda"],
@@ -325,7 +326,8 @@ def write(out: Path, tables: list[pandas.DataFrame]) -> None:
     if (table := out / "benchmarks.csv").exists():
         old = pandas.read_csv(table, dtype=str, keep_default_na=False)
         new.append(old[~old["part"].isin([part for t in tables for part in t["part"]])])
-    order, cells = [*PARTS, *LEFT], pandas.concat(new).replace("nan", "")
+    order = [*PARTS, *LEFT]
+    cells = pandas.concat(new).replace("nan", "")
     cells = cells.sort_values("part", key=lambda x: x.map(order.index), kind="stable")
     write_text(table, cells.to_csv(index=False, lineterminator="\n"))
     left = ", ".join(

@@ -68,7 +68,9 @@ class InputError(ValueError):
     """
 
     def __init__(self, what: str, remedy: str = "", where: Any = None) -> None:
-        self.what, self.remedy, self.where = what, remedy, where
+        self.what = what
+        self.remedy = remedy
+        self.where = where
         place = "" if where is None else f"{where}: "
         text = f"{place}{what}" + (f": {remedy}." if remedy else "")
         text = printable(text)  # names out of a broken file may hold anything
@@ -100,7 +102,8 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
         proof: tuple[Any, Any] | None = None,
     ) -> None:
         super().__init__(*arguments)
-        self.families, self.proof = tuple(families), proof
+        self.families = tuple(families)
+        self.proof = proof
 
 
 class MissingJoints(InputError):  # noqa: N818 (what is missing)

@@ -43,10 +43,13 @@ T = TypeVar("T")
 #: whole (URDF, mesh, JSON, bounds, proofs: the largest of ours, a proof of 60 links,
 #: has 12 MB), and of TOML, whose parser takes time with the square of a dotted key's
 #: length (ours have 2 kB).
-LARGEST_RUN, LARGEST_TEXT, LARGEST_TOML = 2**34, 2**26, 2**16
+LARGEST_RUN = 2**34
+LARGEST_TEXT = 2**26
+LARGEST_TOML = 2**16
 #: Memory that unpacking a file may take: bytes, and bytes a byte of it. Measured
 #: channels unpack to 3 to 20 times their size.
-_ROOM, _PER_BYTE = 384 * 2**20, 25
+_ROOM = 384 * 2**20
+_PER_BYTE = 25
 #: Device and inode of every file that the running command was given or has read. None
 #: outside of one: in a notebook a model may be written over the file that it came from.
 _inputs = ContextVar[set[tuple[int, int]] | None]("inputs", default=None)
@@ -64,7 +67,8 @@ def protecting() -> Iterator[None]:
 
 def opened(path: str | Path) -> None:
     """An argument of the running command is an input; of a folder all files in it."""
-    inputs, path = _inputs.get(), Path(path)
+    inputs = _inputs.get()
+    path = Path(path)
     if inputs is None:
         return
     try:
@@ -358,7 +362,8 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
     """The new file whole under a name of its own, on the disk, and only then under the
     old name."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    prefix, end = f".{path.name[:100]}.", ".part"
+    prefix = f".{path.name[:100]}."
+    end = ".part"
     # What a writer that was killed has left: its name tells its process, which is no
     # more.
     for file in path.parent.glob(f"{glob.escape(prefix)}*{end}"):
@@ -508,7 +513,8 @@ def _restored(kind: Any, value: Any) -> Any:
     """A value of a type hint; an absent one may be None."""
     import numpy as np
 
-    origin, args = get_origin(kind), get_args(kind)
+    origin = get_origin(kind)
+    args = get_args(kind)
     if origin is types.UnionType:
         return None if value is None else _restored(args[0], value)
     if origin is np.ndarray:

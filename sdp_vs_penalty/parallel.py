@@ -112,7 +112,9 @@ def _here(
     """By processes that begin as this one is where the system can fork: they import and
     read nothing."""
     context: Any = get_context("fork" if sys.platform == "linux" else "spawn")
-    lines, deaths = dict[Any, Any](), 0  # processes by their pipes
+    # processes by their pipes
+    lines = dict[Any, Any]()
+    deaths = 0
     busy = dict[Any, tuple[int, Item]]()  # and what they do
 
     def idle() -> Any:
@@ -138,7 +140,8 @@ def _here(
                 try:
                     result, error = line.recv()
                 except (EOFError, OSError):
-                    todo, deaths = [item, *todo], deaths + 1
+                    todo = [item, *todo]
+                    deaths = deaths + 1
                     lines.pop(line).join()
                     if deaths > _RETRIES:
                         what = f"{deaths} processes were ended from outside"

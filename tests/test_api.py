@@ -97,7 +97,8 @@ def test_effect_classes_are_at_hand(two_link):
 
 
 def test_identify_and_compare_take_one_run_in_any_form(files):
-    problem, run = sdp.load_problem("two_link"), sdp.load_measurements(files[0])
+    problem = sdp.load_problem("two_link")
+    run = sdp.load_measurements(files[0])
     expected = sdp.identify(problem, run, "ols", check=False)
     rmse = sdp.compare(expected, sdp.load_measurements(files[1]))[0].rmse
     for (form, given), test in zip(

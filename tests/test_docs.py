@@ -286,9 +286,8 @@ def test_the_recipe_of_a_control_loop_renews_a_certified_fit():
     )
     recipe = blocks(text, "python")[0].replace('"panda"', '"two_link"')
     run = experiment(load_problem("two_link")).training_run(seed=0)
-    middle, end = (
-        float(run.t[0] + share * (run.t[-1] - run.t[0])) for share in (0.5, 1.0)
-    )
+    middle = float(run.t[0] + 0.5 * (run.t[-1] - run.t[0]))
+    end = float(run.t[0] + 1.0 * (run.t[-1] - run.t[0]))
     names: dict[str, Any] = {"first": run.window(float(run.t[0]), middle)}
     exec(recipe, names)  # our own page
     posed = names["fit"]
@@ -367,7 +366,8 @@ MARKED = [ROOT / "README.md", ROOT / "results" / "README.md", *PAGES]
 def cell(file: str, words: str, column: str) -> str:
     """The cell of the first row that holds all words (between semicolons), in any table
     of the file."""
-    path, wanted = ROOT / "results" / file, [w.strip() for w in words.split(";")]
+    path = ROOT / "results" / file
+    wanted = [w.strip() for w in words.split(";")]
     if path.suffix == ".csv":
         rows = list(csv.reader(path.read_text().splitlines()))
     else:

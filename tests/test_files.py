@@ -23,7 +23,9 @@ def log(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("how", ["same", "equals", "relative", "symlink", "hard link"])
 def test_an_input_is_never_replaced(log, how, tmp_path, monkeypatch, capsys):
-    before, out, data = log.read_bytes(), log, ["--data", str(log)]
+    before = log.read_bytes()
+    out = log
+    data = ["--data", str(log)]
     if how == "equals":
         data = [f"--data={log}"]
     elif how == "relative":
@@ -89,7 +91,8 @@ def test_a_device_stays_a_device(tmp_path):
 
 def test_a_link_stays_and_its_target_is_replaced(tmp_path):
     (tmp_path / "real").mkdir()
-    target, link = tmp_path / "real" / "model.json", tmp_path / "model.json"
+    target = tmp_path / "real" / "model.json"
+    link = tmp_path / "model.json"
     target.write_text("old")
     link.symlink_to(target)
     files.write_text(link, "new")

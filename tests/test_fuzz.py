@@ -38,13 +38,16 @@ CORPUS = Path(__file__).parent / "data" / "corpus"
 #: Where inputs that failed are put, to be mended and moved to the corpus.
 FAILED = Path(__file__).parent / "data" / "failed"
 #: CPU seconds that one small file may take, and bytes beyond ten times its size.
-SECONDS, MEMORY = 20.0, 500e6
+SECONDS = 20.0
+MEMORY = 500e6
 
 
 def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     """A bit turned, a part lost, doubled or overwritten by something odd."""
     begin, end = sorted(rng.integers(len(content), size=2).tolist())
-    before, part, after = content[:begin], content[begin:end], content[end:]
+    before = content[:begin]
+    part = content[begin:end]
+    after = content[end:]
     odd = [
         b"\0" * 8,
         b"\xff" * 8,
@@ -174,7 +177,8 @@ def read(path: Path, source: Path) -> Any:
 def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
     """What becomes of a case: a result or a sentence, no warning of NumPy, within
     seconds and memory."""
-    begin, found = time.process_time(), "read"
+    begin = time.process_time()
+    found = "read"
     try:
         with peak_memory() as peak, warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
@@ -233,8 +237,11 @@ def verbs() -> dict[str, Callable[[sdp.Measurements], object]]:
 def test_thousands_of_files(tmp_path, capsys):
     """Changed files, and every fiftieth time a log: so many cases, or seconds of them."""
     many, _, seed = os.environ.get("SDP_VS_PENALTY_FUZZ", "60s").partition(":")
-    sources, uses, seen = sound_files(tmp_path), list(verbs().items()), Counter[str]()
-    first, failures = int(seed or 0) * 1_000_000, list[str]()
+    sources = sound_files(tmp_path)
+    uses = list(verbs().items())
+    seen = Counter[str]()
+    first = int(seed or 0) * 1_000_000
+    failures = list[str]()
     begin = time.monotonic()
     for k in islice(count(first), None if many.endswith("s") else int(many)):
         if many.endswith("s") and time.monotonic() - begin > float(many[:-1]):
@@ -260,7 +267,9 @@ def test_thousands_of_files(tmp_path, capsys):
 @pytest.mark.parametrize("path", sorted(CORPUS.iterdir()), ids=lambda path: path.name)
 def test_what_the_reader_takes_the_check_can_judge(path, two_link):
     """Files that broke a reader once."""
-    runs, reports, size = list[sdp.Measurements](), list[Any](), path.stat().st_size
+    runs = list[sdp.Measurements]()
+    reports = list[Any]()
+    size = path.stat().st_size
     outcome(
         f"{path.name} read",
         lambda: runs.append(sdp.load_measurements(path, joints=2)),

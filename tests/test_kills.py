@@ -68,10 +68,8 @@ def made(folder: Path) -> dict[str, Any]:
 def started(words: list[str], folder: Path, mark: str) -> subprocess.Popen[bytes]:
     """The command in the folder; every process that comes of it carries the mark."""
     environment = {**os.environ, "MARK_OF_THIS_TEST": mark, "PYTHONPATH": HOME}
-    command, quiet = (
-        [sys.executable, "-m", "sdp_vs_penalty", *words],
-        subprocess.DEVNULL,
-    )
+    command = [sys.executable, "-m", "sdp_vs_penalty", *words]
+    quiet = subprocess.DEVNULL
     return subprocess.Popen(
         command, cwd=folder, env=environment, stdout=quiet, stderr=quiet
     )
@@ -91,7 +89,8 @@ def alive(mark: str) -> list[Any]:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_that_is_killed_leaves_nothing_and_runs_again(name, tmp_path):
-    problem, words = load_problem("two_link"), shlex.split(COMMANDS[name])
+    problem = load_problem("two_link")
+    words = shlex.split(COMMANDS[name])
     (
         write_run(tmp_path / "a.csv", problem),
         write_run(tmp_path / "b.csv", problem, seed=1),
@@ -101,11 +100,9 @@ def test_a_command_that_is_killed_leaves_nothing_and_runs_again(name, tmp_path):
         shutil.rmtree(tmp_path / "out", ignore_errors=True)
         begin = time.monotonic()
         assert started(words, tmp_path, "").wait(300) == 0
-    seconds, right, rng = (
-        time.monotonic() - begin,
-        made(tmp_path),
-        np.random.default_rng(SEED),
-    )
+    seconds = time.monotonic() - begin
+    right = made(tmp_path)
+    rng = np.random.default_rng(SEED)
     assert right
     for _ in range(NUMBER):
         shutil.rmtree(tmp_path / "out")

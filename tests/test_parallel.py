@@ -50,9 +50,9 @@ def test_processes_give_the_same_and_a_killed_one_is_replaced(two_link, runs, tm
 @pytest.mark.long
 def test_folds_are_the_same_by_processes(two_link, runs):
     said: list[str] = []
-    alone, several = (
-        cross_validate(two_link, runs, folds=3, workers=w, progress=said.append)
-        for w in (ALONE, Workers(2))
+    alone = cross_validate(two_link, runs, folds=3, workers=ALONE, progress=said.append)
+    several = cross_validate(
+        two_link, runs, folds=3, workers=Workers(2), progress=said.append
     )
     assert said == 2 * ["1 of 3 done", "2 of 3 done", "3 of 3 done"]
     assert len(alone.folds) == 3

@@ -155,7 +155,8 @@ class HardeningSpring(JointEffect):
 
 
 def hardening(w: World, j: int, rng: np.random.Generator) -> Hidden:
-    q_0, side = log_uniform(rng, 0.4, 0.6), float(rng.choice([-1.0, 1.0]))
+    q_0 = log_uniform(rng, 0.4, 0.6)
+    side = float(rng.choice([-1.0, 1.0]))
 
     def law(w: World, m: TrueMotion) -> NDArray[np.float64]:
         stretched = np.exp(m.q[:, j] / q_0)

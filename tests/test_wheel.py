@@ -20,7 +20,8 @@ def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
     pytest.importorskip(
         "hatchling", reason="hatchling builds the wheel: install the extra [test]"
     )
-    folder, installed = tmp_path / "dist", tmp_path / "site"
+    folder = tmp_path / "dist"
+    installed = tmp_path / "site"
     command = [
         sys.executable,
         "-m",

@@ -22,7 +22,8 @@ from sdp_vs_penalty.reports.demo import demo  # noqa: E402
 
 #: Pixels that are kept of each screen, from its top, and the colours of a picture.
 _SCREENS = {"check": 760, "identify": 1150, "diagnose": 900}
-_WIDTH, _COLOURS = 1100, 96
+_WIDTH = 1100
+_COLOURS = 96
 
 
 def make(folder: Path) -> list[Path]:

@@ -13,7 +13,8 @@ import csv
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-BEGIN, END = "<!-- results: begin -->\n", "<!-- results: end -->\n"
+BEGIN = "<!-- results: begin -->\n"
+END = "<!-- results: end -->\n"
 
 #: Columns of results/table_routes.csv and their headings here.
 ROUTE_COLUMNS = {
@@ -123,10 +124,9 @@ def draw_data(path: Path) -> None:
     for k, method in enumerate(SHOWN):
         rows = [row for row in rows_of("data") if row["method"] == method]
         x = [seconds.index(int(row["seconds"])) + 0.12 * (k - 1.5) for row in rows]
-        middle, low, high = (
-            [float(row[f"error_percent_{name}"]) for row in rows]
-            for name in ("median", "min", "max")
-        )
+        middle = [float(row[f"error_percent_{'median'}"]) for row in rows]
+        low = [float(row[f"error_percent_{'min'}"]) for row in rows]
+        high = [float(row[f"error_percent_{'max'}"]) for row in rows]
         (line,) = axes.plot(x, middle, marker="o", ms=4, lw=1.4, label=method)
         axes.vlines(x, low, high, color=line.get_color(), lw=1.2)
         for place, value in zip(x, middle, strict=True):

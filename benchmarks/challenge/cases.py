@@ -177,9 +177,15 @@ def run_case(case: Case) -> tuple[str, Record]:
     """The case's key and its record, which is plain JSON: its world and runs, the last
     of which is the test run, what the diagnosis says of them, in how many seconds of
     the processor, and the truth."""
-    kind, built = CLASSES[case.kind], build_case(case)
-    names, conditions, world = built.names, built.conditions, built.world
-    motions, hidden, logged, rng = built.motions, built.hidden, built.logged, built.rng
+    kind = CLASSES[case.kind]
+    built = build_case(case)
+    names = built.names
+    conditions = built.conditions
+    world = built.world
+    motions = built.motions
+    hidden = built.hidden
+    logged = built.logged
+    rng = built.rng
     learnt: Sequence[Logged] = logged[:-1]
     if kind.frozen:  # the model was identified in another sitting, without the load
         others = [draw_motion(world, k, rng) for k in range(conditions.runs)]
@@ -196,7 +202,8 @@ def run_case(case: Case) -> tuple[str, Record]:
         **{name: [] for name in ("found", "retuned", "events", "after", "energy")},
     }
     effects = [name for name in USUAL if name not in names]
-    problem, begin = load_problem(urdf_of(conditions.arm)), time.process_time()
+    problem = load_problem(urdf_of(conditions.arm))
+    begin = time.process_time()
     try:
         runs = concatenate([x.run for x in learnt])
         options = PoseOptions(effects=effects)
@@ -220,7 +227,8 @@ def _diagnosed(
 ) -> Record:
     """spent : on identifying [s]."""
     *runs, test = logged
-    data, begin = concatenate([x.run for x in runs]), time.process_time()
+    data = concatenate([x.run for x in runs])
+    begin = time.process_time()
     diagnosis = diagnose(estimate, data, test.run, frozen=kind.frozen)
     result = diagnosis.to_dict()
     record: Record = {
@@ -266,7 +274,8 @@ VERSION = 3
 def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list[Path]:
     """Run what is missing; write challenge.json, and from all of its cases of this seed
     challenge.md."""
-    store, report = out / "challenge.json", out / "challenge.md"
+    store = out / "challenge.json"
+    report = out / "challenge.md"
     records: dict[str, Record] = {}
     with folder_lock(out):
         if store.is_file():

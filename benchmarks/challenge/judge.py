@@ -88,7 +88,8 @@ def found_in_time(record: Record) -> bool:
     truth = record["truth"][0]
     if truth["kind"] == "hum":
         return flagged(record)
-    begin, end = truth["t_start"] - 1.0, truth["t_end"] + 1.0
+    begin = truth["t_start"] - 1.0
+    end = truth["t_end"] + 1.0
     return any(e["t_start"] < end and e["t_end"] > begin for e in record["events"])
 
 
@@ -278,7 +279,8 @@ def _numbers(records: Sequence[Record]) -> list[str]:
 
 def _by_effect(records: Sequence[Record]) -> list[str]:
     """Cases, who was taken for whom, and how honest its size is."""
-    mine, rows = [r for r in records if r["class"] in SINGLE], []
+    mine = [r for r in records if r["class"] in SINGLE]
+    rows = []
     for effect in sorted({t["effect"] for r in mine for t in r["truth"]}):
         group = [r for r in mine if r["truth"][0]["effect"] == effect]
         shown = [r for r in group if counted(r)]

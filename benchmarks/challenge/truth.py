@@ -49,7 +49,8 @@ def beyond_one_name(logged: Sequence[Logged], estimate: Estimate, joint: int) ->
         for f in range(len(batch.forms)) if batch.joints == (joint,) else ():
             Z = batch.columns(f)[joint]
             overlap = Q[mine].T @ Z
-            gram, pull = Z.T @ Z - overlap.T @ overlap, Z.T @ left[mine]
+            gram = Z.T @ Z - overlap.T @ overlap
+            pull = Z.T @ left[mine]
             best = max(best, float(pull @ np.linalg.lstsq(gram, pull, rcond=1e-9)[0]))
     return float(np.sum(left**2)) - best
 
@@ -109,10 +110,8 @@ def judged_curve(
     own = [c for c in result.curves if c.joint == joint + 1]
     wanted = {_plain(v) for v in hidden.details["of"]}
     *learnt, test = logged
-    settings, floor = (
-        estimate.preprocessing.resolve(test.run),
-        float(true_floor(test, estimate)[joint]),
-    )
+    settings = estimate.preprocessing.resolve(test.run)
+    floor = float(true_floor(test, estimate)[joint])
     before = after = float(compare(estimate, test.run, settings)[0].rmse[joint])
     if result.curves or result.effects:
         bigger = add(estimate, result, concatenate([x.run for x in learnt]))

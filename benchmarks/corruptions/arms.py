@@ -52,9 +52,8 @@ class Arm:
     def harm(self, estimate: Estimate) -> float:
         """Held-out error over the clean model's: root mean square of the joints'
         ratios."""
-        errors, least = (
-            compare(model, self.test)[0].mse for model in (estimate, self.clean)
-        )
+        errors = compare(estimate, self.test)[0].mse
+        least = compare(self.clean, self.test)[0].mse
         return float(np.sqrt(np.mean(errors / least)))
 
     def corruptions(self) -> list[Corruption]:
@@ -63,13 +62,17 @@ class Arm:
         return [*corruptions(n), *self._of_the_weight(sorted({1 % n, n // 2}))]
 
     def _of_the_weight(self, joints: list[int]) -> Iterator[Corruption]:
-        theta, rigid = self.clean.theta, self.clean.model.rigid_indices
-        weight, own = self._torque(theta, still=True), self._torque(theta)
-        loaded, other = theta.copy(), theta.copy()
+        theta = self.clean.theta
+        rigid = self.clean.model.rigid_indices
+        weight = self._torque(theta, still=True)
+        own = self._torque(theta)
+        loaded = theta.copy()
+        other = theta.copy()
         place = np.array([0.05, 0.02, 0.08, 1.0])
         loaded[rigid[-10:]] += 2.0 * from_pseudo_inertia(np.outer(place, place))
         other[rigid] = self.problem.nominal(self.clean.model)[rigid] * 0.7
-        load, exchange = self._torque(loaded) - own, self._torque(other) - own
+        load = self._torque(loaded) - own
+        exchange = self._torque(other) - own
         late = 1.0 * (np.arange(len(weight)) > 0.55 * len(weight))[:, None]
         one = [((j,), np.eye(self.train.n)[j]) for j in joints]
         for share in (1.0, 0.9):
@@ -90,7 +93,8 @@ class Arm:
 
     def _torque(self, theta: Array, still: bool = False) -> Array:
         """A model's torque (N, n) at the training run's samples."""
-        t, q = self.train.t, self.train.q
+        t = self.train.t
+        q = self.train.q
         dq = np.zeros_like(q) if still else _rate(q, t)
         ddq = np.zeros_like(q) if still else _rate(dq, t)
         model = self.clean.model
@@ -120,7 +124,8 @@ def arm(name: str, data: Path) -> Arm:
 
 def _parted(problem: Problem, run: Measurements, middle: float) -> Arm:
     """One run, which is spoiled up to the middle [s]."""
-    train, test = (run.window(*span) for span in ((0.0, middle), (middle, np.inf)))
+    train = run.window(*(0.0, middle))
+    test = run.window(*(middle, np.inf))
     return Arm(problem, train, test, (run,))
 
 
@@ -129,13 +134,12 @@ def real(name: str, data: Path) -> Arm:
     axis, whose force is the control voltage times the drive's gain; ur10 : of Salerno,
     17.6 s."""
     if name == "ur10":
-        problem, path = (
-            load_problem(data / "ur10_salerno/robot.urdf"),
-            data / "ur10_salerno/train.csv",
-        )
+        problem = load_problem(data / "ur10_salerno/robot.urdf")
+        path = data / "ur10_salerno/train.csv"
         run = load_measurements(path, joints=6, names=problem.robot.joint_names)
         return _parted(problem, run, 12.0)
-    problem, found = load_problem(name), converted(name, data / name)
+    problem = load_problem(name)
+    found = converted(name, data / name)
     runs = {k: replace(run, dq=None, commanded={}) for k, run in found.items()}
     if name == "panda":  # every fifth row
         run = runs["exciting"]
@@ -174,7 +178,8 @@ def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     mass."""
     parts = ['<link name="l0"/>']
     for k, (kind, axis, origin, mass, com) in enumerate(axes, start=1):
-        i, limit = 0.4 * mass * 0.07**2, 0.4 if kind == "prismatic" else 3.0
+        i = 0.4 * mass * 0.07**2
+        limit = 0.4 if kind == "prismatic" else 3.0
         parts.append(
             f'<link name="l{k}"><inertial><origin xyz="{com}"/><mass'
             f' value="{mass}"/><inertia ixx="{i}" iyy="{1.3 * i}" izz="{0.8 * i}"'
@@ -188,7 +193,8 @@ def urdf(name: str, axes: tuple[Axis, ...]) -> str:
 
 def drawn(seed: int, fewest: int = 4, most: int = 7) -> tuple[Axis, ...]:
     """So many joints; geometry and masses of a size that arms have."""
-    rng, axes = np.random.default_rng([seed, 99]), []
+    rng = np.random.default_rng([seed, 99])
+    axes = []
     say = lambda v: " ".join(f"{x:.4g}" for x in v)  # noqa: E731
     for k in range(int(rng.integers(fewest, most + 1))):
         kind = "prismatic" if rng.random() < 0.12 else "revolute"
@@ -196,10 +202,8 @@ def drawn(seed: int, fewest: int = 4, most: int = 7) -> tuple[Axis, ...]:
             np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) for _ in range(2)
         )
         origin = rng.uniform(0.15, 0.4) * 0.9**k * along
-        com, mass = (
-            0.4 * origin + rng.uniform(-0.05, 0.05, 3),
-            14.0 * 0.65**k * rng.uniform(0.7, 1.3),
-        )
+        com = 0.4 * origin + rng.uniform(-0.05, 0.05, 3)
+        mass = 14.0 * 0.65**k * rng.uniform(0.7, 1.3)
         axes.append((kind, say(axis), say(origin), mass, say(com)))
     return tuple(axes)
 
@@ -225,17 +229,18 @@ def true_model(axes: tuple[Axis, ...], rng: np.random.Generator) -> Any:
 def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
     """Two runs of the true model, one held out; 200 Hz, 20 s, position steps of 1e-5."""
     real = name.startswith("drawn")
-    train, test = (
-        _simulate(axes, np.random.default_rng([seed, k]), seed, real) for k in (0, 1)
-    )
+    train = _simulate(axes, np.random.default_rng([seed, 0]), seed, real)
+    test = _simulate(axes, np.random.default_rng([seed, 1]), seed, real)
     return Arm(believed(name, axes), train, test, (test,))
 
 
 def _simulate(
     axes: tuple[Axis, ...], rng: np.random.Generator, seed: int, real: bool
 ) -> Measurements:
-    machine, n = np.random.default_rng(seed), len(axes)
-    model, size = true_model(axes, machine), np.array([30.0 * 0.7**k for k in range(n)])
+    machine = np.random.default_rng(seed)
+    n = len(axes)
+    model = true_model(axes, machine)
+    size = np.array([30.0 * 0.7**k for k in range(n)])
     viscous, coulomb = machine.uniform(0.05, 0.12, (2, n)) * size
     t = np.arange(0.0, 20.0, 0.005)
     reach = np.array([0.12 if a[0] == "prismatic" else 0.7 for a in axes])
@@ -247,7 +252,8 @@ def _simulate(
     q += np.where(reach > 0.5, rng.uniform(-0.4, 0.4, n), 0.0)
     tau = inverse_dynamics(model, q, dq, ddq)
     if real:  # of the machine, not of the run
-        own, speed = np.random.default_rng([seed, 5]), dq.std(axis=0)
+        own = np.random.default_rng([seed, 5])
+        speed = dq.std(axis=0)
         side = np.where(dq > 0.0, 1.0, own.uniform(0.85, 1.15, n)) - 1.0
         tau += (
             coulomb * np.sign(dq) * (side + 0.2 * np.exp(-((dq / (0.1 * speed)) ** 2)))

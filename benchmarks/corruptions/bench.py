@@ -86,7 +86,8 @@ class Case:
 def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
     """What is checked: an arm's log that was corrupted, and the problem that is
     believed."""
-    run, problem = corruption.spoil(arm.train), corruption.problem(arm.problem)
+    run = corruption.spoil(arm.train)
+    problem = corruption.problem(arm.problem)
     if corruption.beside:  # half of the run is clean: another run of the same arm
         middle = 0.5 * (run.t[0] + run.t[-1])
         run = concatenate(
@@ -99,7 +100,8 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
     problem, run = given(arm, corruption)
     reports = check(problem, run)
     problems = [f for report in reports for f in report.errors_and_warnings]
-    outcome, harm = _outcome(corruption, problems), np.nan
+    outcome = _outcome(corruption, problems)
+    harm = np.nan
     if outcome == "silent":
         try:
             harm = arm.harm(identify(problem, run))
@@ -161,7 +163,8 @@ def clean(arm: Arm) -> list[Case]:
     for run in (arm.train, *arm.others):
         span = run.t[-1] - run.t[0]
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
-            part, harm = run.window(a, b), np.nan
+            part = run.window(a, b)
+            harm = np.nan
             (report,) = check(arm.problem, part)
             outcome = "false warning" if report.errors_and_warnings else "silent"
             outcome = "false error" if report.meaningless else outcome

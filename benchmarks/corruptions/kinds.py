@@ -91,7 +91,8 @@ def corruptions(n: int) -> list[Corruption]:
         ("encoder offset", "3 deg", "q", lambda x, r: x + np.radians(3.0)),
     )
     for j, (kind, size, name, change) in product(chosen[:2], moved):
-        word, spoil = f"{kind} in one of two runs", partial(_on, name, j, change)
+        word = f"{kind} in one of two runs"
+        spoil = partial(_on, name, j, change)
         add(word, (j,), size, kind, spoil, beside=True)
     return made
 
@@ -134,7 +135,8 @@ def _channels(alone: bool) -> Iterator[tuple[str, str, str, str, Change]]:
         word = "torque unit of one column"
         yield word, unit, "torque gain|torque unit", "tau", lambda x, r, g=gain: g * x
     for late in (0.02, 0.05, 0.1):
-        word, size = "one torque channel late", f"{1e3 * late:g} ms"
+        word = "one torque channel late"
+        size = f"{1e3 * late:g} ms"
         yield (
             word,
             size,
@@ -395,7 +397,8 @@ def _interpolated(run: Measurements) -> Measurements:
 
 
 def _bursts(run: Measurements) -> Measurements:
-    step, k = 10.0 * float(np.median(np.diff(run.t))), np.arange(len(run.t))
+    step = 10.0 * float(np.median(np.diff(run.t)))
+    k = np.arange(len(run.t))
     return replace(run, t=run.t[0] + (k // 10) * step + (k % 10) * 1e-6)
 
 

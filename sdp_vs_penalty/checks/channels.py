@@ -173,10 +173,8 @@ def motion_rank(q: Array) -> int:
 
 def idle(g: RunSummary) -> Iterator[Issue]:
     """Joints that never move, or all of them."""
-    sure, joints = (
-        "certain: the positions change by noise only",
-        np.flatnonzero(~g.moving),
-    )
+    sure = "certain: the positions change by noise only"
+    joints = np.flatnonzero(~g.moving)
     if not g.moving.any():
         what = (
             "no joint moves: these data contain only static friction and the weight in"
@@ -227,11 +225,9 @@ def torques(g: RunSummary) -> Iterator[Issue]:
     odds of step to fifth."""
     unsigned = []
     for j, x in enumerate(g.run.tau.T):
-        name, unit, parts = (
-            f"tau{j + 1}",
-            g.robot.torque_units[j],
-            spans(np.diff(x) == 0.0),
-        )
+        name = f"tau{j + 1}"
+        unit = g.robot.torque_units[j]
+        parts = spans(np.diff(x) == 0.0)
         if not np.ptp(x):
             what = f"{name} is {x[0]:g} {unit} in every row."
             remedy = "find out why the logger wrote a constant"
@@ -247,9 +243,11 @@ def torques(g: RunSummary) -> Iterator[Issue]:
                 where=name,
             )
             continue
-        lengths, values = np.diff(parts)[:, 0] + 1, x[parts[:, 0]]
+        lengths = np.diff(parts)[:, 0] + 1
+        values = x[parts[:, 0]]
         ends = np.isin(values, (x.min(), x.max()))
-        elsewhere, longest = (int(lengths[k].max(initial=1)) for k in (~ends, ends))
+        elsewhere = int(lengths[~ends].max(initial=1))
+        longest = int(lengths[ends].max(initial=1))
         if longest >= max(TIMES * elsewhere, STUCK):
             value = values[np.argmax(lengths * ends)]
             yield Issue.of(
@@ -266,7 +264,8 @@ def torques(g: RunSummary) -> Iterator[Issue]:
                 limit=float(value),
             )
         if g.moving[j] and 0.0 <= x.min() <= 0.01 * x.max():
-            steps, near = np.abs(np.diff(x)), 0.2 * x.max()
+            steps = np.abs(np.diff(x))
+            near = 0.2 * x.max()
             step = min(float(np.median(steps[steps > 0.0])), near)
             lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
             chance = np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step)
@@ -312,7 +311,9 @@ def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[I
     of these settings. Rounding errors renew themselves when the level changes; the part
     below the cut-off stays, and a second derivative weighs its power with (2 pi f)^4.
     """
-    rate, highest, cutoff = 1.0 / g.step, highest_harmonic(g.run), settings.state_cutoff
+    rate = 1.0 / g.step
+    highest = highest_harmonic(g.run)
+    cutoff = settings.state_cutoff
     if rate < (needed := c.SAMPLES_A_PERIOD * highest):
         yield Issue.of(
             kind="low sample rate",
@@ -328,10 +329,8 @@ def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[I
         )
     assert cutoff is not None
     for j, (x, size) in enumerate(zip(g.run.q.T, motion.ddq.std(axis=0), strict=True)):
-        step, lasts = (
-            lattice_step(x),
-            g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1),
-        )
+        step = lattice_step(x)
+        lasts = g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
         noise = (
             (2.0 * np.pi * cutoff) ** 2
             * step

@@ -194,9 +194,11 @@ def judge_dynamics(
     if any(f.kind in ("torque channel kind", "external torque") for f in size):
         stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
     for k, log in logs.items():
-        own, apart = net, list[Issue]()
+        own = net
+        apart = list[Issue]()
         if not _is_poor(out[k]) and (parted := [*residual.two_arms(log, net)]):
-            own, apart = replace(net, events=()), parted
+            own = replace(net, events=())
+            apart = parted
         poor = [] if search.is_poor else [*residual.unexplained_torque(log, own)]
         left = [*size, *poor, *apart]
         issues = [*out[k].issues, *_without_repetition(stated, out[k].issues), *left]
@@ -258,10 +260,8 @@ def _with_repairs(
 def of_one_arm(reports: Sequence[Report]) -> list[Report]:
     """Runs of one arm share its mounting, its zeros, its gains and its load: where one
     run's differ, it is named."""
-    out, whole = (
-        list(reports),
-        [k for k, r in enumerate(reports) if r.arm and not _is_poor(r)],
-    )
+    out = list(reports)
+    whole = [k for k, r in enumerate(reports) if r.arm and not _is_poor(r)]
     arms = [(*arm, reports[k].run) for k in whole if (arm := reports[k].arm)]
     for number, issue in residual.compare_runs(arms):
         report = out[k := whole[number]]
@@ -272,7 +272,8 @@ def of_one_arm(reports: Sequence[Report]) -> list[Report]:
 
 def judge_ranges(problem: Problem, report: Report) -> Report:
     """Positions against the joints' ranges: what `identify` refuses is an error."""
-    issues, run = [*report.issues], report.original or report.repaired_all
+    issues = [*report.issues]
+    run = report.original or report.repaired_all
     explained = "encoder offset", *POSITION_UNITS
     rows = len(report.repaired_all.t) >= RUN
     if rows and not any(f.kind in explained for f in issues):

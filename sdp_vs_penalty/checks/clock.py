@@ -67,20 +67,20 @@ def backwards(g: RunSummary) -> Iterator[Issue]:
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
         return
-    step, how = 0.0, "the rows there do not continue the motion"
+    step = 0.0
+    how = "the rows there do not continue the motion"
     remedy = "delete the rows whose time lies before that of an earlier row"
     if np.all(np.diff(bad, prepend=0, append=len(g.run.t) - 1) > RUN):
-        step, how = max(1.0, 50.0 * g.step), "several runs are in the file"
+        step = max(1.0, 50.0 * g.step)
+        how = "several runs are in the file"
         remedy = (
             "let each begin a second after the end of the one before (or write a file"
             " each)"
         )
         if _goes_on(g, bad).all():
-            step, how, remedy = (
-                g.step,
-                "the motion continues without a break",
-                CONTINUE,
-            )
+            step = g.step
+            how = "the motion continues without a break"
+            remedy = CONTINUE
 
     def repair(r: Measurements) -> Measurements:
         if not step:
@@ -241,8 +241,11 @@ def _velocity_ratios(g: RunSummary) -> Array:
         way = np.diff(g.run.q[:, j])[: even.size].reshape(-1, width).sum(axis=1)
         middle = 0.5 * (g.run.dq[1:, j] + g.run.dq[:-1, j])
         logged = np.sum(middle[: even.size].reshape(-1, width) * even, axis=1)
-        x, y = (v[usual] / times[usual] for v in (way, logged))
-        xx, yy, xy = float(x @ x), float(y @ y), float(x @ y)
+        x = way[usual] / times[usual]
+        y = logged[usual] / times[usual]
+        xx = float(x @ x)
+        yy = float(y @ y)
+        xy = float(x @ y)
         if xx * yy > 0.0 and xy * xy > 0.8 * xx * yy:
             out[j] = np.sign(xy) * np.sqrt(yy / xx)
     return out
@@ -251,20 +254,22 @@ def _velocity_ratios(g: RunSummary) -> Array:
 def uneven(g: RunSummary) -> Iterator[Issue]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q
     is smoother over the row number."""
-    steps, q = g.steps, g.run.q[:, g.moving]
+    steps = g.steps
+    q = g.run.q[:, g.moving]
     pause = TIMES * max(
         g.step, float(np.quantile(steps, 0.97))
     )  # packets, too, may come in bursts
-    even, usual = (steps[1:] < pause) & (steps[:-1] < pause), steps[steps < pause]
+    even = (steps[1:] < pause) & (steps[:-1] < pause)
+    usual = steps[steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
     if spread < 1 / RUN or np.count_nonzero(even) < RUN:
         return
     share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
-    rough_time, rough_rows = (
-        np.sqrt(
-            np.mean((q[1:-1] - (q[:-2] * (1.0 - s) + q[2:] * s))[even] ** 2, axis=0)
-        )
-        for s in (share, 0.5)
+    rough_time = np.sqrt(
+        np.mean((q[1:-1] - (q[:-2] * (1.0 - share) + q[2:] * share))[even] ** 2, axis=0)
+    )
+    rough_rows = np.sqrt(
+        np.mean((q[1:-1] - (q[:-2] * (1.0 - 0.5) + q[2:] * 0.5))[even] ** 2, axis=0)
     )
     if (ratio := float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))) < TIMES:
         return
@@ -330,10 +335,8 @@ def jumps(g: RunSummary) -> Iterator[Issue]:
         ),
     ):
         if len(rows):
-            wrong, most = (
-                np.isin(np.arange(len(g.steps)), rows),
-                float(g.steps[rows].max()),
-            )
+            wrong = np.isin(np.arange(len(g.steps)), rows)
+            most = float(g.steps[rows].max())
             what = text.format(
                 count=len(rows), most=most, step=g.step, total=g.steps[rows].sum()
             )

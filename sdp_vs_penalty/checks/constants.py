@@ -26,7 +26,8 @@ PARTS = 8
 #: Physics may speak with so much (natural logarithm) on each joint's friction and on
 #: the weight; on inertia, which is differentiated twice, with less: it must not decide
 #: alone.
-LOUDEST, LOUDEST_INERTIA = 60.0, 12.0
+LOUDEST = 60.0
+LOUDEST_INERTIA = 12.0
 
 # -- the search ----------------------------------------------------------------------------------------
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
@@ -40,7 +41,9 @@ SIGMAS = 4.0
 #: parts left out by so much, beside all laws of friction and position that may explain
 #: the same: one of a few (a sign, an axis, an order), or one with a number, which adapts
 #: to whatever the model lacks. No joint's may rise by more than the last.
-ONE_OF_FEW, WITH_A_NUMBER, WORSE = 1.5, 2.0, 1.2
+ONE_OF_FEW = 1.5
+WITH_A_NUMBER = 2.0
+WORSE = 1.2
 #: The same of a motion of few directions, in which much explains much, and of what
 #: friction with memory resembles.
 MUCH = 4.0
@@ -55,7 +58,8 @@ MOST = 6
 # -- what arms and loggers differ by themselves, and from where on a model of a log means nothing ----
 #: Zeros and bases are calibrated to so much [rad]; beyond the second, as many times what is usual of
 #: anything else, it is no calibration, and makes a model wrong, not only worse.
-CALIBRATED, GROSS = (float(np.radians(x)) for x in (1.5, 10.0))
+CALIBRATED = float(np.radians(1.5))
+GROSS = float(np.radians(10.0))
 #: Drives, the rate of clocks and the size of gravity are known to so much (natural
 #: logarithm).
 CALIBRATED_GAIN = 0.06
@@ -74,7 +78,8 @@ UNRELATED = 0.25
 #: Torques are a model's where the weight alone leaves less of their energy, in any
 #: joint: friction is a hundred times that. Torques resemble those of an arm where their
 #: squared correlation with a nominal one's is above the second.
-MODEL_OF_WEIGHT, RESEMBLES = 1e-4, 0.3
+MODEL_OF_WEIGHT = 1e-4
+RESEMBLES = 0.3
 #: A joint contradicts its neighbours where one arm leaves so many times the energy that
 #: the joint's own model leaves of it, and at least this share of the torque's energy.
 CONTRADICTS = (2.0, 1e-4)
@@ -85,7 +90,8 @@ TIMES = 3.0
 #: A frozen channel or packet stays for so many rows (in which a joint that comes to
 #: rest slows down; twice as many freezes are a coarse sensor), and so long [s] (packets
 #: for less are a warning).
-STUCK, STUCK_SECONDS = 10, 0.1
+STUCK = 10
+STUCK_SECONDS = 0.1
 #: Fewest rows that tell anything of a run, of one that follows another in one file or
 #: comes twice.
 RUN = 50

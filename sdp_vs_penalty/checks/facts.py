@@ -61,7 +61,8 @@ def mended(
     """The issues of a run's rows and clock; the run with all of them mended, and with
     the certain ones."""
     issues: list[Issue] = []
-    fixed, glance = run, RunSummary(run, robot, standstill)
+    fixed = run
+    glance = RunSummary(run, robot, standstill)
     for asked in RULES:
         if any(issue.kind == "channel without numbers" for issue in issues):
             break

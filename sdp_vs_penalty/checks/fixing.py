@@ -61,7 +61,8 @@ def fix_runs(
         if word not in known:
             offers = formatting.words(sorted(known)) if known else "there is none"
             raise InputError(f"--apply {word}: no such repair", f"choose of: {offers}")
-    out, done = [], []
+    out = []
+    done = []
     for run, report in zip(runs, reports, strict=True):
         fixed, issues = _fixed(report, apply)
         lost = 1.0 - len(fixed.t) / max(len(run.t), 1)
@@ -72,7 +73,8 @@ def fix_runs(
         done.append(tuple(issues))
     if not any(done) or not all(run.torque_logged for run in runs):
         return Repaired(tuple(out), tuple(done))
-    before, after = (_error_left_out(problem, some) for some in (runs, out))
+    before = _error_left_out(problem, runs)
+    after = _error_left_out(problem, out)
     if before is not None and (after is None or after > before * SAME_ERROR):
         worse = "cannot be identified" if after is None else f"{after:.3g} %"
         what = "the repair does not lower the error on motion left out"
@@ -102,7 +104,8 @@ def _error_left_out(problem: Problem, runs: Sequence[Measurements]) -> float | N
     from sdp_vs_penalty.estimation.build_problem import filter_runs, load_and_check
     from sdp_vs_penalty.estimation.identify import estimate_parameters
 
-    train, test = [], []
+    train = []
+    test = []
     for run in runs:
         end = float(run.t[-1] - run.t[0])
         plain = replace(run, dq=None)

@@ -18,10 +18,8 @@ from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 Rows = NDArray[np.bool_]
 
 
-READ, CONTINUE = (
-    "certain: read from the file",
-    "continue the time at the usual step there",
-)
+READ = "certain: read from the file"
+CONTINUE = "continue the time at the usual step there"
 
 
 @dataclass(frozen=True)
@@ -55,8 +53,10 @@ class RunSummary:
     def rests(self, j: int) -> Rows:
         """(N,) where joint j hardly moves a quarter of a second before and after: by
         less than a share of the farthest that it comes in that time."""
-        t, q = self.run.t, self.run.q[:, j]
-        before, after = (np.abs(np.interp(t + s, t, q) - q) for s in (-0.25, 0.25))
+        t = self.run.t
+        q = self.run.q[:, j]
+        before = np.abs(np.interp(t + -0.25, t, q) - q)
+        after = np.abs(np.interp(t + 0.25, t, q) - q)
         far = np.maximum(before, after)
         return np.asarray(far <= self.standstill * far.max())
 
@@ -101,8 +101,10 @@ class RunSummary:
         channels = {name: rows for name, rows in channels.items() if rows.any()}
         if not channels:
             return
-        gone, t = np.any([*channels.values()], axis=0), self.run.t
-        places, named = spans(gone), ", ".join(filter(None, channels))
+        gone = np.any([*channels.values()], axis=0)
+        t = self.run.t
+        places = spans(gone)
+        named = ", ".join(filter(None, channels))
         seconds = float(
             max(t[min(b, len(t)) - 1] - t[max(a - 1, 0)] for a, b in places)
         )

@@ -8,7 +8,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 
 #: The two natures of an issue.
-FACT, EXPLANATION = "fact", "explanation"
+FACT = "fact"
+EXPLANATION = "explanation"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -72,10 +72,8 @@ class Equations:
         mine = full[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
         channel_solution = np.linalg.solve(mine, full[..., :k, k:])
         remainder = full[..., k:, k:] - full[..., k:, :k] @ channel_solution
-        energy, total = (
-            np.maximum(remainder[..., -1, -1], 0.0),
-            _positive(full[..., -1, -1]),
-        )
+        energy = np.maximum(remainder[..., -1, -1], 0.0)
+        total = _positive(full[..., -1, -1])
         return cls(
             remainder[..., :-1, :-1],
             remainder[..., :-1, -1],
@@ -135,8 +133,10 @@ class Likelihood:
     repairs of the rest."""
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
-        self.problem, self.data = problem, data
-        self.n, self.moving = len(data.moving), data.moving
+        self.problem = problem
+        self.data = data
+        self.n = len(data.moving)
+        self.moving = data.moving
         self.joints: list[int] = np.flatnonzero(self.moving).tolist()
         self.revolute = [
             j for j in self.joints if problem.robot.joints[j].kind == "revolute"
@@ -210,7 +210,9 @@ class Likelihood:
         self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
     ) -> Motion:
         """States as repaired, with so many times their velocity and acceleration."""
-        m, order, scale = self.data.motion, list(repair.order), np.array(repair.scale)
+        m = self.data.motion
+        order = list(repair.order)
+        scale = np.array(repair.scale)
         dq = speed * scale * m.dq[:, order] / repair.rate
         ddq = push * scale * m.ddq[:, order] / repair.rate**2
         return Motion(
@@ -233,27 +235,24 @@ class Likelihood:
     def _made_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
         """What joints share, under another gravity, with other distances between joints
         [m]."""
-        robot, joints = self.problem.robot, list(self.problem.robot.joints)
+        robot = self.problem.robot
+        joints = list(self.problem.robot.joints)
         for j in np.flatnonzero(longer).tolist():
             placement = joints[j].placement.copy()
             placement[:3, 3] *= 1.0 + longer[j] / nonzero_or_one(
                 np.linalg.norm(placement[:3, 3])
             )
             joints[j] = replace(joints[j], placement=placement)
-        robot, shared = (
-            replace(robot, gravity=gravity, joints=tuple(joints)),
-            self.data.shared,
-        )
+        robot = replace(robot, gravity=gravity, joints=tuple(joints))
+        shared = self.data.shared
         return None if shared is None else on_robot(shared, robot)
 
     def _made_columns(
         self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
     ) -> Array:
         """(n, M, p) columns of all parameters that joints share, of ``motion``."""
-        model, motion = (
-            self._model(repair.gravity, repair.longer),
-            self.motion(repair, speed, push),
-        )
+        model = self._model(repair.gravity, repair.longer)
+        motion = self.motion(repair, speed, push)
         return (
             np.zeros((self.n, self.data.count, 0))
             if model is None
@@ -273,10 +272,8 @@ class Likelihood:
         channels hold; where speed is 0, all of its weight."""
         known = self.data.shared
         rigid = np.arange(0) if known is None else known.rigid_indices
-        columns, links = (
-            self.columns(repair.of_arm, speed, speed),
-            self.problem.nominal_links.ravel(),
-        )
+        columns = self.columns(repair.of_arm, speed, speed)
+        links = self.problem.nominal_links.ravel()
         torque = np.asarray(
             np.swapaxes(columns[:, :, rigid] @ links[: len(rigid)], 0, 1), float
         )
@@ -320,7 +317,8 @@ class Likelihood:
         """(count, n, w, w) Gram matrices of that many parts of the log, which add, and
         how many of their columns are own ones; more (n, M, r) : further columns that
         joints share."""
-        rows, y = self.rows(repair), self.channels(repair)[:, :, None]
+        rows = self.rows(repair)
+        y = self.channels(repair)[:, :, None]
         further = y[:, :, :0] if more is None else more
         full = np.concatenate([rows.basis, rows.raw, further, y], axis=2)
         edges = np.linspace(0, self.data.count, count + 1).astype(int)
@@ -329,13 +327,15 @@ class Likelihood:
 
     def scores(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
         """One arm fitted to each."""
-        rows, y = [self.rows(r) for r in repairs], [self.channels(r) for r in repairs]
+        rows = [self.rows(r) for r in repairs]
+        y = [self.channels(r) for r in repairs]
         gram = np.stack([x.gram for x in rows])
         cross = np.stack(
             [np.einsum("jms,jm->js", x.apart, z) for x, z in zip(rows, y, strict=True)]
         )
         rests = [x.rest(z[:, :, None])[:, :, 0] for x, z in zip(rows, y, strict=True)]
-        energy, total = (np.sum(np.square(x), axis=2) for x in (rests, y))
+        energy = np.sum(np.square(rests), axis=2)
+        total = np.sum(np.square(y), axis=2)
         theta, left = Equations(gram, cross, energy, total := _positive(total)).fitted(
             self.moving
         )
@@ -391,10 +391,8 @@ class Likelihood:
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b)."""
         score = self.score(now)
-        residual_now, slopes = (
-            self.unexplained(now, score.theta),
-            np.zeros((self.n, self.data.count, len(ats))),
-        )
+        residual_now = self.unexplained(now, score.theta)
+        slopes = np.zeros((self.n, self.data.count, len(ats)))
         for r, at in enumerate(ats):
             slopes[..., r] = (
                 self.unexplained(at(values[r] + h[r]), score.theta) - residual_now
@@ -406,9 +404,8 @@ class Likelihood:
         full = np.concatenate([gram, cross[:, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
         remainder = full[:, s:, s:] - full[:, s:, :s] @ arm
-        channel_part, total = (
-            np.einsum("pkk->pk", x[..., :-1]) for x in (remainder, full[:, s:, s:])
-        )
+        channel_part = np.einsum("pkk->pk", remainder[..., :-1])
+        total = np.einsum("pkk->pk", full[:, s:, s:][..., :-1])
         change, spread = jackknifed(
             remainder[..., -1]
             / np.maximum(channel_part + RIDGE * total, 1e-300)
@@ -431,7 +428,8 @@ class RepairedRows:
     with own columns projected out, gram (n, s, s) of these."""
 
     def __init__(self, of: Likelihood, repair: LogTransform) -> None:
-        self.of, self.repair = of, repair
+        self.of = of
+        self.repair = repair
         self.basis, self.raw = of._basis(repair.order, repair.events), of.raw(repair)
         left = self.rest(self.raw)
         is_visible = np.linalg.norm(left, axis=1) > 1e-6 * np.linalg.norm(
@@ -450,8 +448,10 @@ class RepairedRows:
     def pushed(self) -> Array:
         """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the
         weight's mean product with the weight of a plausible arm."""
-        of, repair = self.of, self.repair
-        ddq, weight = of.motion(repair).ddq, of.shared(repair, 0.0, 0.0)
+        of = self.of
+        repair = self.repair
+        ddq = of.motion(repair).ddq
+        weight = of.shared(repair, 0.0, 0.0)
         torque = of.shared(repair, 0.0, 1.0) - weight, weight
         both = zip(torque, (ddq, of.nominal(self.repair, 0.0)), strict=True)
         return (
@@ -518,7 +518,8 @@ class ArmFit:
         """How many independent samples M rows hold whose neighbours are alike, and no
         parameter takes: M / (1 + 2 sum_k rho_k) of the median joint, over lags before
         what the arm leaves is correlated no more (Geyer 1992)."""
-        left, count = self.residual[self.of.moving], self.channels.shape[1]
+        left = self.residual[self.of.moving]
+        count = self.channels.shape[1]
         power = (
             np.abs(np.fft.rfft(left - left.mean(axis=1, keepdims=True), 2 * count)) ** 2
         )
@@ -538,7 +539,8 @@ class ArmFit:
         times the inertial torque, and of the weight times that of a plausible arm."""
         from scipy.special import log_ndtr
 
-        m, slopes = self.of.motion(repair), self.rows.pushed
+        m = self.of.motion(repair)
+        slopes = self.rows.pushed
         states = np.stack([-m.dq.T if repair.reversed else m.dq.T, m.ddq.T]) / len(m.t)
         states -= states.mean(
             axis=2, keepdims=True

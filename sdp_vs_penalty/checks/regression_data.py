@@ -80,7 +80,8 @@ class RegressionData:
 
     def some(self, rows: slice) -> RegressionData:
         """The same at some of the instants."""
-        motion, own_columns = self.motion.part(rows), self.own_columns[:, rows]
+        motion = self.motion.part(rows)
+        own_columns = self.own_columns[:, rows]
         laws = {name: x[:, rows] for name, x in self.laws.items()}
         return replace(
             self,
@@ -92,7 +93,8 @@ class RegressionData:
 
     def with_laws(self, torque: Array) -> RegressionData:
         """With LAWS, and friction that a torque (M, n) bears, among the own columns."""
-        load, dq = np.abs(torque), self.motion.dq
+        load = np.abs(torque)
+        dq = self.motion.dq
         borne = [load * np.tanh(dq / w) for w in COULOMB_WIDTHS[:2]]
         columns = [np.stack([x.T for x in borne], axis=2), *self.laws.values()]
         return replace(
@@ -106,8 +108,11 @@ class RegressionData:
         from scipy.interpolate import CubicSpline
 
         thin = len(logs)
-        parts, begin = [], 0.0
-        times, torques, owns = [], [], []
+        parts = []
+        begin = 0.0
+        times = []
+        torques = []
+        owns = []
         for k, log in enumerate(logs):
             some = log.some(slice(None, None, thin))
             shift = begin - min(float(some.motion.t[0]), float(log.torque.x[0]))
@@ -160,7 +165,8 @@ class RegressionData:
         count = sum(len(k) for _, k in places)
         if count == 0:
             raise no_rows(run, 2 * margin * filters.dt)
-        pieces, grid = [], []
+        pieces = []
+        grid = []
         for part, k in places:
             if some := min(round(ROWS * len(k) / count), len(k)):
                 spread = k[np.linspace(0, len(k) - 1, some).astype(int)]
@@ -172,7 +178,8 @@ class RegressionData:
                 )
                 grid.append((part.clock(at), filters.torque(part, at)))
         states, columns = zip(*pieces, strict=True)
-        motion, own_columns = joined(states), np.concatenate(columns, axis=1)
+        motion = joined(states)
+        own_columns = np.concatenate(columns, axis=1)
         times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
         spline = CubicSpline(times, torque)
         moving = moving_joints(run) & (
@@ -187,9 +194,11 @@ class RegressionData:
                 run.names[0],
             )
         # Where all have stopped nothing is asked of any joint.
-        motion, heard = motion.part(moving_rows), slides[moving_rows].astype(float)
+        motion = motion.part(moving_rows)
+        heard = slides[moving_rows].astype(float)
         largest = np.abs(run.tau).max(axis=0)
-        own_columns, lacking = own_columns[:, moving_rows], dict[str, Array]()
+        own_columns = own_columns[:, moving_rows]
+        lacking = dict[str, Array]()
         for name, law in reversed(LAWS.items()):  # the last columns
             own_columns, lacking[name] = np.split(
                 own_columns, [-len(law(motion))], axis=2
@@ -216,7 +225,8 @@ def _piece(
     laws: Sequence[JointEffect],
 ) -> tuple[Motion, Array]:
     """States and own columns (n, M, k) of one stretch."""
-    half, reach = filters.coarse.half, filters.stride * filters.coarse.half
+    half = filters.coarse.half
+    reach = filters.stride * filters.coarse.half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
     # Off the column grid by at most half a step: both sides of the relation alike would
     # cost more.

@@ -69,13 +69,19 @@ class LogTransform:
     @classmethod
     def none(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
-        same, one, zero = tuple(range(n)), (1.0,) * n, (0.0,) * n
+        same = tuple(range(n))
+        one = (1.0,) * n
+        zero = (0.0,) * n
         return cls(same, one, zero, same, one, zero, zero, gravity, zero, zero, zero)
 
     @property
     def n(self) -> int:
         """How many joints."""
         return len(self.order)
+
+    def with_rate(self, rate: float) -> LogTransform:
+        """This repair with true time running at ``rate`` times the file's."""
+        return replace(self, rate=rate)
 
     def with_entries(
         self, name: str, joints: Sequence[int], value: Any
@@ -155,21 +161,17 @@ class LogTransform:
             self.n, self.gravity
         ):
             return run
-        t, tau, speed = (
-            run.t,
-            run.tau[:, list(self.tau_order)],
-            np.array(self.scale) / self.rate,
-        )
+        t = run.t
+        tau = run.tau[:, list(self.tau_order)]
+        speed = np.array(self.scale) / self.rate
         dq = None if run.dq is None else run.dq[:, list(self.order)] * speed
         for j, lead in enumerate(self.lead):
             if lead:
                 tau[:, j] = np.interp(t + lead, t, tau[:, j])
         keep = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
-        t, q, tau = (
-            t[0] + self.rate * (t - t[0]),
-            self.positions(run.q),
-            tau * np.array(self.gain),
-        )
+        t = t[0] + self.rate * (t - t[0])
+        q = self.positions(run.q)
+        tau = tau * np.array(self.gain)
         out = replace(run, t=t, q=q, tau=tau, dq=dq).rows(keep)
         if not self.reversed:
             return out

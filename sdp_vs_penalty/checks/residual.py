@@ -44,11 +44,9 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
     """A warning where more is left over than such an arm leaves, of logs with samples
     to spare for its parameters; an error where nothing is explained."""
     score = log.score(repair)
-    dark, percent, total = (
-        _dark(score),
-        100.0 * np.sqrt(score.shares),
-        100.0 * score.unexplained**0.5,
-    )
+    dark = _dark(score)
+    percent = 100.0 * np.sqrt(score.shares)
+    total = 100.0 * score.unexplained**0.5
     if dark > c.UNRELATED:
         yield explanation(
             kind="torque not explained",
@@ -100,7 +98,8 @@ def _event(log: Likelihood, repair: LogTransform, score: ArmFit) -> Iterator[Iss
     known = [t[0], t[-1], *(e.at for e in repair.events if isinstance(e.at, float))]
     for j in log.joints:
         error = np.abs(score.residual[j])
-        at, largest = float(t[np.argmax(error)]), float(error.max())
+        at = float(t[np.argmax(error)])
+        largest = float(error.max())
         elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
         if (
             np.min(np.abs(np.subtract(known, at))) > 3.0 * _WIDTH
@@ -130,21 +129,17 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     do: the joints' effort limits, which bind every sample, and what an arm of the
     problem's masses needs on the motion.
     """
-    problem, channels, sure = (
-        log.problem,
-        log.channels(repair).T,
-        "likely: judged by size alone",
-    )
+    problem = log.problem
+    channels = log.channels(repair).T
+    sure = "likely: judged by size alone"
     effort = np.array(
         [j.effort if 0.0 < j.effort < np.inf else np.nan for j in problem.robot.joints]
     )
     share_of_effort = (
         log.data.largest[list(repair.tau_order)] * np.abs(repair.gain) / effort
     )
-    over, too_large = (
-        float(np.max(share_of_effort, initial=-1.0, where=share_of_effort > 0.0)),
-        np.flatnonzero(share_of_effort > c.EFFORT[1]),
-    )
+    over = float(np.max(share_of_effort, initial=-1.0, where=share_of_effort > 0.0))
+    too_large = np.flatnonzero(share_of_effort > c.EFFORT[1])
     convert = (
         "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
     )
@@ -164,12 +159,12 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         )
         return
     masses, (low, high) = float(problem.nominal_links[:, 0].sum()), problem.total_mass
-    known, weighs = (
-        masses > 0.0 and not np.all(problem.guessed_links),
-        f"{low:g} to {high:g}",
-    )
+    known = masses > 0.0 and not np.all(problem.guessed_links)
+    weighs = f"{low:g} to {high:g}"
     if not np.isfinite(high):
-        low, high, weighs = 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
+        low = 0.5 * masses
+        high = 2.0 * masses
+        weighs = f"{masses:.3g}"
     smallest, largest, measured = (
         1e-2,
         1.0,
@@ -178,27 +173,28 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     description = f"{over:.3g} times what the joints are made for"
     large = small = False
     if known:  # least and largest ratio of measured to nominal torque
-        rows, arm = (
-            log.rows(repair),
-            (log.filter_gain(repair).T * log.nominal(repair)).T[:, :, None],
-        )
+        rows = log.rows(repair)
+        arm = (log.filter_gain(repair).T * log.nominal(repair)).T[:, :, None]
         measured = _size(channels) / _size(arm)
-        smallest, largest = (
-            max(low, 0.1 * high) / masses / c.EFFORT[1],
-            high / masses * c.EFFORT[1],
-        )
+        smallest = max(low, 0.1 * high) / masses / c.EFFORT[1]
+        largest = high / masses * c.EFFORT[1]
         description = f"{measured:.3g} times what an arm of {weighs} kg needs"
         # Upright axes bear friction, and no weight: without it they have to be too
         # large as well.
         model_ratio = _size(rows.apart @ log.score(repair).theta) / _size(
             rows.rest(arm)
         )
-        large, small = min(measured, model_ratio) > largest, measured < smallest
+        large = min(measured, model_ratio) > largest
+        small = measured < smallest
     far = over > c.EFFORT[1]
-    kind, where, mend = "torque unit", "all torque channels", None
+    kind = "torque unit"
+    where = "all torque channels"
+    mend = None
     right = "if right, correct the problem's masses"
     if (large or small) and c.EFFORT[0] <= over <= c.EFFORT[1]:
-        kind, where, share = "masses of the problem", "the problem", 100.0 * over
+        kind = "masses of the problem"
+        where = "the problem"
+        share = 100.0 * over
         why = "the problem's masses are wrong: the torques reach what torques do,"
         why = f"{why} {share:.0f} % of the joints' effort limits"
         remedy = "correct total_mass in problem.toml (the inertials of a URDF)"
@@ -211,9 +207,11 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             ),
             None,
         )
-        why, remedy = "their unit is not N m", f"{convert}; {right}"
+        why = "their unit is not N m"
+        remedy = f"{convert}; {right}"
         if factor is not None:
-            why, remedy = f"they are in {UNITS[factor]}", f"multiply by {factor:g}"
+            why = f"they are in {UNITS[factor]}"
+            remedy = f"multiply by {factor:g}"
             mend = lambda r: replace(r, tau=r.tau * factor)  # noqa: E731
     elif small and _resembles(channels, log.nominal(repair)) < c.RESEMBLES:
         kind = "external torque"
@@ -238,7 +236,8 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
         )
     else:
         return
-    what, ratio = f"the torques are {description}: {why}.", measured if known else None
+    what = f"the torques are {description}: {why}."
+    ratio = measured if known else None
     yield explanation(
         kind=kind,
         severity="warning",
@@ -265,7 +264,8 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     columns = np.concatenate([weight, place], axis=2).reshape(n_joints * n_rows, -1)
     y = score.channels.reshape(-1)
     size = np.repeat(np.sqrt(np.maximum(score.total, 1e-280)), n_rows)
-    columns, y = columns / size[:, None], y / size
+    columns = columns / size[:, None]
+    y = y / size
     left = y - columns @ np.linalg.lstsq(columns, y, rcond=1e-9)[0]
     shares = np.sum(left.reshape(n_joints, n_rows) ** 2, axis=1)
     if shares[log.moving].max() < c.MODEL_OF_WEIGHT:
@@ -289,7 +289,8 @@ def _size(torques: Array) -> float:
 
 def _resembles(torques: Array, nominal: Array) -> float:
     """The largest squared correlation of a joint's torque (N, n) with the nominal arm's."""
-    x, y = (v - v.mean(axis=0) for v in (torques, nominal))
+    x = torques - torques.mean(axis=0)
+    y = nominal - nominal.mean(axis=0)
     common = np.sum(x * y, axis=0) ** 2
     return float(
         np.max(common / nonzero_or_one(np.sum(x**2, axis=0) * np.sum(y**2, axis=0)))
@@ -306,7 +307,8 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     )
     dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
     if dark:
-        total, joint_of = len(known.base), {p.name: p.joint for p in model.parameters}
+        total = len(known.base)
+        joint_of = {p.name: p.joint for p in model.parameters}
         joints = sorted({joint_of[name] - 1 for name in dark if joint_of[name]})
         severity = "warning" if len(dark) > c.UNRELATED * total else "note"
         yield Issue(
@@ -383,11 +385,13 @@ def compare_runs(
     if 0.5 * samples * lost.sum() < 3.0 * c.ODDS or times < max(worse, c.TIMES_BETTER):
         return
     usual = {"torque gain": c.CALIBRATED_GAIN, "encoder offset": c.CALIBRATED}
-    weights, causes = np.where(moving, 1.0 / one, 0.0), []
+    weights = np.where(moving, 1.0 / one, 0.0)
+    causes = []
     for run_number in sorted(
         np.argsort(lost.sum(axis=1))[-2:].tolist()
     ):  # of two runs either
-        log, repair = fits[run_number], repairs[run_number]
+        log = fits[run_number]
+        repair = repairs[run_number]
         other_runs = [
             runs[k].normal(weights[k]) for k in range(len(runs)) if k != run_number
         ]
@@ -484,7 +488,8 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     left = Equations.of(np.array(both), k).fitted(log.moving)[1].sum(axis=1)
     cut = cuts[int(np.argmin(np.log(left[:, log.moving]).sum(axis=1)))]
     row = cut * log.data.count // len(parts)
-    t, sides = float(log.data.motion.t[row]), (slice(row), slice(row, None))
+    t = float(log.data.motion.t[row])
+    sides = (slice(row), slice(row, None))
     names = f"the part before t = {t:.4g} s", f"the part from t = {t:.4g} s on"
     logs = [
         (log.some(rows), repair, name) for rows, name in zip(sides, names, strict=True)
@@ -512,7 +517,8 @@ def _changes(
 ) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in a run, beside an
     arm's torque."""
-    torque, residual = log.raw(repair) @ theta, log.unexplained(repair, theta)
+    torque = log.raw(repair) @ theta
+    residual = log.unexplained(repair, theta)
     for j in log.joints:
         yield "torque gain", j, (torque * np.eye(log.n)[j][:, None])[:, :, None]
         shifted = repair.with_entries("zero", (j,), repair.zero[j] + 0.01)

@@ -55,8 +55,10 @@ def held_rows(g: RunSummary) -> Iterator[Issue]:
     then come farther than in its usual step. Doubled rows: single ones while the arm
     moves, under an even clock; the motion goes on behind them, or skips ahead."""
     held = np.concatenate([[False], np.diff(g.row_numbers) == 0])
-    parts, q = spans(held), g.run.q
-    lengths, steps = np.diff(parts)[:, 0], np.abs(np.diff(q, axis=0))
+    parts = spans(held)
+    q = g.run.q
+    lengths = np.diff(parts)[:, 0]
+    steps = np.abs(np.diff(q, axis=0))
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
     least = 4.0 * np.median(steps, axis=0)
     long = [
@@ -73,20 +75,24 @@ def held_rows(g: RunSummary) -> Iterator[Issue]:
     if frozen.any() or not g.step or np.ptp(g.steps) > 1e-3 * g.step:
         # own stamps: a logger a little faster than its source holds samples, too
         return
-    same, span = held & g.movement.moves, 2 * STUCK
+    same = held & g.movement.moves
+    span = 2 * STUCK
     at = np.flatnonzero(same[span:-span]) + span
     at = at[~same[at - 1] & ~same[at + 1]]
     if not 0.1 * 1 / RUN <= same.mean() <= 0.8 or not len(at):
         return
-    near, far = (np.linalg.norm(q[at + k] - q[at - k], axis=1) / k for k in (1, span))
+    near = np.linalg.norm(q[at + 1] - q[at - 1], axis=1) / 1
+    far = np.linalg.norm(q[at + span] - q[at - span], axis=1) / span
     skips = bool(np.median(near / np.maximum(far, 1e-300)) > 0.75)
     if (
         skips and not 1 / RUN < same.mean() < 0.5
     ):  # from half of the rows on the source is slower
         return
-    how, after = "rows were doubled and the clock was made again", "does not skip ahead"
+    how = "rows were doubled and the clock was made again"
+    after = "does not skip ahead"
     if skips:
-        how, after = "packets were lost, the last one was written again", "skips ahead"
+        how = "packets were lost, the last one was written again"
+        after = "skips ahead"
     yield Issue(
         kind="doubled rows",
         severity="warning",
@@ -106,7 +112,8 @@ def end_stops(g: RunSummary) -> Iterator[Issue]:
     the stop is."""
     low, high = np.transpose([(joint.lower, joint.upper) for joint in g.robot.joints])
     told = g.run.commanded.get("qcmd", g.run.q)
-    beyond, asked = (np.maximum(low - x, x - high) for x in (g.run.q, told))
+    beyond = np.maximum(low - g.run.q, g.run.q - high)
+    asked = np.maximum(low - told, told - high)
     bad = (np.abs(beyond) * TIMES < asked).T
     for rows, b, a in zip(bad, beyond.T, asked.T, strict=True):
         held = [
@@ -129,7 +136,8 @@ def interpolated_rows(g: RunSummary) -> Iterator[Issue]:
         return  # coarse positions alone lie on straight lines by themselves
     straight, changes = np.full((2, len(g.steps) - 1), [[True], [False]])
     for _, _, x in reversed(g.channels):
-        slope, span = np.diff(x) / np.maximum(g.steps, 1e-300), np.ptp(x)
+        slope = np.diff(x) / np.maximum(g.steps, 1e-300)
+        span = np.ptp(x)
         size = np.maximum(np.abs(slope[1:]), np.abs(slope[:-1]))
         if span > 0.0:
             straight &= ~(
@@ -139,7 +147,8 @@ def interpolated_rows(g: RunSummary) -> Iterator[Issue]:
         if not straight.any():
             return
     inside = np.concatenate([[False], straight & changes, [False]])
-    edges, moves = spans(inside), g.movement.moves
+    edges = spans(inside)
+    moves = g.movement.moves
     # A converter that interpolates every row makes lines everywhere; a gap is far
     # longer than those.
     least = max(
@@ -188,11 +197,13 @@ def _filled(x: Array) -> Rows:
     held = [(a, b + 1) for a, b in same]
     single = np.flatnonzero((changes[1:] > 0.0) & (changes[:-1] > 0.0)) + 1
     parts = [*held, *((int(k), int(k) + 1) for k in single)]
-    filled, elsewhere = [], 0
+    filled = []
+    elsewhere = 0
     for a, b in parts:
         if a == 0 or b >= len(x):
             continue
-        before, after = x[a - 1] - x[a], x[b] - x[a]
+        before = x[a - 1] - x[a]
+        after = x[b] - x[a]
         if before * after <= 0.0 or min(abs(before), abs(after)) <= least:
             continue
         if x[a] != 0.0:
@@ -205,7 +216,9 @@ def _filled(x: Array) -> Rows:
 def spikes(g: RunSummary) -> Iterator[Issue]:
     """Single samples far from the median of seven: bits turned, packets torn. Half a
     second off every start and stop of the arm."""
-    moves, t, bad = g.movement.at, g.run.t, {}
+    moves = g.movement.at
+    t = g.run.t
+    bad = {}
     for name, j, x in g.channels:
         least = (
             SPIKE[1] * float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN]))) + 1e-9
@@ -245,13 +258,16 @@ def lost_rows(g: RunSummary) -> Iterator[Issue]:
     )
     tells = usual > least
     ratio = np.divide(speed, usual, out=np.full_like(speed, np.nan), where=tells)
-    skips, told = np.sum(np.round(ratio) > 2.0, axis=1), tells.sum(axis=1)
+    skips = np.sum(np.round(ratio) > 2.0, axis=1)
+    told = tells.sum(axis=1)
     rows = (told >= max(2, (q.shape[1] + 1) // 2)) & (skips > 0.74 * told)
     rows = np.flatnonzero(rows & (steps < 3.0 * np.median(steps)))
     if len(rows):
-        far, one = (np.sum((x / least * tells)[rows], axis=1) for x in (speed, usual))
+        far = np.sum((speed / least * tells)[rows], axis=1)
+        one = np.sum((usual / least * tells)[rows], axis=1)
         lost = np.round(far / one - 1.0)  # by the fast ones
-        added, rows = np.zeros(len(g.steps)), fresh[rows + 1] - 1
+        added = np.zeros(len(g.steps))
+        rows = fresh[rows + 1] - 1
         added[rows] = lost * np.median(steps)
         yield Issue(
             kind="lost rows",
@@ -298,10 +314,14 @@ def _stuck(g: RunSummary, j: int, x: Array, position: bool) -> Rows:
     parts = parts[np.diff(g.run.t[parts])[:, 0] >= 2.0 * STUCK_SECONDS]
     if not len(parts):
         return np.zeros(len(x), bool)
-    step, q, found = np.abs(np.diff(x)), g.run.q[:, j], []
-    usual, level = float(np.median(step[step > 0.0])), 3.0 * lattice_step(x)
+    step = np.abs(np.diff(x))
+    q = g.run.q[:, j]
+    found = []
+    usual = float(np.median(step[step > 0.0]))
+    level = 3.0 * lattice_step(x)
     for a, b in parts.tolist():
-        jump, slows = step[min(b, len(step) - 1)], abs(x[a] - x[max(a - STUCK, 0)])
+        jump = step[min(b, len(step) - 1)]
+        slows = abs(x[a] - x[max(a - STUCK, 0)])
         if position:  # comes to rest, and starts again
             by_itself = jump < 4.0 * usual and slows < 0.5 * STUCK * usual
         else:  # dry friction is constant until its joint turns, and hides in a coarse channel's step

@@ -86,25 +86,22 @@ class RepairSearch:
         A number's best value explains at most twice what a rough one does, and physics
         gives back at most what it takes of ``now``: what does not reach the odds so is
         not looked at."""
-        score, screen = self.log.score(now), self.log.screen
+        score = self.log.score(now)
+        screen = self.log.screen
         proposed = (t.proposals(self.log, now, score) for t in self.faults)
         new_repairs = [
             r for r in dict.fromkeys(r for some in proposed for r in some) if r != now
         ]
-        score_now, scores = (
-            screen.score(now),
-            dict(zip(new_repairs, screen.scores(new_repairs), strict=True)),
-        )
+        score_now = screen.score(now)
+        scores = dict(zip(new_repairs, screen.scores(new_repairs), strict=True))
         self._known_of(sorted(scores.values(), key=lambda s: s.score)[:1])
         threshold = c.ODDS - self.likelihood(score, now) + self.posterior(now)
         gain = {
             r: 0.5 * self.samples * (score_now.score - s.score)
             for r, s in scores.items()
         }
-        more, before = (
-            {r: max(x, 0.0) for r, x in gain.items()},
-            self.likelihood(score_now, now),
-        )
+        more = {r: max(x, 0.0) for r, x in gain.items()}
+        before = self.likelihood(score_now, now)
         near = [
             r for r in new_repairs if gain[r] + more[r] > threshold
         ]  # before its cost
@@ -148,12 +145,12 @@ class RepairSearch:
         and its numbers are beyond what is usual.
         Of a number, whose interval tells as well, half as clear a prediction of several
         joints is enough."""
-        fits, new = self.log, self.new(repair, now)
+        fits = self.log
+        new = self.new(repair, now)
         if not all(self._determined(e.number) for e in new if e.number):
             return False
-        before, after = (
-            fits.jackknife_errors(r, fits.score(r).weights)[1] for r in (now, repair)
-        )
+        before = fits.jackknife_errors(now, fits.score(now).weights)[1]
+        after = fits.jackknife_errors(repair, fits.score(repair).weights)[1]
         threshold = c.SIGMAS * (
             0.5 if len(fits.joints) > 1 and all(e.number for e in new) else 1.0
         )
@@ -219,9 +216,11 @@ class RepairSearch:
     def _holds(self, log: Likelihood, net: LogTransform, without: LogTransform) -> bool:
         """Whether a run does not speak against what is said of all: its error on parts
         left out is no larger, where its joints move."""
-        before, after = (
-            np.mean(np.log(log.jackknife_errors(r, log.score(r).weights)[1]), axis=0)
-            for r in (without, net)
+        before = np.mean(
+            np.log(log.jackknife_errors(without, log.score(without).weights)[1]), axis=0
+        )
+        after = np.mean(
+            np.log(log.jackknife_errors(net, log.score(net).weights)[1]), axis=0
         )
         return bool(np.mean((before - after)[log.moving]) > -0.1)
 
@@ -264,7 +263,8 @@ class RepairSearch:
         first order on all; round ones where arms differ as much."""
         from scipy.optimize import minimize_scalar
 
-        known, sizes = self.numbers(now), self.numbers(repair)
+        known = self.numbers(now)
+        sizes = self.numbers(repair)
         if sizes.keys() <= known.keys():
             return repair
         for name in sorted(sizes, key=lambda name: name in known):
@@ -285,10 +285,8 @@ class RepairSearch:
                 if minimum.fun < screened_score(number.value)
                 else number.value
             )
-            change, far = (
-                self.step(replace(number, value=best))[0],
-                0.9 * number.tolerance,
-            )
+            change = self.step(replace(number, value=best))[0]
+            far = 0.9 * number.tolerance
             better = best + float(np.clip(change, -far, far))
             near = replace(number, value=better).round_within(number.tolerance)
             tried = [number.at(x) for x in near or (best, better)]
@@ -319,14 +317,14 @@ class RepairSearch:
     def describe_faults(self, net: LogTransform) -> list[Issue]:
         """An issue for each element of the net repair, with its interval and what it
         explains."""
-        out, after = list[Issue](), self.log.score(net).shares
+        out = list[Issue]()
+        after = self.log.score(net).shares
         for e in self.elements(net):
             gain = self.posterior(net) - self.posterior(e.without)
             change = np.log(self.log.score(e.without).shares / after)
             j = int(np.argmax(change))
-            before, now = (
-                100.0 * np.sqrt(after[j] * x) for x in (np.exp(change[j]), 1.0)
-            )
+            before = 100.0 * np.sqrt(after[j] * np.exp(change[j]))
+            now = 100.0 * np.sqrt(after[j] * 1.0)
             why = (
                 f"what the arm's dynamics leave unexplained of joint {j + 1}'s torque"
                 f" falls from {before:.3g} % to {now:.3g} %"
@@ -341,7 +339,8 @@ class RepairSearch:
                 **e.figures,
                 "log_odds": gain,
             }
-            what, gravity = e.what, None
+            what = e.what
+            gravity = None
             if (number := e.number) is not None:
                 reach = 2.0 * abs(self.step(number)[1])
                 figures["interval"] = ends = [

@@ -135,7 +135,8 @@ def _require_different(outputs: Mapping[str, Any]) -> None:
     seen: dict[object, str] = {}
     for name, value in outputs.items():
         for path in _paths(value):
-            option, keys = f"--{name.strip('_')}", [os.path.realpath(path)]
+            option = f"--{name.strip('_')}"
+            keys = [os.path.realpath(path)]
             with suppress(OSError):  # it is not there yet
                 state = path.stat()
                 if stat.S_ISREG(state.st_mode):

@@ -109,10 +109,8 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
-        option_lines, kinds = (
-            _told(SHARED) | _told(inspect.cleandoc(lines)),
-            get_type_hints(verb),
-        )
+        option_lines = _told(SHARED) | _told(inspect.cleandoc(lines))
+        kinds = get_type_hints(verb)
         self.options = {
             p.name: self._declared(p, kinds[p.name], *option_lines[p.name.rstrip("_")])
             for p in inspect.signature(verb).parameters.values()
@@ -135,11 +133,9 @@ class Parser(argparse.ArgumentParser):
         )  # "... | None"
         several = get_origin(kind) is list
         kind = get_args(kind)[0] if several else kind
-        required, default, text = (
-            p.default is p.empty,
-            p.default,
-            text.replace("%", "%%"),
-        )
+        required = p.default is p.empty
+        default = p.default
+        text = text.replace("%", "%%")
         if kind is bool:
             yes_or_no: Any = argparse.BooleanOptionalAction if default else "store_true"
             return self.add_argument(

@@ -95,7 +95,8 @@ def servo(result: Estimate, servo_details: dict[str, Any]) -> None:
             "motion simulated from the command, RMS from the measured:"
             f" {', '.join(apart)}"
         )
-    model, error = result.model, servo_details.get("scale_error", 0.0)
+    model = result.model
+    error = servo_details.get("scale_error", 0.0)
     # The gain that stands for the scale is as uncertain as what set it.
     parameters = zip(
         model.parameters, result.theta, result.uncertainty.std, strict=True
@@ -106,10 +107,8 @@ def servo(result: Estimate, servo_details: dict[str, Any]) -> None:
         for drive_parameters, drive in zip(parameters, model.drives, strict=True)
         if drive
     ):
-        half, stated = (
-            NORMAL_95 * (error * x if p.name in model.known else s),
-            p.name in model.known,
-        )
+        half = NORMAL_95 * (error * x if p.name in model.known else s)
+        stated = p.name in model.known
         # Where half its interval holds zero, no motion of this log tells a gain.
         spread = f"{half:.2g}" if half < abs(x) else "not determined"
         gains.append((p.name, x, "given" if stated and not error else spread, p.unit))
@@ -142,7 +141,8 @@ def certificate(result: Estimate) -> None:
     Where a base parameter that should be the data's has no standard deviation, none of
     it is known.
     """
-    lines, name = result.certificate.summary(), "determined by the data"
+    lines = result.certificate.summary()
+    name = "determined by the data"
     if bounds := result.details.get("on_bounds"):
         lines.append(
             (
@@ -165,7 +165,8 @@ def certificate(result: Estimate) -> None:
         )
         lines.append((name, text))
     elif base:
-        sure, n_own = len(base) - len(prior), result.sources.count("data")
+        sure = len(base) - len(prior)
+        n_own = result.sources.count("data")
         text = (
             f"{sure} of {len(base)} base parameters, {n_own} of {len(result.theta)}"
             " standard"
@@ -193,7 +194,8 @@ def comparison(
     Several models are columns [1], [2], ... so that figures stay readable in a narrow
     terminal, or have ``names``.
     """
-    last, numbered = results[-1], results if len(results) > 1 and not names else []
+    last = results[-1]
+    numbered = results if len(results) > 1 and not names else []
     heads = (
         list(names)
         or [f"RMSE [{k}]" for k, _ in enumerate(numbered, start=1)]

@@ -62,7 +62,9 @@ def read_and_hold(
             if all(name in other for other in idle)
         }
     except MissingJoints as error:
-        runs, why, found = [], "is in no column", dict.fromkeys(error.joints, 0.0)
+        runs = []
+        why = "is in no column"
+        found = dict.fromkeys(error.joints, 0.0)
     if not found:
         return problem, runs, hold
     words = ",".join(f"{name}={value:.6g}" for name, value in found.items())
@@ -80,7 +82,8 @@ def runs_from_options(
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """The runs, or a black box's answers, behind --data: whole, and what --window
     leaves of them."""
-    windows, robot = time_windows(window), problem.robot
+    windows = time_windows(window)
+    robot = problem.robot
     runs = load_answers(list(data), joints=robot.n) or load_measurements(
         *data, joints=robot.n, names=robot.joint_names
     )
@@ -142,10 +145,8 @@ def next_diagnosis(
 ) -> None:
     """The diagnosis of a model on the runs that it was identified from, judged on those
     given."""
-    train, data_words = (
-        estimate.provenance.get("data", ["TRAIN.csv"]),
-        words(data, window),
-    )
+    train = estimate.provenance.get("data", ["TRAIN.csv"])
+    data_words = words(data, window)
     test = [] if train == data_words else ["--test", data[0]]
     test += [] if train == data_words or window is None else ["--test-window", window]
     console.next_step(
@@ -162,7 +163,8 @@ def runs_for(
 ) -> Runs:
     """The runs to fit and the run to test on, both possible for the model's robot."""
     robot = estimate.robot
-    train, judge = time_windows(window), time_windows(test_window, "--test-window")
+    train = time_windows(window)
+    judge = time_windows(test_window, "--test-window")
     if test is None and test_window is not None:
         remedy = "name the run that it is a part of with --test"
         raise InputError(f"--test-window {test_window!r}", remedy)

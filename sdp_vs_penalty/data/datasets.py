@@ -116,7 +116,8 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
         if folder_given and have.is_file() and not (folder / file.name).exists():
             write_bytes(folder / file.name, read_bytes(have, LARGEST_RUN))
     for file in chosen.files:
-        address, loader = chosen.address(file, base), pooch.HTTPDownloader(timeout=30)
+        address = chosen.address(file, base)
+        loader = pooch.HTTPDownloader(timeout=30)
         try:
             pooch.retrieve(
                 address, f"sha256:{file.sha256}", file.name, folder, downloader=loader
@@ -144,12 +145,14 @@ def _panda_runs(folder: Path) -> dict[str, Measurements]:
 def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
     """31 columns without a header: t, q(6), dq(6), i_actual(6), i_desired(6),
     tau_desired(6)."""
-    runs, known = {}, dataset("ur10e")
+    runs = {}
+    known = dataset("ur10e")
     for file in known.files:
         first, last = file.rows or (1, None)
         part = {"skiprows": first - 1, "max_rows": last and last - first + 1}
         rows = np.loadtxt(folder / file.name, delimiter=",", encoding="latin1", **part)  # type: ignore[call-overload]
-        tau, name = rows[:, 13:19] * np.array(known.drive_gains), Path(file.name).stem
+        tau = rows[:, 13:19] * np.array(known.drive_gains)
+        name = Path(file.name).stem
         runs[name] = Measurements(
             rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,)
         )

@@ -109,11 +109,13 @@ def _one(
     number: int,
     usable: bool,
 ) -> Measurements:
-    word, label = "sample", None
+    word = "sample"
+    label = None
     if isinstance(part, Measurements):
         run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
-        run_read, label = read_run(part, joints, names), part
+        run_read = read_run(part, joints, names)
+        label = part
         word = getattr(format_of(Path(part)) or csv, "SAMPLE", word)
     else:
         columns = _columns(part)
@@ -254,7 +256,8 @@ def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
 def _without_silent_channels(path: Path, run: Measurements) -> Measurements:
     """The run without groups that hold no number in some joint; InputError naming the
     joint where it needs the group."""
-    groups, needed = dict(run.groups), {"q", "tau"}
+    groups = dict(run.groups)
+    needed = {"q", "tau"}
     for name, block in run.groups.items():
         is_number = np.zeros(block.shape[1], bool)
         for _, part in iter_chunks(block):
@@ -291,10 +294,8 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
             bad = ~(np.abs(part) <= LARGEST_VALUE[name])  # not a number compares false
             if bad.any():
                 row, joint = np.argwhere(bad)[0].tolist()
-                column, x = (
-                    name if name == "t" else f"{name}{joint + 1}",
-                    part[row, joint],
-                )
+                column = name if name == "t" else f"{name}{joint + 1}"
+                x = part[row, joint]
                 where = f"{word} {start + row + first}, column {column}"
                 what = f"{where}: no robot measures {x:.3g}"
                 if not np.isfinite(x):

@@ -64,7 +64,8 @@ class Measurements(Shown):
         }
         if tau is None:
             tau = commanded.get("tauff", np.broadcast_to(0.0, q.shape))
-        dq, warm = groups.get("dq"), groups.get("temp")
+        dq = groups.get("dq")
+        warm = groups.get("temp")
         return cls(t, q, tau, dq, run, names, warm, commanded, "tau" in groups)
 
     @property
@@ -135,7 +136,8 @@ class Measurements(Shown):
         for run in self.runs():
             since = (part - run.t[0] for _, part in iter_chunks(run.t))
             inside = np.concatenate([(s >= start) & (s < stop) for s in since])
-            first, last = int(inside.argmax()), len(inside) - int(inside[::-1].argmax())
+            first = int(inside.argmax())
+            last = len(inside) - int(inside[::-1].argmax())
             # In a clock that advances they are one stretch: a view, no copy.
             cut.append(
                 run.rows(slice(first, last) if inside[first:last].all() else inside)
@@ -229,7 +231,8 @@ def without_traces(measured: Measurements) -> Measurements:
 
     Whatever the unit, no sensor resolves 1e-30, and filters that fade out leave less.
     """
-    groups, smallest = {"t": measured.t, **measured.groups}, 1e-30
+    groups = {"t": measured.t, **measured.groups}
+    smallest = 1e-30
     tiny = {
         name: concatenate_chunks(
             np.where(np.abs(x) < smallest, 0.0, x) for _, x in iter_chunks(block)

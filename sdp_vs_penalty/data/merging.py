@@ -48,7 +48,8 @@ def merge_columns(
     order = np.argsort(clock[base], kind="stable")
     base = base[order] if np.any(np.diff(order) < 0) else base
     within = half_period(clock[base])
-    is_kept, places = np.ones(len(base), bool), dict[str, NDArray[np.intp]]()
+    is_kept = np.ones(len(base), bool)
+    places = dict[str, NDArray[np.intp]]()
     for name in columns:
         rows = np.flatnonzero(filled[name] & np.isfinite(clock))
         rows = rows[np.argsort(clock[rows], kind="stable")]

@@ -45,9 +45,11 @@ def time_windows(
     for part in text.split(","):
         first, colon, last = part.partition(":")
         try:
-            start, stop = float(first or 0.0), float(last or "inf")
+            start = float(first or 0.0)
+            stop = float(last or "inf")
         except ValueError:
-            start, stop = 0.0, -1.0
+            start = 0.0
+            stop = -1.0
         if not (colon and 0.0 <= start < stop and (not out or start >= out[-1][1])):
             remedy = (
                 "write START:STOP in seconds from a run's start, like 0:14 or 14.2:"

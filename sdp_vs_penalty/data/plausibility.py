@@ -37,7 +37,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
         for j, (joint, travel) in enumerate(
             zip(robot.joints, np.ptp(run.q, axis=0), strict=True)
         ):
-            q, turns = run.q[:, j], joint.kind == "revolute"
+            q = run.q[:, j]
+            turns = joint.kind == "revolute"
             motors = _MOTORS if turns else ""
             if j in far:
                 worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
@@ -110,8 +111,10 @@ def check_torque(run: Measurements) -> None:
         return
     # No sensor resolves the first, and no arm of a gram and a centimetre needs as little
     # as the second [N m, N].
-    zero, least = 1e-12, 1e-6
-    most, has_numbers = 0.0, False
+    zero = 1e-12
+    least = 1e-6
+    most = 0.0
+    has_numbers = False
     for _, part in iter_chunks(run.tau):
         sizes = np.abs(part)
         # What is no number is named row by row elsewhere.
@@ -179,10 +182,8 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     channels = (iter_chunks(x, overlap=1) for x in (run.t, run.q, run.dq))
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
         for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-            way, logged = (
-                np.diff(q, axis=0),
-                0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None],
-            )
+            way = np.diff(q, axis=0)
+            logged = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
             sums += [
                 np.sum(x * y, axis=0)
                 for x, y in ((logged, logged), (way, way), (way, logged))

@@ -117,7 +117,9 @@ class DiskCache:
             start = self._file.seek(0, os.SEEK_END)
             self._file.write(rows.data)
             self._file.flush()
-        shape, dtype, size = rows.shape, rows.dtype, rows.nbytes
+        shape = rows.shape
+        dtype = rows.dtype
+        size = rows.nbytes
 
         def read() -> NDArray[Any]:
             flat = np.frombuffer(

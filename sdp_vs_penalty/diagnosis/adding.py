@@ -169,7 +169,8 @@ def _retunes(
         for j in e.joints
         if not e.several
     }
-    new, retuned = list[Effect](), list[ShapeEstimate]()
+    new = list[Effect]()
+    retuned = list[ShapeEstimate]()
     for effect in new_effects:
         present = [there.get((effect.name, j)) for j in effect.joints]
         if frozen or not effect.given or not all(present):
@@ -219,7 +220,8 @@ def _add_frozen(
     known = (
         estimate.theta if estimate.model.reference is None else estimate.model.reference
     )
-    estimator, part = estimator_beside(estimate), np.zeros(len(model_of_new.parameters))
+    estimator = estimator_beside(estimate)
+    part = np.zeros(len(model_of_new.parameters))
     for _ in range(
         2 if model.needs_reference else 1
     ):  # what is new passes torque channels as well
@@ -247,11 +249,10 @@ def _add_frozen(
     held = (estimate.theta, estimate.uncertainty), base_rows(problem, estimate.model)
     data = compress(runs, wide)
     uncertainty = beside_held(task, data, *held, part, base, gain_errors)
-    old, new_record = (
-        estimate.details,
-        parameter_sources(task, part, base, estimator.undetermined_by),
-    )
-    before, new_motion = estimate.training_motion, record_motion(runs)
+    old = estimate.details
+    new_record = parameter_sources(task, part, base, estimator.undetermined_by)
+    before = estimate.training_motion
+    new_motion = record_motion(runs)
     return replace(
         estimate,
         model=model,
@@ -377,7 +378,8 @@ def joint_optimum_of_constants(
         lambda model: compress(runs, model),
         extended.weighting,
     )
-    effects, std = best.model.effects, best.std
+    effects = best.model.effects
+    std = best.std
     values = {
         (e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints
     }

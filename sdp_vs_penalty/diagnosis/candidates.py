@@ -233,10 +233,8 @@ def _own_forms(data: WhiteData) -> Iterator[Candidate]:
     joints = data.estimate.robot.joints
     for key, (effect, _) in data.own_effects.items():
         for name in effect.estimated:
-            now, grid = (
-                effect.shape[name],
-                list(effect.shapes[name].on(joints[key[1]].kind).grid),
-            )
+            now = effect.shape[name]
+            grid = list(effect.shapes[name].on(joints[key[1]].kind).grid)
             high = max(grid[-1], TURNS[-1])
             while 2.0 * grid[-1] < high:
                 grid.append(2.0 * grid[-1])

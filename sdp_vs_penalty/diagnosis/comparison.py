@@ -137,7 +137,8 @@ class Comparison(Shown):
                 f"plot(joint={joint}): there is no such joint",
                 f"choose one from 1 to {len(self.rmse)}",
             )
-        j, s = joint - 1, self.signals
+        j = joint - 1
+        s = self.signals
         x = {"time": s.t, "position": s.q[:, j], "velocity": s.dq[:, j]}.get(against)
         if x is None:
             raise InputError(
@@ -382,7 +383,8 @@ def _judged(
     outside: dict[str, float] = {}  # rows
     for run in runs.runs:
         for rows in run.rows(model.model):
-            modelled, motion = predicted(rows, model.theta), rows.motion
+            modelled = predicted(rows, model.theta)
+            motion = rows.motion
             arrays = (motion.t, motion.q, motion.dq, rows.torque, modelled)
             for parts, x in zip(series.values(), arrays, strict=True):
                 parts.append(x)
@@ -391,7 +393,8 @@ def _judged(
                 first = effect.parameters[0].name
                 outside[first] = outside.get(first, 0.0) + float(beyond)
     signals = Signals(**{name: x.array() for name, x in series.items()})
-    measured, count = signals.measured, len(signals.t)
+    measured = signals.measured
+    count = len(signals.t)
     pairs = zip(iter_chunks(measured), iter_chunks(signals.modelled), strict=True)
     mse = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs) / count
     mean = sum(a.sum(axis=0) for _, a in iter_chunks(measured)) / count
@@ -401,7 +404,8 @@ def _judged(
     with np.errstate(divide="ignore", invalid="ignore"):
         r2 = np.where(variance > 0.0, 1.0 - mse / variance, np.nan)
         relative = 100.0 * np.sqrt(np.sum(mse) / np.sum(variance + mean**2))
-    band, record = runs.settings.torque_cutoff, model.training_motion
+    band = runs.settings.torque_cutoff
+    record = model.training_motion
     assert band is not None
     return Comparison(
         name,

@@ -87,7 +87,8 @@ def what_is_left(
 ) -> Remainder:
     """Of the rows beside all terms of a search; outlier_mask (M, n) : its outliers, if they are
     known."""
-    data, fit = search.data, search.fit
+    data = search.data
+    fit = search.fit
     residual = least_squares_refit(data, [t.form.effect for t in search.terms])[1]
     if outlier_mask is None:
         outlier_mask = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
@@ -100,13 +101,17 @@ def conclude(
     """The diagnosis. gain_errors (n, e) : a factor of the covariance of the torque
     channels' gains; new_share : of the test run's motion; seed : of the draws of a
     curve's band."""
-    search, data = outcome.search, outcome.search.data
-    rows, noise = data.rows, data.noise
-    left, residual = outcome.left, outcome.left.residual
+    search = outcome.search
+    data = outcome.search.data
+    rows = data.rows
+    noise = data.noise
+    left = outcome.left
+    residual = outcome.left.residual
     nameless = {j: float(left.beyond[j]) for j in left.joints_unexplained}
     unnamed = {*nameless, *(c.joint for c in outcome.curves)}
     happened = events(data, outcome.left.outlier_rows, residual, sorted(unnamed))
-    held_out, offered = outcome.held_out, outcome.offered
+    held_out = outcome.held_out
+    offered = outcome.offered
     n_own = len(offered) - len(search.terms)
     errors = np.array(
         [held_out.errors(offered[:k]) for k in range(n_own, len(offered) + 1)]
@@ -213,10 +218,14 @@ def reasons_for_doubt(
 ) -> dict[str, str]:
     """Why a finding is weak, with what is said of it; errors (2, n) : held out, before
     and after it."""
-    search, effect, on = outcome.search, term.form.effect, sorted(term.joints)
+    search = outcome.search
+    effect = term.form.effect
+    on = sorted(term.joints)
     # An exponent's error changes the number, and hardly the torque.
     size, std = size_of(effect, known.beta, known.covariance_given_constants)
-    rows, left, plausible = search.data.rows, outcome.left, effect.plausible
+    rows = search.data.rows
+    left = outcome.left
+    plausible = effect.plausible
     torque = np.mean((spread_columns(rows, effect) @ known.beta) ** 2, axis=1)
     looks_like = effect.looks_like(size, rows.seen(effect.joints[0]))
     gained = errors[0] ** 2 - errors[1] ** 2
@@ -260,10 +269,10 @@ def _rival_name(effect: Effect, other: Effect) -> str:
 
 def _shared(search: Search, term: ScoredEffect) -> float:
     """Of a term's energy beside the model's columns what other terms make."""
-    energy_alone, energy_beside = (
-        search.score.fit(others, search.fit).energy(term)
-        for others in ([], [t for t in search.terms if t != term])
-    )
+    energy_alone = search.score.fit([], search.fit).energy(term)
+    energy_beside = search.score.fit(
+        [t for t in search.terms if t != term], search.fit
+    ).energy(term)
     return 1.0 - energy_beside / max(energy_alone, 1e-300)
 
 
@@ -273,7 +282,8 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
     well."""
     if search.data.frozen:
         return ()
-    fit, shares = search.score.fit(()), dict[tuple[str, int | None], float]()
+    fit = search.score.fit(())
+    shares = dict[tuple[str, int | None], float]()
     for batch in search.library.batches:
         absorbed = search.score.absorbed(fit, batch)
         for form, share in zip(batch.forms, absorbed.tolist(), strict=True):
@@ -322,8 +332,10 @@ _FOLDS = (
 
 def _standstill(data: WhiteData, residual: Array) -> str:
     """Where most of what is left (M, n) is of standstill."""
-    keep, moves = data.rows.keep, data.rows.keep & (data.rows.still <= STILL)
-    all_energy, moving = (np.sum(residual**2 * x, axis=0) for x in (keep, moves))
+    keep = data.rows.keep
+    moves = data.rows.keep & (data.rows.still <= STILL)
+    all_energy = np.sum(residual**2 * keep, axis=0)
+    moving = np.sum(residual**2 * moves, axis=0)
     mostly = [int(j) + 1 for j in np.flatnonzero(all_energy > 2.0 * moving)]
     if not mostly:
         return ""
@@ -378,7 +390,8 @@ def size_of_term(
     """fit_with_tolerances : a fit of all terms and all that is tolerated; errors (n, M, e) : a factor
     of the covariance of white rows' torque, from :func:`torque_errors`; moved : of
     :meth:`WhiteData.constant_error_columns`."""
-    data, k = search.data, term.form.n_coefficients
+    data = search.data
+    k = term.form.n_coefficients
     others = [t for t in search.terms if t != term]
     fit = search.score.fit(
         [*others, *search.tolerated(term, others)], fit_with_tolerances
@@ -425,8 +438,10 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     is held fixed brings its parameters' spread along, and what the same gains have made
     of them.
     """
-    known, rows = estimate.uncertainty, data.rows
-    n, M = rows.n, len(rows.t)
+    known = estimate.uncertainty
+    rows = data.rows
+    n = rows.n
+    M = len(rows.t)
     if not data.frozen and not gain_errors.any():
         return np.zeros((n, M, 0))
     columns = model_columns(rows, estimate)
@@ -450,7 +465,8 @@ def retune(
 ) -> Retune:
     """before, after (n,) : held-out errors of all findings without the new constant,
     and with it; is_harmful : whether it does harm beside the sure findings alone."""
-    shape, kind = effect_types()[s.effect].shapes[s.shape], robot.joints[s.joint].kind
+    shape = effect_types()[s.effect].shapes[s.shape]
+    kind = robot.joints[s.joint].kind
     values = [shape.format_with_unit(v, kind) for v in (s.after, s.before)]
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
@@ -474,7 +490,8 @@ def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, floa
     The parameter that the effect is sized by, with its sign; the norm where it is
     several.
     """
-    b, c = beta[effect.sized_by], covariance[effect.sized_by, effect.sized_by]
+    b = beta[effect.sized_by]
+    c = covariance[effect.sized_by, effect.sized_by]
     if len(b) == 1:
         return float(b[0]), float(max(c[0, 0], 0.0) ** 0.5)
     size = float(np.linalg.norm(b))

@@ -89,7 +89,8 @@ def diagnose(
         return window_subsample(driven(model_given, run)[1], settings)
 
     progress("filtering the runs")
-    searched, noise_rows = window_subsample(recording, settings), None
+    searched = window_subsample(recording, settings)
+    noise_rows = None
     looked = subsample_sentence(searched, recording, "effects were searched for in")
     test = None if test is None else windows(test)
     rows = diagnosis_rows(searched, estimate, settings)
@@ -139,10 +140,8 @@ def diagnose(
 
 def accept_on_held_out_data(search: Search, judge: HeldOutData) -> SearchOutcome:
     """Findings and constants in order that data left out do not speak against."""
-    first, own_constants = (
-        judge.first,
-        [t for t in search.terms if t.form.replaces_own_constant],
-    )
+    first = judge.first
+    own_constants = [t for t in search.terms if t.form.replaces_own_constant]
 
     def refit_beside(
         kept_constants: Sequence[ScoredEffect], findings: Sequence[ScoredEffect]
@@ -180,10 +179,8 @@ def accept_on_held_out_data(search: Search, judge: HeldOutData) -> SearchOutcome
     )
     # Evidence against a noise that is guessed proves nothing by itself.
     order = held_out.drop_harmful(range(len(terms)), needed=not search.data.known)
-    kept_constants, left_in = (
-        [terms[k] for k in order if (k < len(own_constants)) is x]
-        for x in (True, False)
-    )
+    kept_constants = [terms[k] for k in order if (k < len(own_constants)) is True]
+    left_in = [terms[k] for k in order if (k < len(own_constants)) is False]
     if len(order) < len(terms):
         now, final = refit_beside(kept_constants, left_in)
     else:  # in the order of evidence
@@ -196,11 +193,10 @@ def accept_on_held_out_data(search: Search, judge: HeldOutData) -> SearchOutcome
         without_outliers = without_outliers.drop_disfavoured(without_outliers.terms)
         left_without_outliers = what_is_left(without_outliers, left.outlier_rows)
         if len(left_without_outliers.joints_unexplained) < len(left.joints_unexplained):
-            final, left = without_outliers, left_without_outliers
-    shapes, stay = (
-        tuple(changed(kept_constants, first.model)),
-        {t.text for t in final.terms},
-    )
+            final = without_outliers
+            left = left_without_outliers
+    shapes = tuple(changed(kept_constants, first.model))
+    stay = {t.text for t in final.terms}
     order = [k for k in order if k < len(own_constants) or terms[k].text in stay]
     outcome = SearchOutcome(first, now, shapes, final, left, held_out, tuple(order))
     parts = in_parts(final)
@@ -218,21 +214,25 @@ def _with_curves(
     """Those curves that lower their joint's held-out error by more than what is minor,
     raise no other's, and whose tables the test run does not leave; each with what it
     does to the errors."""
-    named, out = [t.form.effect for t in outcome.search.terms], list[Measured]()
+    named = [t.form.effect for t in outcome.search.terms]
+    out = list[Measured]()
     places = range(len(named), len(named) + len(curves))
     effects = [*named, *(c.table for c in curves)]
     by_fold = {k: c.by_fold for k, c in zip(places, curves, strict=True)}
     held = judge.held_out_errors(
         outcome.search.data.rows, effects, outcome.estimate, by_fold
     )
-    before, taken = held.errors(range(len(named))), list[int]()
+    before = held.errors(range(len(named)))
+    taken = list[int]()
     for k, curve in zip(places, curves, strict=True):
         gone = {t for c in (*out, curve) for t in c.replaced}
         terms = [i for i, t in enumerate(outcome.search.terms) if t not in gone]
-        after, on = held.errors([*terms, *taken, k]), [curve.joint]
+        after = held.errors([*terms, *taken, k])
+        on = [curve.joint]
         helps = lowers(before[on], after[on]) and harm(before, after) < MINOR
         # Most of the test run has to be where the table is no constant.
         if helps and judge.outside(curve.table) <= MOSTLY_NEW:
             out.append(replace(curve, before=float(before[curve.joint]), errors=after))
-            before, taken = after, [*taken, k]
+            before = after
+            taken = [*taken, k]
     return replace(outcome, curves=tuple(out))

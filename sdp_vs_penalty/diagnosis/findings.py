@@ -559,7 +559,8 @@ def event_lines(
         where = formatting.joints(sorted({e.joint for e in events}))
         hums = sum(e.frequency is not None for e in events)
         hum = f", {hums} of them a hum" if hums else ""
-        first, last = min(e.t_start for e in events), max(e.t_end for e in events)
+        first = min(e.t_start for e in events)
+        last = max(e.t_end for e in events)
         return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
     kinds = (
         "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz"

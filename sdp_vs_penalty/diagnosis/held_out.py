@@ -176,7 +176,8 @@ class HeldOutData:
                 parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0
             )
 
-        all_rows, all_effects = table(rows, effects), tuple(effects)
+        all_rows = table(rows, effects)
+        all_effects = tuple(effects)
         if self.test is not None:
             test = self.test.with_model(*rows.attached)
             there = compressed(table(test, effects), test.keep)
@@ -184,7 +185,9 @@ class HeldOutData:
                 all_effects, compressed(all_rows, rows.keep), there, self.frozen
             )
             return HeldOut(estimate, self.frozen, (only,), "test")
-        fold, splits, shaped = folds_of(rows, THIRDS), list[HeldOutSplit](), all_effects
+        fold = folds_of(rows, THIRDS)
+        splits = list[HeldOutSplit]()
+        shaped = all_effects
         for f in range(fold.max() + 1):
             if by_fold:
                 shaped = tuple(
@@ -219,7 +222,8 @@ def with_replaced_joints(
     others = {
         (e.name, j) for e in new if not (e.whole_robot or e.several) for j in e.joints
     }
-    out, left = list[Effect](), list[bool]()
+    out = list[Effect]()
+    left = list[bool]()
     for e in effects:
         stay = [j for j in e.joints if (e.name, j) not in others]
         keeps_all = len(stay) == len(e.joints)
@@ -249,7 +253,8 @@ def task_beside(
 ) -> Task:
     """What fits only the new effects ``own_model``, under their own constraints; left : what
     the model leaves, in their columns."""
-    problem, weights = estimate.problem, np.ones(estimate.robot.n)
+    problem = estimate.problem
+    weights = np.ones(estimate.robot.n)
     for _ in range(2):
         data = with_plausible(left.least_squares(weights), own_model, left.oversampling)
         weights = joint_weights(left, np.linalg.lstsq(data.R, data.rho, rcond=1e-9)[0])

@@ -43,7 +43,8 @@ def law_misfit_columns(
 ) -> dict[int, Array]:
     """(M, k) white columns of what the law of an effect with parameters beta may get
     wrong, by joint whose torque it changes."""
-    rows, out = data.rows, dict[int, Array]()
+    rows = data.rows
+    out = dict[int, Array]()
     torque = spread_columns(rows, effect) @ beta
     moved = np.zeros((*torque.shape, 0))
     if free_constants(effect):

@@ -66,7 +66,8 @@ def remainder(
 ) -> Remainder:
     """residual (M, n) [N m or N], white in ``fit``; outlier_rows (M, n) : rows of events, left
     out."""
-    rows, noise = data.rows, data.noise
+    rows = data.rows
+    noise = data.noise
     white = (fit.residual * fit.level[:, None]).T
     keep = (
         rows.keep
@@ -83,11 +84,9 @@ def remainder(
         return np.asarray((which * squares).sum(axis=0) / degrees)
 
     variance = mean(white**2, slides)
-    squares, floor, more = (
-        mean(residual**2, slides),
-        noise.floor,
-        (1.0 + MIN_ERROR_RISE) ** 2,
-    )
+    squares = mean(residual**2, slides)
+    floor = noise.floor
+    more = (1.0 + MIN_ERROR_RISE) ** 2
     raised = np.flatnonzero((squares > more * floor**2) & data.known)
     if raised.size:  # not all encoders are fine
         floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
@@ -122,7 +121,8 @@ def least_squares_refit(
     columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
     everything = np.concatenate(columns, axis=2)
     n, _, p = everything.shape
-    theta, torque = np.zeros(p), data.rows.residual if data.frozen else data.rows.torque
+    theta = np.zeros(p)
+    torque = data.rows.residual if data.frozen else data.rows.torque
     if not data.frozen:
         theta[: data.raw.shape[2]] = data.estimate.theta
     if not p:
@@ -131,7 +131,9 @@ def least_squares_refit(
         (*(() if data.frozen else data.estimate.model.effects), *effects)
     )
     white = np.stack([data.white(everything[j], j) for j in range(n)])
-    first, level, prior = theta, np.ones(n), np.diag(1.0 / known)
+    first = theta
+    level = np.ones(n)
+    prior = np.diag(1.0 / known)
     target = data.y - white @ first
     for _ in range(3):
         A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])
@@ -167,7 +169,8 @@ def events(
     """The events of a final model. residual (M, n) [N m or N] : what it leaves; outlier_rows (M,
     n) : its outliers; named : the joints (from 0) on which something without a name is
     left, whose peaks are no events."""
-    rows, mask = data.rows, outlier_mask.copy()
+    rows = data.rows
+    mask = outlier_mask.copy()
     mask[:, list(named)] = False
     unmasked_rows = replace(rows, masked=np.zeros((0, 0), bool))
     events_found = []
@@ -201,7 +204,8 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     """(M, n) rows of which the residual, white (M, n), is an outlier beside what
     repeats."""
-    rows, noise = data.rows, data.noise
+    rows = data.rows
+    noise = data.noise
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
         # The noise may be larger than was thought; its median does not see an event.
@@ -223,16 +227,17 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
 def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     """(M, n) where the repetitions of a motion differ: an event, in the one that leaves
     more error."""
-    rows, repeats, suspect = data.rows, data.noise.repeats, data.noise.suspect
+    rows = data.rows
+    repeats = data.noise.repeats
+    suspect = data.noise.suspect
     if not suspect.any():
         return suspect
     # Within so many rows two windows are at the same phase.
     width = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
-    near, energy = (
-        np.array([np.convolve(x, width, mode="same") for x in y.T]).T
-        for y in (suspect, residual**2)
-    )
-    out, near = suspect.copy(), near > 0.5
+    near = np.array([np.convolve(x, width, mode="same") for x in suspect.T]).T
+    energy = np.array([np.convolve(x, width, mode="same") for x in (residual**2).T]).T
+    out = suspect.copy()
+    near = near > 0.5
     for one, other in ((r.rows, r.there) for r in repeats):
         first_less = energy[one] <= energy[other]
         out[one] &= ~(near[other] & first_less)
@@ -249,10 +254,12 @@ def _hums(data: WhiteData, residual: Array) -> list[Event]:
     comb of lines. The residual is not whitened for it: an autoregression takes a sine
     for its own colour.
     """
-    rows, repeats = data.rows, data.noise.repeats
+    rows = data.rows
+    repeats = data.noise.repeats
     slow = rows.slow > SLOW  # reversals are harmonics of the motion
     if repeats:
-        left, pieces_of_repeats = differences(rows, repeats), consecutive(repeats)
+        left = differences(rows, repeats)
+        pieces_of_repeats = consecutive(repeats)
         slow = np.concatenate([slow[r.rows] for r in repeats])
     else:
         left = residual
@@ -295,10 +302,8 @@ def spectral_lines(
     pieces = [
         s[k : k + length] for s in series for k in range(0, len(s) - length + 1, length)
     ]
-    power, pooled = (
-        periodograms(np.stack(pieces, axis=1), length)[0].sum(axis=1),
-        len(pieces),
-    )
+    power = periodograms(np.stack(pieces, axis=1), length)[0].sum(axis=1)
+    pooled = len(pieces)
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
     level = ndimage.median_filter(power, size=2 * half + 1, mode="nearest")

@@ -109,10 +109,8 @@ class Design:
     def of(self, batch: Batch) -> list[tuple[Array, Array]]:
         """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z."""
         if batch not in self.products:
-            M, pairs = (
-                batch.whitened_columns.shape[1],
-                zip(batch.joints, batch.whitened_columns, strict=True),
-            )
+            M = batch.whitened_columns.shape[1]
+            pairs = zip(batch.joints, batch.whitened_columns, strict=True)
             self.products[batch] = [
                 (self.A[j, :M].T @ Z, Z.T @ self.y[j, :M]) for j, Z in pairs
             ]
@@ -194,7 +192,8 @@ class EvidenceScorer:
         """(n, M, r) a basis of the model's columns, with those of effects whose
         constant may be another one by themselves; its products (n, r, r); and where
         whose stand."""
-        X, own_columns = self.data.X, self.data.own_effects
+        X = self.data.X
+        own_columns = self.data.own_effects
         n, M, _ = X.shape
         separate_columns = [column for _, column in own_columns.values()]
         B = orthonormal(np.delete(X, separate_columns, axis=2).reshape(n * M, -1))
@@ -258,7 +257,8 @@ class EvidenceScorer:
             [r, *(next(iter(t.columns.values())).shape[1] for t in terms)]
         ).tolist()
         blocks = list(zip(terms, ends, ends[1:], strict=False))
-        extra, behind = np.zeros(n), np.full(n, M)
+        extra = np.zeros(n)
+        behind = np.full(n, M)
         for t, first, stop in blocks:
             if isinstance(t, Nuisance):
                 extra[[*t.columns]] += (stop - first) / len(t.columns)
@@ -302,26 +302,27 @@ class EvidenceScorer:
         likelihood, and six were the most on three arms; one: at the levels as they are.
         """
         columns_kept = np.array(columns, int)
-        G, pull = (
-            design.gram.take(columns_kept, 1).take(columns_kept, 2),
-            design.pull[:, columns_kept],
-        )
+        G = design.gram.take(columns_kept, 1).take(columns_kept, 2)
+        pull = design.pull[:, columns_kept]
         flat_gram = G.reshape(len(G), -1)
-        square, degrees = np.sum(design.y**2, axis=1), self.data.count + design.extra
+        square = np.sum(design.y**2, axis=1)
+        degrees = self.data.count + design.extra
         for _ in range(rounds):
             L = _triangle((level**-2.0 @ flat_gram).reshape(G.shape[1:]))
             theta = scipy.linalg.cho_solve(
                 (L, True), level**-2.0 @ pull, check_finite=False
             )
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
-            last, level = level, np.sqrt(np.maximum(rss / degrees, self.floor))
+            last = level
+            level = np.sqrt(np.maximum(rss / degrees, self.floor))
             if np.all(np.abs(level - last) < 1e-2 * level):
                 break
         root = scipy.linalg.solve_triangular(
             L, np.eye(len(L)), lower=True, check_finite=False
         ).T
         p = design.A.shape[2]
-        W, all_theta = np.zeros((p, len(columns_kept))), np.zeros(p)
+        W = np.zeros((p, len(columns_kept)))
+        all_theta = np.zeros(p)
         W[columns_kept], all_theta[columns_kept] = root, theta
         residual = (design.y - design.A @ all_theta) / last[:, None]
         rss = np.sum(residual**2, axis=1) * last**2
@@ -338,7 +339,8 @@ class EvidenceScorer:
         """A form beside a fit, the better of two: the model's constants on its joints
         stay as they are, or move with it. Another constant of the model's own effect
         stands in that one's place."""
-        fit_without, there = self.without(fit, form), set(fit.columns_kept)
+        fit_without = self.without(fit, form)
+        there = set(fit.columns_kept)
         T, known = self.partial_out(fit_without, form, columns)
         term = self._evidence_of(fit, fit_without, form, columns, T, known)
         moving = (
@@ -375,16 +377,15 @@ class EvidenceScorer:
         """fit_to_beat : the fit that it has to better, fit : beside which it stands; T (n, M,
         K) : what that leaves of its columns and of what else may move; known (K,) :
         standard deviations of sizes."""
-        none, K = (
-            ScoredEffect(form, columns, beta=np.zeros(form.n_coefficients)),
-            T.shape[2],
-        )
+        none = ScoredEffect(form, columns, beta=np.zeros(form.n_coefficients))
+        K = T.shape[2]
         low = np.append(form.nonnegative, np.zeros(K - form.n_coefficients, bool))
         flat = T.reshape(-1, K)
         D = flat.T @ flat
         if not np.any(D[: form.n_coefficients]):
             return none
-        A, pull = D + np.diag(known**-2.0), flat.T @ fit.residual.ravel()
+        A = D + np.diag(known**-2.0)
+        pull = flat.T @ fit.residual.ravel()
         inverse = np.asarray(np.linalg.inv(_ridged(A)))
         beta = _bounded(A, pull, low)
 
@@ -402,18 +403,21 @@ class EvidenceScorer:
                 pull[form.n_coefficients :],
             )
             drop -= gained(fit, np.append(np.zeros(form.n_coefficients), more))
-        on, some = list(columns), np.flatnonzero((beta != 0.0) | ~low)
+        on = list(columns)
+        some = np.flatnonzero((beta != 0.0) | ~low)
         part = np.ix_(some, some)
         size = float(np.trace(np.linalg.solve(_ridged(A[part]), D[part])))
         count = float(fit.degrees[on].mean())
-        left, beta = fit.residual - T @ beta, beta[: form.n_coefficients]
+        left = fit.residual - T @ beta
+        beta = beta[: form.n_coefficients]
         torque = T[:, :, : form.n_coefficients] @ beta
         if form.replaces_own_constant:  # what its other constant makes of it
             T = fit_to_beat.residual_of(fit_to_beat.scaled(columns))
             energy = float(np.sum(T**2))
             if not DEPENDENT**2 * float(np.sum(flat**2)) < energy:
                 return none
-            inverse, torque = np.array([[1.0 / energy]]), T[:, :, 0]
+            inverse = np.array([[1.0 / energy]])
+            torque = T[:, :, 0]
             left = left - torque * float(np.sum(torque * left)) / energy
         v = self.rows_worth_one(T, left, inverse, K) + count / COARSENING_ROWS
         N = max(count * len(on) / v, 3.0)
@@ -485,10 +489,8 @@ class EvidenceScorer:
         """(F,) share of each form's energy that the fit's columns make; 1 where it has
         none."""
         G, _, raw = self._products(fit, batch)
-        energy, absorbed_energy = (
-            np.trace(raw, axis1=1, axis2=2),
-            np.sum(G**2, axis=(0, 2)),
-        )
+        energy = np.trace(raw, axis1=1, axis2=2)
+        absorbed_energy = np.sum(G**2, axis=(0, 2))
         return np.asarray(
             np.divide(
                 absorbed_energy, energy, out=np.ones(len(energy)), where=energy > 0.0
@@ -499,11 +501,9 @@ class EvidenceScorer:
     def _products(fit: WhiteFit, batch: Batch) -> tuple[Array, Array, Array]:
         """Of a batch's weighted columns: with a fit's (r, F, k), with what it leaves
         (F, k), and of each form's with each other (F, k, k)."""
-        F, k, squares = (
-            len(batch.forms),
-            batch.forms[0].n_coefficients,
-            fit.level[list(batch.joints)] ** -2.0,
-        )
+        F = len(batch.forms)
+        k = batch.forms[0].n_coefficients
+        squares = fit.level[list(batch.joints)] ** -2.0
         of = list(zip(squares, fit.design.of(batch), strict=True))
         cross = sum(w * AZ for w, (AZ, _) in of)
         pull = sum(w * Zy for w, (_, Zy) in of) - fit.theta @ cross
@@ -516,7 +516,9 @@ class EvidenceScorer:
 
     def screened(self, fit: WhiteFit, batch: Batch) -> Array:
         """(F,) drop of the weighted squared error less k log N, of a batch's forms."""
-        k, on, fit_to_beat = batch.forms[0].n_coefficients, list(batch.joints), fit
+        k = batch.forms[0].n_coefficients
+        on = list(batch.joints)
+        fit_to_beat = fit
         fit = self.without(fit, batch.forms[0])
         lost = float(np.sum((fit.rss - fit_to_beat.rss) / fit.level**2))
         price = np.log(max(float(fit.degrees[on].sum()), 3.0))
@@ -534,7 +536,8 @@ class EvidenceScorer:
         D = raw - G @ G.transpose(0, 2, 1)
         energy = np.diagonal(raw, axis1=1, axis2=2)
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
-        D, pull = D * is_visible[:, :, None] * is_visible[:, None, :], pull * is_visible
+        D = D * is_visible[:, :, None] * is_visible[:, None, :]
+        pull = pull * is_visible
         known = self.prior(fit, batch.plausible, on, energy)
         A = _ridged(D + np.eye(k) * known[:, :, None] ** -2.0)
         inverse = np.linalg.inv(A)

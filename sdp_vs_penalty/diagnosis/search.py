@@ -39,7 +39,8 @@ class Search:
     ``fit``."""
 
     def __init__(self, data: WhiteData, library: Library) -> None:
-        self.data, self.library = data, library
+        self.data = data
+        self.library = library
         self.score = EvidenceScorer(data, len(library.laws), library.laws)
         self._kept: dict[str, dict[int, Array]] = {}
         self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
@@ -102,10 +103,8 @@ class Search:
         linear = shape.scale == "linear"
         there, back = (float, float) if linear else (np.log, np.exp)
         starts = type(effect).starts(effect.robot, effect.joints[0])
-        u, grid = (
-            there(effect.shape[name]),
-            sorted({float(there(s[name])) for s in starts if name in s}),
-        )
+        u = there(effect.shape[name])
+        grid = sorted({float(there(s[name])) for s in starts if name in s})
         spacing = (
             np.min(np.diff(grid))
             if len(grid) > 1
@@ -133,7 +132,9 @@ class Search:
         for step in STEPS:
             while (best := max((x, x - step, x + step), key=score)) != x:
                 x = best
-        less, middle, more = (score(x + d) for d in (-step, 0.0, step))
+        less = score(x + -step)
+        middle = score(x + 0.0)
+        more = score(x + step)
         if less - 2.0 * middle + more < 0.0 and np.isfinite(
             less + more
         ):  # the top of a parabola
@@ -284,10 +285,8 @@ class Search:
         """Of terms, the best first, the simplest that is as good as the best."""
         if not ranked:
             return None
-        best, margin = (
-            ranked[0],
-            EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * ranked[0].evidence,
-        )
+        best = ranked[0]
+        margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * ranked[0].evidence
         tied = [
             t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
@@ -315,7 +314,8 @@ class Search:
                 if term.joints & newest:
                     again = self.refined(fit, again)
                 if again.evidence <= EVIDENCE_TO_ADD:
-                    terms, moved = others, True
+                    terms = others
+                    moved = True
                     continue
                 if again.text != term.text:
                     moved = True
@@ -341,7 +341,8 @@ class Search:
             on = frozenset[int]().union(*(t.joints for t in group))
             fit = self.score.fit(self.with_nuisances(group[0], other_terms), self.fit)
             judged = self.score_jointly(group, other_terms)
-            J, now = sum(t.evidence for t in judged), judged[0]
+            J = sum(t.evidence for t in judged)
+            now = judged[0]
             candidates_found = self.top_candidates(
                 fit, other_terms, on, J, exact_joints=len(group) > 1
             )
@@ -360,7 +361,8 @@ class Search:
             )
             if other is None or other.key in {t.key for t in group}:
                 continue
-            old, margin = group[0].form, EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
+            old = group[0].form
+            margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
             its = (
                 other.evidence if len(group) > 1 else other.evidence_with_worth_of(now)
             )
@@ -460,10 +462,8 @@ class Search:
         """The same findings beside another model, in the columns that this one makes;
         without : rows (M, n) that are no evidence; thetas : the terms' parameters
         beside it, if not their own."""
-        data, pairs = (
-            self.data,
-            zip(self.terms, thetas or [t.beta for t in self.terms], strict=True),
-        )
+        data = self.data
+        pairs = zip(self.terms, thetas or [t.beta for t in self.terms], strict=True)
         terms_with_torque = [
             (t, theta) for t, theta in pairs if not t.form.effect.needs_torque
         ]
@@ -502,7 +502,8 @@ class Search:
         Gauss and Newton): to its parameters there, and to their torque. Fitted without
         them it has taken a part of that; of play in a gear 14 % of the size were left
         out."""
-        data, estimate = self.data, self.data.estimate
+        data = self.data
+        estimate = self.data.estimate
         theta = least_squares_refit(data, [t.form.effect for t in self.terms])[0]
         ends = data.raw.shape[2] + np.cumsum(
             [0, *(t.form.n_coefficients for t in self.terms)]
@@ -537,7 +538,8 @@ def changed(own_terms: Sequence[ScoredEffect], model: Model) -> list[ShapeEstima
         (joint,), new = t.joints, t.form.effect
         old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
         for key in (k for k in new.estimated if new.shape[k] != old.shape[k]):
-            value, ends = new.shape[key], np.log(t.form.bounds(key) or (0.0, np.inf))
+            value = new.shape[key]
+            ends = np.log(t.form.bounds(key) or (0.0, np.inf))
             end = at_end(float(np.log(value)), *ends.tolist())
             out.append(
                 ShapeEstimate(

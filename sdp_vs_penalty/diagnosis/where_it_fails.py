@@ -41,9 +41,16 @@ from sdp_vs_penalty.signals.standstill import STILL
 if TYPE_CHECKING:
     import pandas
 
-REVERSAL, STANDSTILL, HIGH_SPEED = "reversal", "standstill", "high speed"
-POSITION, VELOCITY, ACCELERATION, LOAD = "position", "velocity", "acceleration", "load"
-WAVES, TIME, OTHER_JOINTS = "waves per turn", "time", "other joints"
+REVERSAL = "reversal"
+STANDSTILL = "standstill"
+HIGH_SPEED = "high speed"
+POSITION = "position"
+VELOCITY = "velocity"
+ACCELERATION = "acceleration"
+LOAD = "load"
+WAVES = "waves per turn"
+TIME = "time"
+OTHER_JOINTS = "other joints"
 #: The rows of a heat map, in this order.
 CAUSES = (
     REVERSAL,
@@ -61,7 +68,8 @@ CAUSES = (
 UNNAMED = "no cause seen"
 #: Seconds around a velocity reversal that count as near it, and those over which an
 #: error follows it.
-NEAR, FOLLOWS = 0.15, 0.4
+NEAR = 0.15
+FOLLOWS = 0.4
 #: Share of the largest speed from which on a joint is fast.
 _FAST = 0.75
 #: Hat functions of a quantity; an odd number, so that one of them sits at the reversal
@@ -201,11 +209,13 @@ def where_it_fails(
     settings = (preprocessing or estimate.preprocessing).resolve(measurements)
     searched = window_subsample(measurements, settings)
     rows = diagnosis_rows(searched, estimate, settings)
-    residual, folds = rows.residual, folds_of(rows, FOLDS)
+    residual = rows.residual
+    folds = folds_of(rows, FOLDS)
     floors, source = noise or noise_level(
         estimate.problem, FilteredRuns.of(measurements, settings)
     )
-    known, runs = states(rows), searched.runs()
+    known = states(rows)
+    runs = searched.runs()
     smooth = {
         name: [hats(x) for x in known[name].T]
         for name in (VELOCITY, POSITION, ACCELERATION, TIME)
@@ -279,7 +289,8 @@ def _orders(
         median_filter,
     )  # scipy.signal takes 0.3 s to import
 
-    spectrum, count = np.zeros(bins, complex), 0
+    spectrum = np.zeros(bins, complex)
+    count = 0
     for q, error, _ in full:
         # A window of 101 samples, or of a short segment all.
         width = min(101, len(error))
@@ -358,7 +369,8 @@ def hats(x: Array, knots: Array | None = None) -> Array:
 def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
     """(M,) seconds from the nearest reversal, below zero before it, infinite where
     there is none; and the direction after it."""
-    row_numbers, segment = np.arange(len(velocity)), rows.segment
+    row_numbers = np.arange(len(velocity))
+    segment = rows.segment
     turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
     at = np.flatnonzero(turns & (segment[1:] == segment[:-1]))
     if not len(at):
@@ -400,7 +412,8 @@ def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> flo
         out = fold == f
         if out.all() or not features.shape[1]:
             return 0.0
-        A, b = features[~out], error[~out]
+        A = features[~out]
+        b = error[~out]
         ridge = 1e-3 * np.trace(A.T @ A) / A.shape[1]
         if ridge == 0.0:  # the cause does not occur
             return 0.0

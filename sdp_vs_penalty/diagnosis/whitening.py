@@ -117,7 +117,8 @@ class WhiteData:
         """What errors of the free shape constants of effects, and of the model's own
         beside them, make of white torque: what turns over another velocity looks like
         friction of another size."""
-        model, theta = self.estimate.model, self.estimate.theta
+        model = self.estimate.model
+        theta = self.estimate.theta
         if not self.frozen:
             effects = [*effects, *model.effects]
             thetas = [*thetas, *(theta[k] for k in model.indices)]
@@ -209,7 +210,8 @@ def white_rows(
     rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
 ) -> tuple[Array, Array]:
     """White columns (n, M, p) and residual (n, M) from (n, M, p) and (M, n)."""
-    white, target = np.zeros(columns.shape), np.zeros(columns.shape[:2])
+    white = np.zeros(columns.shape)
+    target = np.zeros(columns.shape[:2])
     for j in range(rows.n):
         pieces = rows.pieces[j]
         white[j] = noise.whiten(columns[j], j, pieces)
@@ -239,10 +241,12 @@ def model_columns(
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
     """(M,) labels of stretches of equal length within runs, of half a second at least."""
-    run, t = rows.run, rows.t
+    run = rows.run
+    t = rows.t
     spans = [np.ptp(t[run == r]) for r in np.unique(run)]
     length = max(0.5, sum(spans) / CLUSTERS)
-    label, count = np.zeros(len(t), np.intp), 0
+    label = np.zeros(len(t), np.intp)
+    count = 0
     for r, span in zip(np.unique(run), spans, strict=True):
         mine = run == r
         pieces = max(1, round(span / length))

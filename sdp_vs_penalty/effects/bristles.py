@@ -97,7 +97,8 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     z = [start]
     for s, e in zip(legs.direction.tolist(), decay.tolist(), strict=True):
         z.append(s + (z[-1] - s) * e)
-    s, begin = legs.direction, np.array(z[:-1])
+    s = legs.direction
+    begin = np.array(z[:-1])
     moved = s[legs.leg] + (begin - s)[legs.leg] * np.exp(np.abs(legs.travel) / -d)
     return np.append(
         start, moved if s.all() else np.where(s[legs.leg] == 0.0, start, moved)
@@ -180,7 +181,8 @@ class Stiction(PreslidingHysteresis):
     }
 
     def remark(self, size: float) -> str:
-        d, unit = self.shape["d"], self.robot.position_units[self.joints[0]]
+        d = self.shape["d"]
+        unit = self.robot.position_units[self.joints[0]]
         return (
             f"It turned round without a motion that shows: over how far below {d:.2g}"
             f" {unit} is open."
@@ -188,7 +190,8 @@ class Stiction(PreslidingHysteresis):
 
 
 #: Elements side by side, and how many times farther the next one bends before it slips.
-_ELEMENTS, _SPACING = 3, 4.0
+_ELEMENTS = 3
+_SPACING = 4.0
 
 
 class MaxwellSlip(StatefulEffect, JointEffect):
@@ -236,7 +239,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         return self.shape["law"] == 2.0
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        base_name, unit = self.parameter_name(joint), self.unit_on(joint)
+        base_name = self.parameter_name(joint)
+        unit = self.unit_on(joint)
         return [
             (f"{base_name}_{i + 1}", unit) for i in range(1 if self.even else _ELEMENTS)
         ]

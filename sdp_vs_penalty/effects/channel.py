@@ -163,7 +163,8 @@ class TorqueFilter(DelayedTorque):
         return self.shape["phase"] == 2.0
 
     def torques(self, motion: Motion) -> Array:
-        T, torque = self.shape["T"], motion.model_torque
+        T = self.shape["T"]
+        torque = motion.model_torque
         if self.needs_links:
             # The links' torque is smooth, but for the noise of its accelerations, which
             # the measured torque has none of: to smooth it away would always help.

@@ -77,7 +77,8 @@ class Rubbing(JointEffect):
         """Which of the two."""
 
     def unit_on(self, joint: int) -> str:
-        torque, position = super().unit_on(joint), self.robot.position_units[joint]
+        torque = super().unit_on(joint)
+        position = self.robot.position_units[joint]
         return f"{torque}*s/{position}" if self.viscous else torque
 
     def rubbing(self, motion: Motion, joint: int) -> Array:

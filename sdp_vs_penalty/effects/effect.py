@@ -257,7 +257,8 @@ class Effect(ABC):
     def blocks(self, motion: Motion) -> list[Block]:
         """The columns, joint by joint; joints without torque from this effect may be
         left out."""
-        indices, torques = np.arange(len(self.parameters)), self.torques(motion)
+        indices = np.arange(len(self.parameters))
+        torques = self.torques(motion)
         return [Block(j, indices, torques[:, j]) for j in range(self.robot.n)]
 
     def same_columns(self, other: Effect) -> bool:
@@ -458,7 +459,8 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
         q, dq = (state if s == signal else still for s in ("q", "dq"))
         return effect.blocks(Motion(still[:, 0], q, dq, still))
 
-    first, second = columns(0.0), columns(0.7)
+    first = columns(0.0)
+    second = columns(0.7)
     return all(
         np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True)
     )

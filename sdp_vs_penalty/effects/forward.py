@@ -26,10 +26,13 @@ from sdp_vs_penalty.errors import InputError
 
 #: Change of velocity [rad/s, m/s] by which slopes of the force are taken, and the
 #: damping of drives, whose laws are linear in it.
-_SLOPE, _PUSH = 1e-6, 1e-3
+_SLOPE = 1e-6
+_PUSH = 1e-3
 #: Widths beyond which a contact slides to the last bit, Newton steps of a whole step
 #: and of one contact.
-_SLIDES, _STEPS, _INNER = 20.0, 12, 9
+_SLIDES = 20.0
+_STEPS = 12
+_INNER = 9
 #: Miss of a step, relative to its velocities, that is rounding.
 _ARRIVED = 1e-11
 
@@ -78,7 +81,8 @@ class Plant:
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
-        self.model, self.robot = model, model.robot
+        self.model = model
+        self.robot = model.robot
         self.theta = np.atleast_2d(np.asarray(theta, float))
         if not len(model.rigid_indices):
             raise InputError(
@@ -165,7 +169,8 @@ class Plant:
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
         mass, bias = self._mass_and_bias(state.q + travel, dq)
         delta = np.where(dq < 0.0, -_SLOPE, _SLOPE)
-        n, m = self.robot.n, len(self.contacts)
+        n = self.robot.n
+        m = len(self.contacts)
         # Probes: nothing dry, all joints' friction forwards, each other contact's, a
         # little faster.
         signs = np.zeros((3 + m - n, m))
@@ -186,7 +191,8 @@ class Plant:
     ) -> Array:
         """(P, W, n) f with each of P displacements and velocities (W, n) and signs (P,
         m)."""
-        count, size = len(moves), len(state.q)
+        count = len(moves)
+        size = len(state.q)
         travel, dq = (np.concatenate(x) for x in zip(*moves, strict=True))
         still = np.zeros_like(dq)
         motion = _Probe(
@@ -252,7 +258,8 @@ class Plant:
         if len(self._rigid) == 1:
             mass, bias = self._rigid[0](q, dq)
         else:
-            mass, bias = np.empty((*q.shape, q.shape[1])), np.empty_like(q)
+            mass = np.empty((*q.shape, q.shape[1]))
+            bias = np.empty_like(q)
             for k, terms in enumerate(self._rigid):
                 rows = self._which == k
                 mass[rows], bias[rows] = terms(q[rows], dq[rows])
@@ -262,11 +269,14 @@ class Plant:
 
     def _added_mass(self, q: Array, theta: Array) -> Array:
         """(W, n, n) of the effects that feel an acceleration: rotors, a payload."""
-        n, size = self.robot.n, len(q)
-        still, signs = np.zeros((size * n, n)), np.zeros((size * n, len(self.contacts)))
+        n = self.robot.n
+        size = len(q)
+        still = np.zeros((size * n, n))
+        signs = np.zeros((size * n, len(self.contacts)))
         unit = np.tile(np.eye(n), (size, 1))
         theta = np.repeat(theta, n if len(theta) > 1 else 1, axis=0)
-        place, none = np.repeat(q, n, axis=0), np.zeros(size * n)
+        place = np.repeat(q, n, axis=0)
+        none = np.zeros(size * n)
         rows = _Probe(none, place, still, unit, contacts=self.contacts, signs=signs)
         z = np.zeros((size * n, self.states))
         moved = self._sum(self._moves, rows, z, theta)
@@ -279,7 +289,8 @@ class Plant:
         if effect.needs_torque or effect.needs_links:
             return False
         n = self.robot.n
-        q, still = np.full((1, n), 0.1), np.zeros((1, n))
+        q = np.full((1, n), 0.1)
+        still = np.zeros((1, n))
         motions = [
             Motion(np.zeros(1), q, still, a, temperature=still)
             for a in (still, np.ones((1, n)))
@@ -292,7 +303,8 @@ class Plant:
     def _contacts(self) -> tuple[Array, Array]:
         """One a joint, and one for each combination of joints on which dry friction
         acts."""
-        n, widths = self.robot.n, list(self.model.sign_width)
+        n = self.robot.n
+        widths = list(self.model.sign_width)
         rows = list(np.eye(n))
         for effect, _ in self.effects:
             ratios = effect.contact
@@ -324,11 +336,10 @@ def advance(
     push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
     dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts, plant.widths)
-    travel, ddq = 0.5 * h * (state.dq + dq), (dq - state.dq) / h
-    z, path = (
-        plant.advanced(state.z, travel),
-        state.position_integral + h * (state.q + 0.5 * travel),
-    )
+    travel = 0.5 * h * (state.dq + dq)
+    ddq = (dq - state.dq) / h
+    z = plant.advanced(state.z, travel)
+    path = state.position_integral + h * (state.q + 0.5 * travel)
     return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature, path)
 
 
@@ -350,7 +361,8 @@ class ServoLoop:
     def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
         """States (W) at positions q (W, n) whose integrals are path (W, n), with the
         velocity of the command, at instants t (W,)."""
-        dq, zero = command.velocity(t), np.zeros_like(q)
+        dq = command.velocity(t)
+        zero = np.zeros_like(q)
         motion = Motion(t, q, dq, zero, command=command, position_integral=path)
         z = (
             self.plant.remembered(motion)
@@ -399,8 +411,10 @@ def dry_step(
         [push[:, :, None], np.broadcast_to(c.T, (len(push), *c.T.shape))], axis=2
     )
     solved = np.linalg.solve(matrix, right)
-    free, response = solved[:, :, 0], solved[:, :, 1:]
-    y0, coupling = free @ c.T, c @ response
+    free = solved[:, :, 0]
+    response = solved[:, :, 1:]
+    y0 = free @ c.T
+    coupling = c @ response
     way = np.sign(past)
     friction = p * way
     y = y0 - np.einsum("kij,kj->ki", coupling, friction)
@@ -469,7 +483,8 @@ def _newton(
 def _resolvent(x: Array, c: Array, w: Array | float) -> Array:
     """y with y + c tanh(y / w) = x. Concave for x > 0, so that Newton from below
     arrives from below."""
-    size, steepest = np.abs(x), c / w
+    size = np.abs(x)
+    steepest = c / w
     y = np.maximum(size - c, size / (1.0 + steepest))
     for _ in range(_INNER):
         th = np.tanh(y / w)

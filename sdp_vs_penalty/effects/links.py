@@ -92,10 +92,8 @@ class Payload(Effect):
     sized_by = slice(0, 1)  # its mass
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        names, last = (
-            inertia.parameter_names(self.robot.links),
-            len(str(self.robot.links)),
-        )
+        names = inertia.parameter_names(self.robot.links)
+        last = len(str(self.robot.links))
         return zip(
             [f"payload_{name[:-last]}" for name in names], inertia.UNITS, strict=True
         )
@@ -309,10 +307,8 @@ class Backlash(LinkDeviation):
     }
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        side, by_q = (
-            np.sign(motion.link_torque[:, joint]),
-            motion.derivatives[0][:, :, joint],
-        )
+        side = np.sign(motion.link_torque[:, joint])
+        by_q = motion.derivatives[0][:, :, joint]
         if self.shape["law"] == 1.0:
             return -by_q * side[:, None]
         # Where a flank is never left nothing has a rate, not even by rounding.
@@ -347,7 +343,8 @@ class JointElasticity(LinkDeviation):
     sized_shape = "c"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        band, c = self.shape["band"], self.shape["c"]
+        band = self.shape["band"]
+        c = self.shape["c"]
         torque = motion.smoothed(motion.link_torque[:, joint], band)
         if c:
             # With the link where the model has it, a gear is found up to a quarter
@@ -365,7 +362,8 @@ def _moved(motion: Motion, joint: int, x: Array) -> Array:
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and
 #: turns [rad].
-_SLIP, _TURN = 2e-3, 4e-3
+_SLIP = 2e-3
+_TURN = 4e-3
 #: Of the acceleration's root mean square: what is lost where columns are computed at
 #: fewer instants.
 _THINNED = 0.02
@@ -400,7 +398,8 @@ class KinematicError(Effect):
         """Joint of the tree and axis (three displacements, then three rotations),
         displacements first: those that can make torque. A joint on the base feels no
         more than where gravity points."""
-        gravity, out = np.array(self.robot.gravity), list[tuple[int, int]]()
+        gravity = np.array(self.robot.gravity)
+        out = list[tuple[int, int]]()
         for j, joint in enumerate(self.robot.tree):
             down = joint.placement[:3, :3].T @ gravity
             across = [

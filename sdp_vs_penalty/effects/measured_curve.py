@@ -65,7 +65,8 @@ class Variable:
             return f"{self.word[:-1]}{self.joint + 1})"
         if self.other < 0:
             return name_on_joint
-        sign, size = "-" if self.ratio < 0.0 else "+", f"{abs(self.ratio):.6g}"
+        sign = "-" if self.ratio < 0.0 else "+"
+        size = f"{abs(self.ratio):.6g}"
         return f"{name_on_joint}{sign}{'' if size == '1' else size}{self.word}{self.other + 1}"
 
     @classmethod
@@ -125,11 +126,9 @@ def _axis(
 
 def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable | None:
     """Of an axis of a curve of a joint (from 0), or None."""
-    word, first, other = (
-        WORDS[int(constants[axis]) - 1],
-        int(constants[f"{axis}j"]),
-        int(constants.get(f"{axis}i", 0)),
-    )
+    word = WORDS[int(constants[axis]) - 1]
+    first = int(constants[f"{axis}j"])
+    other = int(constants.get(f"{axis}i", 0))
     if word == "none":
         return None
     return Variable(
@@ -154,7 +153,9 @@ class MeasuredCurve(JointEffect):
     symbol = "curve"
     units = ("-", "-")
     several = True
-    sought, searched = False, ()  # a table is measured (diagnosis/curves)
+    # a table is measured (diagnosis/curves)
+    sought = False
+    searched = ()
     shapes = {
         **_axis("x", 2.0, 1.0, tuple(w for w in WORDS if w != "none")),
         **_axis("y", 1.0, WORDS.index("none") + 1.0, WORDS),
@@ -181,13 +182,13 @@ class MeasuredCurve(JointEffect):
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
         words = {v.word for v in self.variables(at)}
-        self.needs_torque, self.follows_clock = "tau" in words, "t" in words
+        self.needs_torque = "tau" in words
+        self.follows_clock = "t" in words
         self.needs_temperature = "temp" in words
-        size, there = (int(constants["xn"]), int(constants["yn"])), np.array(known) - 1
-        places, table = (
-            np.array(list(np.ndindex(size))),
-            np.full(size[0] * size[1], np.nan),
-        )
+        size = (int(constants["xn"]), int(constants["yn"]))
+        there = np.array(known) - 1
+        places = np.array(list(np.ndindex(size)))
+        table = np.full(size[0] * size[1], np.nan)
         table[there] = [self.shape[key] for key in values]
         left = np.flatnonzero(
             np.isnan(table)
@@ -298,7 +299,9 @@ class MeasuredCurve(JointEffect):
 
         places = np.zeros((2, len(motion.t)))
         for axis, place, over in zip("xy", places, self.variables(joint), strict=False):
-            low, high, count = (self.shape[axis + key] for key in ("low", "high", "n"))
+            low = self.shape[axis + "low"]
+            high = self.shape[axis + "high"]
+            count = self.shape[axis + "n"]
             place[:] = (over.along(motion) - low) / (high - low) * (count - 1)
         return np.asarray(map_coordinates(table, places, order=1, mode="nearest"))
 

@@ -305,7 +305,8 @@ class Model:
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
         """Modelled torque (N, n)."""
-        theta, count = np.asarray(theta, float), len(motion.t)
+        theta = np.asarray(theta, float)
+        count = len(motion.t)
         if count > _PART and not any(effect.has_memory for effect in self.effects):
             parts = (motion.part(slice(k, k + _PART)) for k in range(0, count, _PART))
             return np.concatenate([self.torque(theta, part) for part in parts])

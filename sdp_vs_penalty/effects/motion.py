@@ -243,10 +243,13 @@ class Motion:
         """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque; of a T below
         two samples the difference over two about the same middle."""
         step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
-        middle, half = self.t - 0.5 * T, max(0.5 * abs(T), step)
-        forward, back = (
-            np.column_stack([np.interp(x, self.t, tau) for tau in self.model_torque.T])
-            for x in (middle + half, middle - half)
+        middle = self.t - 0.5 * T
+        half = max(0.5 * abs(T), step)
+        forward = np.column_stack(
+            [np.interp(middle + half, self.t, tau) for tau in self.model_torque.T]
+        )
+        back = np.column_stack(
+            [np.interp(middle - half, self.t, tau) for tau in self.model_torque.T]
         )
         return (forward - back) / (2.0 * half)
 
@@ -326,7 +329,8 @@ def smooth_sign(
     if within.count % 2 == 0:  # two at the ends share a place
         weights[[0, -1]] *= 0.5
     step = 2.0 * within.dt / width * rate[near]
-    twice, below = 2.0 / width * velocity[near] - half * step, np.zeros(len(near))
+    twice = 2.0 / width * velocity[near] - half * step
+    below = np.zeros(len(near))
     for weight in weights.tolist():  # one after the other: what fits into the cache
         below += weight / (np.exp(np.minimum(twice, 40.0)) + 1.0)
         twice += step

@@ -29,7 +29,9 @@ class JointSpring(JointEffect):
 
 #: Metres of travel where a robot states none; waves per metre times 2 pi of a screw of
 #: 5 mm; and how many orders are tried at most.
-_TRAVEL, _FINEST, _MOST = 0.5, 2.0 * np.pi / 0.005, 200
+_TRAVEL = 0.5
+_FINEST = 2.0 * np.pi / 0.005
+_MOST = 200
 
 
 def _orders(
@@ -164,10 +166,8 @@ class PositionDependentFriction(JointEffect):
             for k, p in enumerate(parameters)
             if p.effect == "coulomb_friction"
         }
-        k, sign_constraints = (
-            len(coefficients) - 1,
-            super().constraints(indices, parameters),
-        )
+        k = len(coefficients) - 1
+        sign_constraints = super().constraints(indices, parameters)
         return sign_constraints + [
             build.linear(
                 "sign",

@@ -72,7 +72,8 @@ class ServoPosition(Servo):
     searched = ("T",)  # the delay; the age of the velocity is given or zero
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        torque_unit, per = self.unit_on(joint), self.robot.position_units[joint]
+        torque_unit = self.unit_on(joint)
+        per = self.robot.position_units[joint]
         return [
             (f"kp{joint + 1}", f"{torque_unit}/{per}"),
             (f"kd{joint + 1}", f"{torque_unit}*s/{per}"),

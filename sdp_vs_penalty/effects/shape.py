@@ -47,10 +47,8 @@ class ShapeConstant:
         if kind != "prismatic" or self.metres == 1.0:
             return self
         # As many digits as a written effect has.
-        grid, bounds = (
-            tuple(float(f"{self.metres * x:.6g}") for x in xs)
-            for xs in (self.grid, self.bounds or ())
-        )
+        grid = tuple(float(f"{self.metres * x:.6g}") for x in self.grid)
+        bounds = tuple(float(f"{self.metres * x:.6g}") for x in self.bounds or ())
         ends = (bounds[0], bounds[1]) if bounds else None
         return replace(self, grid=grid, bounds=ends, metres=1.0)
 
@@ -62,7 +60,8 @@ class ShapeConstant:
         if self.choices and value not in self.choices:
             if self.words:
                 return f"must be one of {', '.join(self.words)}"
-            first, last = (f"{x:g}" for x in (self.choices[0], self.choices[-1]))
+            first = f"{self.choices[0]:g}"
+            last = f"{self.choices[-1]:g}"
             return f"must be a whole number from {first} to {last}, not {value:g}"
         if not self.signed and not value > 0.0:
             return f"must be above 0, not {value:g}"

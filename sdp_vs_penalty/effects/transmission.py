@@ -88,15 +88,15 @@ class JointCoupling(JointEffect):
         return f"{torque}*s/{self.robot.position_units[self.partner(joint)]}"
 
     def column(self, motion: Motion, joint: int) -> Array:
-        partner, form = self.partner(joint), int(self.shape["form"])
+        partner = self.partner(joint)
+        form = int(self.shape["form"])
         if form == 1:
             return np.array(motion.dq[:, partner])
         if form == 2:
             return motion.sign(partner)
         other = 1.0 if form == 3 else -1.0
-        velocity, rate = (
-            x[:, joint] + other * x[:, partner] for x in (motion.dq, motion.ddq)
-        )
+        velocity = motion.dq[:, joint] + other * motion.dq[:, partner]
+        rate = motion.ddq[:, joint] + other * motion.ddq[:, partner]
         return smooth_sign(velocity, motion.width(joint), rate, motion.within)
 
 
@@ -194,10 +194,8 @@ class TransmissionFriction(StatefulEffect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         first = self.joints[0]
-        position, torque = (
-            self.robot.position_units[first],
-            self.robot.torque_units[first],
-        )
+        position = self.robot.position_units[first]
+        torque = self.robot.torque_units[first]
         per = {"viscous": f"*s/{position}", "inertia": f"*s^2/{position}"}.get(
             self.law, ""
         )

@@ -161,10 +161,8 @@ class SigmoidFriction(JointEffect):
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
-        rises, v0 = (
-            _RISES[self.shapes["law"].written(self.shape["law"])],
-            self.shape["v0"],
-        )
+        rises = _RISES[self.shapes["law"].written(self.shape["law"])]
+        v0 = self.shape["v0"]
         rise = rises(motion.dq[:, joint] / v0) - motion.sign(joint)
         return (
             rise if v0 >= WIDER_THAN_SIGN * motion.width(joint) else np.zeros_like(rise)

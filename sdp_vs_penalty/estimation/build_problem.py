@@ -87,10 +87,8 @@ class PoseOptions:
     ) -> PoseOptions:
         """The options of a :meth:`recipe`; InputError for one that is none."""
         try:
-            settings, known = (
-                recipe["effects"],
-                {k: float(x) for k, x in recipe["known"].items()},
-            )
+            settings = recipe["effects"]
+            known = {k: float(x) for k, x in recipe["known"].items()}
             effects = (
                 None
                 if settings is None
@@ -270,7 +268,8 @@ def load_and_check(
 ) -> Measurements | FilteredRuns | BlackBox:
     """What was given as measurements, read; InputError where it cannot be this robot's.
     What lies behind filters has been read."""
-    n, names = problem.robot.n, problem.robot.joint_names
+    n = problem.robot.n
+    names = problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(
             measurements, n, names, what
@@ -330,7 +329,9 @@ def with_reference(
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")
         theta = make_task(problem, part, compressed(part), weighting).ols
-        reference, at = np.zeros(len(model.parameters)), model.places(into)
+        reference = np.zeros(len(model.parameters))
+        at = model.places(into)
         reference[at] = theta[at] if k else theta
-        part, into = replace(model, reference=reference), model.before_channels
+        part = replace(model, reference=reference)
+        into = model.before_channels
     return part

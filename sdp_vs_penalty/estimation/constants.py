@@ -53,7 +53,8 @@ COMMAND_HARMONICS = 3.0
 #: Share of its column that others must leave of a parameter which sets a scale [-], and
 #: the least correlation of a motor's current or voltage with its servo's torque (the
 #: EMPS: 0.9999).
-SCALE_TOLD, MOTOR_ALIKE = 1e-5, 0.7
+SCALE_TOLD = 1e-5
+MOTOR_ALIKE = 0.7
 #: Velocities over which dry friction may turn round while the servo's law is sought
 #: [rad/s, m/s]; the widest is tried after it too: a simulator's friction is that soft.
 TURNS = (1e-3, 0.01, 0.05, 0.25)

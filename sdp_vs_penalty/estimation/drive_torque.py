@@ -36,9 +36,11 @@ def with_simulated_motion(
 ) -> Measurements:
     """The same runs with the positions "qsim" that the model's servo loop makes of
     their commands."""
-    loop, runs = ServoLoop(model, theta), []
+    loop = ServoLoop(model, theta)
+    runs = []
     for run in measurements.runs():
-        q, path = run.q.copy(), np.zeros_like(run.q)
+        q = run.q.copy()
+        path = np.zeros_like(run.q)
         for part, inside in _parts(run):
             q[inside], path[inside] = _simulated(part, loop)
         runs.append(replace(run, commanded={**run.commanded, "qsim": q, "isim": path}))
@@ -66,7 +68,8 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
     first = np.arange(0, total, long)
     start = np.maximum(first - early, 0)
     t = part.t[0] + h * start
-    positions, path = (interpolated(t, part.t, x) for x in (part.q, part.integrals[1]))
+    positions = interpolated(t, part.t, part.q)
+    path = interpolated(t, part.t, part.integrals[1])
     state = loop.start(command, t, positions, path)
     q, sums = np.empty((2, len(first) * long, part.q.shape[1]))
     for k in range(early + long):
@@ -115,15 +118,14 @@ def with_drive_torque(
 ) -> Measurements:
     """The log with the torque (N, n) that the servos of a model and its parameters
     theta (p,) make of it [N m, N]."""
-    loop, runs = ServoLoop(model, theta), []
+    loop = ServoLoop(model, theta)
+    runs = []
     for run in measurements.runs():
         tau = np.array(run.tau)
         for part, inside in _parts(run):
             rate = np.gradient(part.q, part.t, axis=0)
-            states, command = (
-                (part.q, rate, np.gradient(rate, part.t, axis=0)),
-                sampled_command(part),
-            )
+            states = (part.q, rate, np.gradient(rate, part.t, axis=0))
+            command = sampled_command(part)
             tau[inside] += loop.drive(
                 Motion(
                     part.t,
@@ -138,13 +140,12 @@ def with_drive_torque(
 
 def plant(estimate: Estimate) -> Estimate:
     """The same without its drives."""
-    keep, known, reference = (
-        ~estimate.model.drives,
-        estimate.uncertainty,
-        estimate.model.reference,
-    )
+    keep = ~estimate.model.drives
+    known = estimate.uncertainty
+    reference = estimate.model.reference
     standard = tuple(known.standard[k] for k in np.flatnonzero(keep))
-    spread, gains = known.spread[keep], known.gain_response[keep]
+    spread = known.spread[keep]
+    gains = known.gain_response[keep]
     uncertainty = replace(
         known, standard=standard, base=(), spread=spread, gain_response=gains
     )

@@ -96,11 +96,9 @@ class Estimate(Shown):
     def unweighed(self) -> str:
         """A sentence about links whose mass the data do not determine, "" where they
         determine all."""
-        first, masses, sources = (
-            self.model.rigid_indices[::10],
-            self.links[:, 0],
-            self.sources,
-        )
+        first = self.model.rigid_indices[::10]
+        masses = self.links[:, 0]
+        sources = self.sources
         links = [i for i, k in enumerate(first) if sources[k] not in ("data", "given")]
         if not links:
             return ""
@@ -190,10 +188,8 @@ class Estimate(Shown):
         t : (N,) instants [s], needed where an effect depends on time or on earlier
         motion. Raises InputError for arrays of other shapes, and where t is needed.
         """
-        n, states = (
-            self.robot.n,
-            [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)],
-        )
+        n = self.robot.n
+        states = [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)]
         for name, x in zip(("q", "dq", "ddq"), states, strict=True):
             if x.shape != states[0].shape or x.shape[1:] != (n,):
                 what = f"predict({name}=...) has shape {np.shape(x)}"
@@ -366,19 +362,15 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
     if not isinstance(data["method"], str):
         raise TypeError(f"method: {given(data['method'])} is no text")
     robot = Robot.from_dict(data["robot"])
-    problem, reference = (
-        problem_from_dict(data["problem"], robot),
-        data.get("reference"),
-    )
+    problem = problem_from_dict(data["problem"], robot)
+    reference = data.get("reference")
     effects = tuple(effect_from_dict(e, robot) for e in data["effects"])
     known = None if reference is None else np.array(reference, float)
     model = Model(robot, effects, known, problem.gains)
     if known is not None and len(known) != len(model.parameters):
         raise ValueError("reference and parameters differ in length")
-    named, names = (
-        {p["name"]: p for p in data["parameters"]},
-        [p.name for p in model.parameters],
-    )
+    named = {p["name"]: p for p in data["parameters"]}
+    names = [p.name for p in model.parameters]
     for missing in (name for name in names if name not in named):
         raise KeyError(f"parameters: {missing}")
     entries = [named[name] for name in names]
@@ -448,7 +440,8 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
     if isinstance(models, Mapping):
         named = {str(name): as_estimate(model, what) for name, model in models.items()}
     else:
-        several, named = isinstance(models, list | tuple), {}
+        several = isinstance(models, list | tuple)
+        named = {}
         for k, model in enumerate(models if several else [models], start=1):
             estimate = as_estimate(model, what)
             method = f"{k} ({estimate.method})" if several else estimate.method
@@ -477,8 +470,10 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     at = estimate.model.rigid_indices
     if not len(at):
         return []
-    links, nominal = estimate.links, estimate.nominal[at].reshape(-1, 10)
-    robot, thick = estimate.robot, inertia.thickness(links)
+    links = estimate.links
+    nominal = estimate.nominal[at].reshape(-1, 10)
+    robot = estimate.robot
+    thick = inertia.thickness(links)
     gyration = inertia.gyration(links), inertia.gyration(nominal)
     com = np.where(
         links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan

@@ -240,12 +240,14 @@ def optimised(
     start = shrunk(start, limits)
     search = _Search(regressor, limits, start, objective, moving)
     x = np.column_stack([start.a, start.b, start.q_0])
-    history, radius = [regressor.condition(start)], 0.2
+    history = [regressor.condition(start)]
+    radius = 0.2
     value, slope = search.evaluated(x)
     # A trust region smaller than this share of the limits ends the search.
     while len(history) <= iterations and radius > 1e-4:
         candidate = search.best_of_linear_model(x, slope, radius)
-        predicted, new = float(np.sum(slope * (candidate - x))), search.at(candidate)[1]
+        predicted = float(np.sum(slope * (candidate - x)))
+        new = search.at(candidate)[1]
         if not new < value + 0.05 * predicted < value:
             radius *= 0.4
             continue
@@ -284,7 +286,8 @@ class _Search:
         objective: str,
         moving: Sequence[int] | None,
     ) -> None:
-        self.regressor, self.objective = regressor, objective
+        self.regressor = regressor
+        self.objective = objective
         self.joints = range(start.a.shape[0]) if moving is None else moving
         # Instants at which the regressor is sampled, and twice as many at which limits
         # are kept.
@@ -322,9 +325,8 @@ class _Search:
         for (which, linear), j in product(enumerate(self.maps), self.joints):
             step = np.zeros_like(states)
             step[which, :, j] = DIFFERENCE
-            above, below = (
-                self.regressor.at(self.t, *(states + s * step)) for s in (1.0, -1.0)
-            )
+            above = self.regressor.at(self.t, *states + 1.0 * step)
+            below = self.regressor.at(self.t, *states + -1.0 * step)
             rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * DIFFERENCE)
             slope[j] += rate @ linear
         return value, slope
@@ -333,11 +335,14 @@ class _Search:
         """Within the trust region; limits do not couple joints."""
         out = x.copy()
         for j in self.joints:
-            rows, offset, unit = self.rows[j], self.offset[j], self.unit[j]
+            rows = self.rows[j]
+            offset = self.offset[j]
+            unit = self.unit[j]
             # A share is kept for what happens between the instants; what the start
             # uses, it may.
             room = np.maximum(0.998, np.abs(rows @ x[j] + offset))
-            scaled, now = rows * unit, x[j] / unit
+            scaled = rows * unit
+            now = x[j] / unit
             solution = optimize.linprog(
                 slope[j] * unit,
                 A_ub=np.vstack([scaled, -scaled]),
@@ -353,10 +358,12 @@ class _Search:
 def _objective(w: Array, objective: str) -> tuple[float, Array]:
     """The objective and its gradient (rows, p) with respect to W."""
     gram = w.T @ w
-    inverse, p = np.linalg.pinv(gram, hermitian=True), len(gram)
+    inverse = np.linalg.pinv(gram, hermitian=True)
+    p = len(gram)
     if objective == "d-optimal":
         return -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
-    outer, inner = float(np.trace(gram)), float(np.trace(inverse))
+    outer = float(np.trace(gram))
+    inner = float(np.trace(inverse))
     return (
         0.5 * float(np.log(outer * inner)),
         w / outer - w @ (inverse @ inverse) / inner,
@@ -389,7 +396,8 @@ def save_trajectory(
 def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
     """So many evenly, or 1 kHz, and those where the acceleration jumps or peaks in the
     blends."""
-    blend, end = trajectory.blend, trajectory.duration - trajectory.blend
+    blend = trajectory.blend
+    end = trajectory.duration - trajectory.blend
     instants = np.linspace(
         0.0, trajectory.duration, count or round(1000.0 * trajectory.duration) + 1
     )
@@ -449,7 +457,8 @@ def payload_run(
     )
     still = np.setdiff1d(np.arange(robot.n), moving)
     start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
-    scale, rate = 1.0 / noise_of_model(estimate), independent_rate(estimate)
+    scale = 1.0 / noise_of_model(estimate)
+    rate = independent_rate(estimate)
     regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), scale)
     excitation = optimised(
         regressor, limits, start, "d-optimal", iterations, moving, progress

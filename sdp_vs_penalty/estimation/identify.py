@@ -139,7 +139,8 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
     information[: len(s)] = s**2
     weight = (rows @ into @ vt.T) ** 2
     # Information of the data in a direction that no torque shows, in the prior's.
-    data, prior = weight @ (1.0 / np.maximum(information, 1e-12)), weight.sum(axis=1)
+    data = weight @ (1.0 / np.maximum(information, 1e-12))
+    prior = weight.sum(axis=1)
     return np.asarray(data < prior)
 
 
@@ -147,19 +148,19 @@ def build_estimate(
     posed: EstimationProblem, estimator: Estimator, fit: Fit, workers: Workers = ALONE
 ) -> Estimate:
     """Certify a fit and put everything that made it into an Estimate."""
-    problem, task, measurements, runs = (
-        posed.problem,
-        posed.task,
-        posed.measurements,
-        posed.runs,
-    )
+    problem = posed.problem
+    task = posed.task
+    measurements = posed.measurements
+    runs = posed.runs
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
-    wide, data = with_sensitivities(task.model, theta), None
+    wide = with_sensitivities(task.model, theta)
+    data = None
     if wide is not task.model and runs is not None:
         data = in_columns(runs, wide, workers)
-    is_feasible, errors = certificate.worst == 0.0, posed.gain_errors
+    is_feasible = certificate.worst == 0.0
+    errors = posed.gain_errors
     uncertainty = of_regression(
         task,
         posed.regression,
@@ -280,11 +281,9 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
     without them."""
     if not len(links):
         return {}
-    gyration, bodies, follows = (
-        inertia.gyration(links),
-        problem.link_bodies,
-        consistent(links),
-    )
+    gyration = inertia.gyration(links)
+    bodies = problem.link_bodies
+    follows = consistent(links)
     pairs = zip(links[:, 0].tolist(), bodies, strict=True)
     densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
     return {
@@ -372,7 +371,8 @@ def estimate_parameters(
 def _wider_than_certified(proof: Mapping[str, Any], model: Estimate) -> str:
     """Says where the proof's interval is wider than the model's certificate; "" where it
     is not, up to the promised gap, since the two are found in different arithmetic."""
-    gap, stated = verify_proof.relative_gap(proof), model.certificate.gap
+    gap = verify_proof.relative_gap(proof)
+    stated = model.certificate.gap
     if stated is None or (gap is not None and gap <= stated + TIGHT):
         return ""
     share = "infinite" if gap is None else verify_proof.in_words(gap)
@@ -498,7 +498,8 @@ def _reposed(model: Estimate, data: Measurements) -> Proof | None:
     None for a method that poses none. The scale that known loads gave a log without
     torque is the model's: their runs are not given here.
     """
-    estimator, recipe = model.estimator, model.details.get("recipe")
+    estimator = model.estimator
+    recipe = model.details.get("recipe")
     if not isinstance(estimator, LmiSdp) or (recipe is None and not data.torque_logged):
         return None
     settings: dict[str, Any] = {

@@ -92,7 +92,8 @@ def gains_from_loads(
         (compress(FilteredRuns.of(x, runs.settings), with_load), mass)
         for x, mass in loaded
     ]
-    p, n = len(bare.parameters), model.robot.n
+    p = len(bare.parameters)
+    n = model.robot.n
     load = [
         mass * reach
         for _, mass in parts[1:]
@@ -101,7 +102,9 @@ def gains_from_loads(
     scale = np.concatenate(
         [np.full(p, np.inf), load, np.full(n, prior or c.GAIN_PRIOR)]
     )
-    log_gain, weights, x = np.zeros(n), np.ones(n), np.zeros(len(scale))
+    log_gain = np.zeros(n)
+    weights = np.ones(n)
+    x = np.zeros(len(scale))
     for step in range(50):
         linear = _linearised(parts, p, x, log_gain)
         data = linear.least_squares(weights)
@@ -127,13 +130,11 @@ def _linearised(
 ) -> Regression:
     """Runs without and with loads [kg] about x and the gains, linear in x: theta (p,),
     nine parameters a load, ln g (n,)."""
-    factors, blocks, run, size, n = (
-        list[Factor](),
-        list[TimeBlock](),
-        0,
-        len(x),
-        len(log_gain),
-    )
+    factors = list[Factor]()
+    blocks = list[TimeBlock]()
+    run = 0
+    size = len(x)
+    n = len(log_gain)
     for k, (regression, mass) in enumerate(parts):
         first = len(blocks)
         blocks += [(of + run, start, stop) for of, start, stop in regression.blocks]
@@ -141,7 +142,8 @@ def _linearised(
         for f in regression.factors:
             columns = np.exp(log_gain[f.joint]) * f.triangle[:, :-1]
             known = f.indices == p  # the load's mass comes first of its ten parameters
-            weighs, indices = columns[:, known].sum(axis=1) * mass, f.indices[~known]
+            weighs = columns[:, known].sum(axis=1) * mass
+            indices = f.indices[~known]
             indices = np.where(indices > p, indices - 1 + 9 * (k - 1), indices)
             slope = columns[:, ~known] @ x[indices] + weighs
             rows = np.zeros(
@@ -167,17 +169,17 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     Golub, Pereyra, SIAM J. Numer. Anal. 1973): it converged from any start in all cases
     tried. Raises InputError where no joint follows its command.
     """
-    p, gains = regression.p, np.array(model.error_gains)
-    links, nominal = model.rigid_indices, problem.nominal(model)
+    p = regression.p
+    gains = np.array(model.error_gains)
+    links = model.rigid_indices
+    nominal = problem.nominal(model)
     other_parameters = np.setdiff1d(np.arange(p), gains)
     white = list[Array]()
     for f, at in zip(regression.per_joint, gains, strict=True):
         wide = np.zeros((len(f.triangle), p))
         wide[:, f.indices] = f.triangle[:, :-1]
-        left, all_links = (
-            np.linalg.norm(partialled(wide[:, other_parameters], wide[:, at])),
-            np.linalg.norm(wide[:, at]),
-        )
+        left = np.linalg.norm(partialled(wide[:, other_parameters], wide[:, at]))
+        all_links = np.linalg.norm(wide[:, at])
         s = max(float(left), 1e-9 * float(all_links)) / np.sqrt(max(f.rows, 1))
         if s == 0.0:
             what = (
@@ -186,15 +188,11 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
             )
             raise InputError(what, "check the columns qcmd1..qcmdn")
         white.append(wide / s)
-    rows, owner = (
-        np.vstack(white),
-        np.repeat(np.arange(len(gains)), [len(x) for x in white]),
-    )
-    e, L, L_links = (
-        -rows[np.arange(len(rows)), gains[owner]],
-        rows[:, other_parameters],
-        rows[:, links],
-    )
+    rows = np.vstack(white)
+    owner = np.repeat(np.arange(len(gains)), [len(x) for x in white])
+    e = -rows[np.arange(len(rows)), gains[owner]]
+    L = rows[:, other_parameters]
+    L_links = rows[:, links]
     pulls = [
         np.linalg.norm(white_links[:, links] @ nominal[links]) for white_links in white
     ]
@@ -224,7 +222,8 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     theta = np.empty(p)
     theta[gains], theta[other_parameters] = start * np.exp(best), fitted(best)[0]
     # As the links should weigh, by the torque that they make.
-    link_energy, stated = L_links @ theta[links], L_links @ nominal[links]
+    link_energy = L_links @ theta[links]
+    stated = L_links @ nominal[links]
     size = float(link_energy @ stated) / nonzero_or_one(link_energy @ link_energy)
     return theta * (size if size > 0.0 else 1.0)
 
@@ -248,14 +247,13 @@ def with_scale(
     constants of motors, kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with
     the mass [kg] on the last link. Raises InputError for what sets no scale.
     """
-    theta, factor, error, stated = (
-        model.reference,
-        1.0,
-        0.0,
-        dict(known) or dict(model.known),
-    )
+    theta = model.reference
+    factor = 1.0
+    error = 0.0
+    stated = dict(known) or dict(model.known)
     assert theta is not None
-    columns, n = {"kt": "current", "ku": "voltage"}, model.robot.n
+    columns = {"kt": "current", "ku": "voltage"}
+    n = model.robot.n
     names = {
         f"{key}{j + 1}": (name, j) for key, name in columns.items() for j in range(n)
     }
@@ -287,11 +285,10 @@ def _factor_of_known(
 ) -> float:
     """The factor on theta (p,) with which the first of the known parameters has its
     value."""
-    names, free = [p.name for p in model.parameters], ~model.drives
-    problem_of_free, share = (
-        regression.keeping(free).least_squares(),
-        np.ones(len(names)),
-    )
+    names = [p.name for p in model.parameters]
+    free = ~model.drives
+    problem_of_free = regression.keeping(free).least_squares()
+    share = np.ones(len(names))
     share[free] = problem_of_free.own_torque / nonzero_or_one(
         problem_of_free.column_norms
     )
@@ -328,7 +325,9 @@ def _factor_of_motors(
     each run) and the velocity: kd holds viscous friction, which is no torque of the
     drive.
     """
-    data, bare, shares = runs.measurements, replace(model, known={}), []
+    data = runs.measurements
+    bare = replace(model, known={})
+    shares = []
 
     def filtered(all_runs: Measurements, joint: int) -> Array:
         out = []
@@ -346,10 +345,8 @@ def _factor_of_motors(
         if column not in data.groups:
             what = f"a motor's constant needs the column {column}{j + 1}"
             raise InputError(what, "log it", data.names[0])
-        x, y = (
-            filtered(replace(with_torque, tau=constant * data.groups[column]), j),
-            filtered(with_torque, j),
-        )
+        x = filtered(replace(with_torque, tau=constant * data.groups[column]), j)
+        y = filtered(with_torque, j)
         across = float(x @ y)
         if across < c.MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
             what = f"{column}{j + 1} is not what this servo makes of its error"
@@ -371,7 +368,8 @@ def _factor_of_loads(
     wide = Model(
         robot, (*model.effects, *load_effects), gains=model.gains, allow_duplicates=True
     )
-    factors, information = list[float](), list[float]()
+    factors = list[float]()
+    information = list[float]()
     for runs, mass in _loaded(loads, robot):
         left = compress(FilteredRuns.of(runs, settings), wide).given_first(theta)
         data = left.least_squares()

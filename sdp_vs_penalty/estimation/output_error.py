@@ -57,21 +57,22 @@ def courses_of(
     logged.
     """
     filters = RunFilter(run, estimate.preprocessing.resolve(run)).every_sample
-    half, out = filters.state.half, []
+    half = filters.state.half
+    out = []
     stride = max(1, int(STEP / filters.dt + 1e-9))
-    courses, weights = (
-        slice(None, None, stride),
-        np.convolve(np.ones(stride), np.ones(stride)) / stride**2,
-    )
+    courses = slice(None, None, stride)
+    weights = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
     for part in split_at_gaps(run):
-        first, last = half, part.count - half - 1
+        first = half
+        last = part.count - half - 1
         if (last - first) * filters.dt <= shortest:
             continue
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
         edges = np.pad(torque, ((stride - 1, stride - 1), (0, 0)), "edge")
         torque = sum(w * edges[m : m + len(torque)] for m, w in enumerate(weights))
-        z, moving = plant.remembered(motion), filters.movement.at(motion.t)
+        z = plant.remembered(motion)
+        moving = filters.movement.at(motion.t)
         warm = unknown = np.full_like(motion.q, np.nan)
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
@@ -93,7 +94,9 @@ DESCRIPTION = (
 #: Longest step of the simulation [s], and the windows that are tried [s], the longest
 #: first: one is used if the starting model stays within this share of the motion's
 #: size.
-STEP, _WINDOWS, _STAYS = 2.5e-3, (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1), 0.3
+STEP = 2.5e-3
+_WINDOWS = (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1)
+_STAYS = 0.3
 
 
 @dataclass(frozen=True)
@@ -116,7 +119,9 @@ def refine(
     posed : the problem that ``start`` solves; estimator : whose constraints and prior
     hold. Raises InputError for a model that cannot accelerate.
     """
-    model, task, measurements = start.model, posed.task, posed.measurements
+    model = start.model
+    task = posed.task
+    measurements = posed.measurements
     assert isinstance(measurements, Measurements)
     plant = Plant(model, start.theta)
     if not plant.can_move or not np.all(np.isfinite(start.theta)):
@@ -134,9 +139,12 @@ def refine(
     directions = column_space(task.data.R)[1] * np.sqrt(
         task.data.loss(task.ols) / task.data.rows
     )
-    theta, error = start.theta, _errors(plant, windows, size)[0]
+    theta = start.theta
+    error = _errors(plant, windows, size)[0]
     units = np.resize(size, error.shape)  # of the errors [rad, m]
-    begin, step = _rms(error * units), 0.1  # of a slope, in standard deviations
+    # of a slope, in standard deviations
+    begin = _rms(error * units)
+    step = 0.1
     for k in range(12):
         task.progress(
             f"output error, step {k + 1}: {1e3 * _rms(error * units):.4g} thousandths"
@@ -161,7 +169,8 @@ def refine(
         best = int(np.argmin([_rms(e) for e in errors]))
         if not 1.0 - _rms(errors[best]) / _rms(error) > 1e-3:
             break
-        theta, error = tried[best], errors[best]
+        theta = tried[best]
+        error = errors[best]
     fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
     fit.details["simulation_rms"] = [begin, _rms(error * units)]
     return replace(posed, task=linearised), fit
@@ -175,15 +184,14 @@ def _chosen(
     for seconds in _WINDOWS:
         windows = list[_Window]()
         for c in courses:
-            steps, torque = len(c.torque) - 1, 0.5 * (c.torque[:-1] + c.torque[1:])
+            steps = len(c.torque) - 1
+            torque = 0.5 * (c.torque[:-1] + c.torque[1:])
             count = int(
                 min(steps, max(1, round(seconds / c.dt) if seconds < np.inf else steps))
             )
             for k in range(0, steps - count + 1, count):
-                start, q = (
-                    c.states.rows(np.array([k])),
-                    c.states.q[k + 1 : k + 1 + count],
-                )
+                start = c.states.rows(np.array([k]))
+                q = c.states.q[k + 1 : k + 1 + count]
                 windows.append(_Window(start, c.dt, torque[k : k + count], q))
         if windows and _rms(_errors(plant, windows, size)[0]) <= _STAYS:
             break
@@ -193,7 +201,8 @@ def _chosen(
 def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
     """(P, R) position errors over the motion's size, one row for each of the plant's P
     parameters."""
-    count, longest = len(plant.theta), max(len(w.torque) for w in windows)
+    count = len(plant.theta)
+    longest = max(len(w.torque) for w in windows)
     repeated_plant = Plant(plant.model, np.repeat(plant.theta, len(windows), axis=0))
     starts = [np.concatenate(x) for x in zip(*(w.start for w in windows), strict=True)]
     state = State(*(np.tile(x, (count,) + (1,) * (x.ndim - 1)) for x in starts))

@@ -284,7 +284,8 @@ class Split:
         progress: Progress = no_progress,
     ) -> None:
         self.problem = problem = as_problem(problem, "cross_validate(problem=...)")
-        self.weighting, self.seed = options.weighting, options.seed
+        self.weighting = options.weighting
+        self.seed = options.seed
         names = problem.robot.joint_names
         data = as_measurements(
             measurements, problem.robot.n, names, "cross_validate(measurements=...)"
@@ -307,10 +308,8 @@ class Split:
         else:
             posed = build_problem(problem, data, options, progress)
             assert posed.runs is not None
-            self.runs, self.model = (
-                FilteredRuns.of(data, posed.runs.settings),
-                posed.task.model,
-            )
+            self.runs = FilteredRuns.of(data, posed.runs.settings)
+            self.model = posed.task.model
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(posed.runs, self.model, self.phases)
             self.raw = compress_cells(
@@ -330,7 +329,8 @@ class Split:
     @property
     def numbers(self) -> list[int]:
         """The folds that have rows to judge on."""
-        rows, tested = self.raw or self.common, self.phases.tested
+        rows = self.raw or self.common
+        tested = self.phases.tested
         return [k for k in range(self.phases.count) if rows.select(tested(k)).factors]
 
     def fold(self, number: int) -> FoldData:
@@ -364,7 +364,8 @@ class Split:
         parameters, from the fold's training rows alone: shape constants, the current
         model. Itself where that is nothing.
         """
-        cells, model = self.phases.training(fold), self.model
+        cells = self.phases.training(fold)
+        model = self.model
 
         def training(run: int, t: Array) -> NDArray[np.bool_]:
             return np.isin(self.phases.cell(run, t), cells)
@@ -405,14 +406,14 @@ def bootstrap(
             "choose lmi-sdp, or one named so",
         )
     posed = build_problem(problem, measurements, PoseOptions(effects, seed=seed))
-    task, regression = posed.task, posed.regression
+    task = posed.task
+    regression = posed.regression
     objective, constraints = estimator.posed(task)
-    data, sdp = (
-        objective.least_squares,
-        PosedSdp(task, objective, constraints, estimator.solver),
-    )
+    data = objective.least_squares
+    sdp = PosedSdp(task, objective, constraints, estimator.solver)
     first = sdp.fit(objective, estimator.accuracy)
-    p, count = len(task.bound), len(regression.blocks)
+    p = len(task.bound)
+    count = len(regression.blocks)
     stacked = np.vstack(
         [
             np.column_stack([data.R, data.rho]),
@@ -420,7 +421,8 @@ def bootstrap(
         ]
     )
     U, V = column_space(stacked)
-    grams, into = np.zeros((count, V.shape[1], V.shape[1])), U.T @ stacked
+    grams = np.zeros((count, V.shape[1], V.shape[1]))
+    into = U.T @ stacked
     for joint, indices, blocks, rows in regression.by_joint():
         visible_rows = task.weights[joint] * rows @ V[np.append(indices, p)]
         grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
@@ -428,7 +430,8 @@ def bootstrap(
     priors = np.eye(V.shape[1]) * (1.0 + len(V) * np.finfo(float).eps) - grams.sum(
         axis=0
     )
-    draws_of_parameters, rng = np.empty((draws, p + 1)), np.random.default_rng(seed)
+    draws_of_parameters = np.empty((draws, p + 1))
+    rng = np.random.default_rng(seed)
     for row in draws_of_parameters:
         times = rng.multinomial(count, np.full(count, 1.0 / count))
         rows = np.linalg.cholesky(priors + np.tensordot(times, grams, 1)).T @ into

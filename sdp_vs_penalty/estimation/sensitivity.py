@@ -30,7 +30,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Kinds of parameters of :class:`ShapeSensitivity`: constants that are refined, and
 #: those that only have the values of a grid.
-REFINED, ON_A_GRID = "refined constant", "constant on a grid"
+REFINED = "refined constant"
+ON_A_GRID = "constant on a grid"
 
 
 def free_constants(effect: Effect) -> tuple[str, ...]:
@@ -105,7 +106,8 @@ class ShapeSensitivity(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         columns: dict[tuple[int, int], Array] = {}
         for k, (upper, lower, unit) in enumerate(self.varied):
-            up, down = turning(motion, upper), turning(motion, lower)
+            up = turning(motion, upper)
+            down = turning(motion, lower)
             pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
             for e, theta in self.finer:
                 if e.shape_of:
@@ -205,7 +207,9 @@ def fit_constants_jointly(
     compressed : the measurements in the columns of a model; weighting : of the joints'
     rows, "noise" or "none". Effects with a wanted constant act on one joint each.
     """
-    first, weights, p = compressed(model), np.ones(model.robot.n), len(model.parameters)
+    first = compressed(model)
+    weights = np.ones(model.robot.n)
+    p = len(model.parameters)
     data = first.least_squares()
     white = max(
         white_variance(data, first.oversampling),
@@ -249,7 +253,8 @@ def fit_constants_jointly(
 
     def descended(begin: tuple[Effect, ...]) -> Settled:
         """Where no step (d,) lowers the squared error any more."""
-        theta, variances = start, dict[bytes, float]()
+        theta = start
+        variances = dict[bytes, float]()
 
         def at(steps: Array) -> Model:
             out = list(begin)
@@ -305,10 +310,8 @@ def fit_constants_jointly(
 def _room(effect: Effect, key: str) -> tuple[float, float]:
     """How far a constant may move down and up, in its own scale: within its range;
     where it is outside of that, towards it."""
-    shape, value = (
-        effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind),
-        effect.shape[key],
-    )
+    shape = effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind)
+    value = effect.shape[key]
     assert shape.bounds is not None
     ends = np.array([min(shape.bounds[0], value), max(shape.bounds[1], value)])
     low, high = (

@@ -47,7 +47,9 @@ from sdp_vs_penalty.robot.trajectory import (
 
 #: Random motions to begin with; how slow a move may be over the fastest, and how long a
 #: pause [s].
-_DRAWN, _SLOWEST, _PAUSE = 30, 10.0, 0.8
+_DRAWN = 30
+_SLOWEST = 10.0
+_PAUSE = 0.8
 #: Shares of the limits that a motion uses.
 _SHARE = 0.95
 
@@ -205,12 +207,15 @@ def separate(
     (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for
     hypotheses that cannot be separated.
     """
-    hypotheses, rng = Hypotheses(estimate, effects, level), np.random.default_rng(seed)
+    hypotheses = Hypotheses(estimate, effects, level)
+    rng = np.random.default_rng(seed)
     bounds = Limits.of_robot(estimate.robot) if limits is None else limits
-    low, high = (bounds.middle + s * _SHARE * bounds.half for s in (-1.0, 1.0))
+    low = bounds.middle + -1.0 * _SHARE * bounds.half
+    high = bounds.middle + 1.0 * _SHARE * bounds.half
     # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
     limited = bounds.velocity, bounds.acceleration, bounds.acceleration / 0.1
-    effort, looked = np.array([j.effort for j in estimate.robot.joints]), 0
+    effort = np.array([j.effort for j in estimate.robot.joints])
+    looked = 0
     best: tuple[float, PointTrajectory | None, _Plan] = (
         -1.0,
         None,
@@ -226,7 +231,8 @@ def separate(
         fit = int(np.searchsorted(np.cumsum(moves + pauses[1:]) + pauses[0], duration))
         if fit < 2:
             return False
-        moves, rests = moves[:fit], pauses[: fit + 1]
+        moves = moves[:fit]
+        rests = pauses[: fit + 1]
         moves = moves * (duration - rests.sum()) / moves.sum()
         trajectory = PointTrajectory(points[: fit + 1], moves, rests)
         motion = hypotheses.motion(trajectory.states, duration)
@@ -280,7 +286,8 @@ _Plan = tuple[Array, Array, Array]
 
 
 def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
-    count, n = int(rng.integers(6, 40)), len(low)
+    count = int(rng.integers(6, 40))
+    n = len(low)
     points = rng.uniform(low, high, (count, n))
     still = rng.random(n) < rng.choice([0.0, 0.3, 0.7])
     points[:, still] = points[0, still]

@@ -59,7 +59,8 @@ class _Terms(Effect):
     """Of each joint what the laws are made of: the command, its two derivatives and its
     integral at t - T, and position, velocity and integral."""
 
-    name, count = "servo_terms", 7
+    name = "servo_terms"
+    count = 7
     equation = explanation = reference = ""
 
     def __init__(self, robot: Robot, T: float) -> None:
@@ -74,7 +75,8 @@ class _Terms(Effect):
         return tuple(Parameter(name, "", self.name, joint) for name, joint in names)
 
     def blocks(self, motion: Motion) -> list[Block]:
-        command, t = motion.logged_command, motion.t - self.T
+        command = motion.logged_command
+        t = motion.t - self.T
         rate = command.velocity(t)
         terms = (
             command.position(t),
@@ -398,7 +400,10 @@ def _refined(
     measured motion, the log with the instruments that it was fitted with, and how far
     (n,) they are from the motion; without instruments after one step of the delay, and
     (0,)."""
-    lowest_loss, used, rows, motion = np.inf, loop.runs, loop.runs, np.zeros(0)
+    lowest_loss = np.inf
+    used = loop.runs
+    rows = loop.runs
+    motion = np.zeros(0)
     if not instruments:
         return loop.with_better_delay(model, rows), rows, motion
     for k in count(1):
@@ -408,7 +413,10 @@ def _refined(
         error = float(np.mean(np.log(at_least_tiny(apart))))
         if not error < lowest_loss + np.log(c.FEWER_GAINS):
             break
-        model, used, rows, motion = better, rows, simulated, apart
+        model = better
+        used = rows
+        rows = simulated
+        motion = apart
         if error > lowest_loss - np.log(c.FEWER_GAINS):
             break
         lowest_loss = error
@@ -435,10 +443,8 @@ def loop_beside_torque(
         drives[0].robot,
         replace(data, tau=-data.tau),
     )  # a drive's torque counts negative
-    offset, runs = (
-        effect_types()["torque_offset"](robot),
-        FilteredRuns.of(turned, settings),
-    )
+    offset = effect_types()["torque_offset"](robot)
+    runs = FilteredRuns.of(turned, settings)
 
     def fitted(delay: float) -> tuple[Model, Regression, Array]:
         model = Model(robot, (*(e.with_shape(T=delay) for e in drives), offset))
@@ -459,7 +465,8 @@ def loop_beside_torque(
         )
         given_delay = given_delay if left(given_delay) < left(0.0) else 0.0
     model, rows, theta = fitted(given_delay)
-    losses, problem_of_all = rows.joint_losses(theta), rows.least_squares()
+    losses = rows.joint_losses(theta)
+    problem_of_all = rows.least_squares()
     unexplained = np.where(
         model.drives,
         0.0,

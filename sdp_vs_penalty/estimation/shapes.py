@@ -202,13 +202,16 @@ def _with_banks(
         e for e in model.effects if not any(e is effect for effect in open_effects)
     ]
     first = sum(len(e.parameters) for e in fixed)
-    base, banks, parts = np.arange(first), list[_Bank](), list[_Grid]()
+    base = np.arange(first)
+    banks = list[_Bank]()
+    parts = list[_Grid]()
     splines = dict[tuple[float, ...], Any]()
     for effect, joint, key in open_constants:
         grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
         while grid[-1] < widest:
             grid = (*grid, 2.0 * grid[-1])
-        ends, now = (grid[0], grid[-1]), effect.shape[key]
+        ends = (grid[0], grid[-1])
+        now = effect.shape[key]
         if (
             ends[0] <= now <= ends[-1]
         ):  # in place of those within a tenth of it: exact there as well
@@ -283,7 +286,8 @@ class _Profile:
         banks: list[_Bank],
     ) -> None:
         """Of all blocks; base : where the other columns stand, before the banks'."""
-        self.folds, self.banks = folds, banks
+        self.folds = folds
+        self.banks = banks
         data = folds.least_squares()
         self.weights = np.ones(folds.joints)
         if weighting == "noise":
@@ -296,7 +300,8 @@ class _Profile:
         shown, self.shown = column_space(data.R[:, base])
         projections = shown.T @ both
         left = triangular([both - shown @ projections])
-        self.torque, self.count = left[:, -1], left.shape[1] - 1
+        self.torque = left[:, -1]
+        self.count = left.shape[1] - 1
         U = span(left[:, :-1])
         error = (
             float(np.sum((self.torque - U @ (U.T @ self.torque)) ** 2))
@@ -352,7 +357,8 @@ class _Profile:
         """(B,) what each constant alone takes from the squared error of the folds that
         are left out, in variances, and what noise would."""
         moved = [k for k, s in enumerate(estimates) if s.after != s.before]
-        count, k = len(self.folds.blocks), self.shown.shape[1]
+        count = len(self.folds.blocks)
+        k = self.shown.shape[1]
         taken, needed = np.zeros((2, len(estimates)))
         if not moved or count < 2:
             return taken, needed
@@ -361,7 +367,8 @@ class _Profile:
         # new value and, within its range, their derivative. Of these whose each is (-1:
         # of no bank), and whether it is new.
         parts = list[Array]()
-        of, new = [-1] * k, [False] * k
+        of = [-1] * k
+        new = [False] * k
         for j, (bank, s) in enumerate(zip(self.banks, estimates, strict=True)):
             several = bank.weights(float(np.log(s.after)))[: 1 if s.at_end else 2]
             places = [
@@ -391,7 +398,8 @@ class _Profile:
             np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both
         )
         scale = size[-1] ** 2 / self.variance
-        gains, changes = scale * (loss[0] - loss[1:]), scale * apart
+        gains = scale * (loss[0] - loss[1:])
+        changes = scale * apart
         noise = np.maximum(
             np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1)
         )
@@ -404,11 +412,9 @@ class _Profile:
     def confirmed(self) -> list[ShapeEstimate]:
         """The constants that together explain most, of those that folds that are left
         out confirm."""
-        u, moves, refused = (
-            self.from_grid(),
-            np.ones(len(self.banks), bool),
-            np.ones(1, bool),
-        )
+        u = self.from_grid()
+        moves = np.ones(len(self.banks), bool)
+        refused = np.ones(1, bool)
         while refused.any():
             u = self.best(np.where(moves, u, self.now), np.flatnonzero(moves))
             estimates = self.estimates(u)
@@ -422,7 +428,8 @@ class _Profile:
 
     def from_grid(self) -> Array:
         """(B,) ln u, each in turn at the value of its grid that leaves least."""
-        u, columns = self.now.copy(), self._made(self.now)[0]
+        u = self.now.copy()
+        columns = self._made(self.now)[0]
         for k, (bank, part) in enumerate(zip(self.banks, self.parts, strict=True)):
             U = column_space(np.delete(columns, k, axis=1))[0]
             left = part - (part @ U) @ U.T
@@ -453,7 +460,8 @@ class _Profile:
 
     def estimates(self, u: Array) -> list[ShapeEstimate]:
         """What constants ln u (B,) are."""
-        stds, out = np.sqrt(self.variance) * deviations(self.at(u)[1]), []
+        stds = np.sqrt(self.variance) * deviations(self.at(u)[1])
+        out = []
         columns = self.banks, u.tolist(), self.now, stds.tolist(), self.ends.tolist()
         for bank, x, now, std, (low, high) in zip(*columns, strict=True):
             # As many digits as a written effect has; a spread wider than the range
@@ -494,10 +502,8 @@ def asked_effects(
 ) -> list[str]:
     """How effects are written so that `identify` estimates again what it has estimated:
     ``shapes`` as an estimate's details hold them."""
-    estimated, requested = (
-        {(s["effect"], s["joint"] - 1) for s in shapes},
-        dict[str, list[str]](),
-    )
+    estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
+    requested = dict[str, list[str]]()
     for e in effects:
         open_ = all((e.name, j) in estimated for j in e.joints)
         requested.setdefault(e.name if open_ else e.text, []).extend(

@@ -66,11 +66,9 @@ class Sandwich:
         prior_scale: Array,
         taken_white: bool = False,
     ) -> None:
-        self.regression, self.weights, self.taken_white = (
-            regression,
-            weights,
-            taken_white,
-        )
+        self.regression = regression
+        self.weights = weights
+        self.taken_white = taken_white
         data = regression.least_squares(weights)
         self.white = white_variance(data, regression.oversampling)
         # Where the torque is fitted to rounding, a prior weighs that much and no less.
@@ -82,7 +80,8 @@ class Sandwich:
         )
         self.directions = V = column_space(factor_rows.R)[1]
         z = V.T @ (factor_rows.R.T @ factor_rows.rho)
-        B, r = len(regression.blocks), V.shape[1]
+        B = len(regression.blocks)
+        r = V.shape[1]
         self.grams, self.scores = np.zeros((B, r, r)), np.zeros((B, r))
         for joint, indices, blocks, rows in regression.by_joint():
             visible_rows = rows[..., :-1] @ (weights[joint] * V[indices])
@@ -100,14 +99,16 @@ class Sandwich:
             _kernel(regression, inflation),
         )
         self.prior = V.T * (strength / prior_scale**2) @ V
-        self.norms, self.solution = factor_rows.column_norms, V @ z
+        self.norms = factor_rows.column_norms
+        self.solution = V @ z
         self._basis = np.linalg.qr(V * self.norms[:, None])[
             0
         ]  # of the visible directions, at unit norm
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
         """Which linear functions (k, p) of theta the data determine."""
-        norms, dark = self.norms, self.norms <= 0.0
+        norms = self.norms
+        dark = self.norms <= 0.0
         scaled = contrasts / np.where(dark, 1.0, norms)
         total = np.sum(scaled**2, axis=1)
         hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
@@ -122,10 +123,8 @@ class Sandwich:
         contrasts = np.pad(
             contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1]))
         )
-        half, is_determined = (
-            np.full(len(contrasts), np.nan),
-            np.flatnonzero(self.sees(contrasts)),
-        )
+        half = np.full(len(contrasts), np.nan)
+        is_determined = np.flatnonzero(self.sees(contrasts))
         # Numbers of the products of blocks that are held at once.
         for chunk in np.array_split(
             is_determined,
@@ -134,10 +133,8 @@ class Sandwich:
             w = contrasts[chunk] @ self.directions
             variance, freedom = self._variances(w)
             known = self.white * np.sum((w @ self.prior) * w, axis=1)
-            t, normal = (
-                stdtrit(freedom, 0.5 + 0.5 * LEVEL),
-                stdtrit(np.inf, 0.5 + 0.5 * LEVEL),
-            )
+            t = stdtrit(freedom, 0.5 + 0.5 * LEVEL)
+            normal = stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
             half[chunk] = np.sqrt(t**2 * variance + normal**2 * known)
         return half
 
@@ -245,7 +242,8 @@ def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
     window = WINDOW * 0.5 * max(inflation, 1.0) * interval
     parts = []
     for run in np.unique(runs):
-        start, stop = starts[runs == run], stops[runs == run]
+        start = starts[runs == run]
+        stop = stops[runs == run]
         middle = 0.5 * (start + stop)
         length = min(window, 0.5 * float(stop.max() - start.min()))
         apart = np.abs(np.subtract.outer(middle, middle))
@@ -311,7 +309,8 @@ class Uncertainty(JsonRecord):
     gain_errors: Array
 
     def __post_init__(self) -> None:
-        p, n = len(self.standard), len(self.torque_noise)
+        p = len(self.standard)
+        n = len(self.torque_noise)
         shapes = (
             self.spread.shape[:1],
             self.gain_response.shape,
@@ -348,9 +347,8 @@ class Uncertainty(JsonRecord):
         def widened(
             intervals: tuple[Interval, ...], response: Array
         ) -> tuple[Interval, ...]:
-            known, new = (
-                np.sum((response @ e) ** 2, axis=1) for e in (self.gain_errors, errors)
-            )
+            known = np.sum((response @ self.gain_errors) ** 2, axis=1)
+            new = np.sum((response @ errors) ** 2, axis=1)
             out = []
             for i, extra in zip(
                 intervals, np.sqrt(np.maximum(new - known, 0.0)).tolist(), strict=True
@@ -429,7 +427,9 @@ def of_regression(
     these data, gains (p, n) : its response to the gains, where they have been worked out already; extra
     (p, e) : a factor of the covariance of an error that is known beside.
     """
-    parameters, p, data = task.model.parameters, len(task.bound), task.data
+    parameters = task.model.parameters
+    p = len(task.bound)
+    data = task.data
     value = task.ols if theta is None else np.asarray(theta, float)
     gain_errors = (
         np.zeros((own_regression.joints, 0)) if gain_errors is None else gain_errors
@@ -437,9 +437,11 @@ def of_regression(
     known = known or _sandwich_of(task, wide or own_regression, white)
     gains = known.gain_response(value)[:p] if gains is None else gains
     extra = np.zeros((p, 0)) if extra is None else extra
-    low, high = np.full(p, -np.inf), np.full(p, np.inf)
+    low = np.full(p, -np.inf)
+    high = np.full(p, np.inf)
     if constrained:  # masses and moments of inertia are not negative, nor is friction
-        low, high = np.maximum(-task.bound, [q.lower for q in parameters]), task.bound
+        low = np.maximum(-task.bound, [q.lower for q in parameters])
+        high = task.bound
         low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
         for body in (
             c for c in task.constraints.convex if c.family == "pseudo-inertia"
@@ -455,7 +457,8 @@ def of_regression(
         apart = known.solution[:p] - min_norm_lstsq(data.R, data.rho)
 
     def told(base: BaseParameters) -> tuple[Interval, ...]:
-        rows, out = base.rows, []
+        rows = base.rows
+        out = []
         ends = np.where(
             rows > 0.0, np.stack([low, high])[:, None], np.stack([high, low])[:, None]
         )
@@ -469,7 +472,8 @@ def of_regression(
             base.names, base.leading, *(x.tolist() for x in figures), strict=True
         )
         for name, k, x, allowed, spread, lowest, highest, size in intervals_of:
-            half, interval = NORMAL_95 * spread, Interval(name, parameters[k].unit, x)
+            half = NORMAL_95 * spread
+            interval = Interval(name, parameters[k].unit, x)
             if not np.isnan(spread):
                 rough = size if np.isfinite(size) else 0.0
                 enough = (
@@ -477,10 +481,8 @@ def of_regression(
                     for verdict, (share, absolute) in WIDTHS.items()
                     if half <= max(share * min(abs(allowed), size), absolute * rough)
                 )
-                lower, upper = (
-                    min(max(allowed - half, lowest), x),
-                    max(min(allowed + half, highest), x),
-                )
+                lower = min(max(allowed - half, lowest), x)
+                upper = max(min(allowed + half, highest), x)
                 limits = {"std": spread, "lower": lower, "upper": upper}
                 interval = replace(interval, **limits, verdict=next(enough, NOT_SEEN))
             out.append(interval)
@@ -516,14 +518,17 @@ def beside_held(
     known = _sandwich_of(task, wide)
     everything = np.zeros(regression.p)
     everything[: len(fixed) + k] = np.concatenate([fixed, theta])
-    through, through_gains = [], []
+    through = []
+    through_gains = []
     for f in regression.factors:
-        rows, is_held = f.triangle[:, :-1], f.indices < len(fixed)
+        rows = f.triangle[:, :-1]
+        is_held = f.indices < len(fixed)
         through.append(-rows[:, is_held] @ old.spread[f.indices[is_held]])
         torque = -rows[:, is_held] @ old.gain_response[f.indices[is_held]]
         torque[:, f.joint] += rows @ everything[f.indices]
         through_gains.append(torque)
-    extra, gains = known.response(through)[:k], known.response(through_gains)[:k]
+    extra = known.response(through)[:k]
+    gains = known.response(through_gains)[:k]
     errors = old.gain_errors if gain_errors is None else gain_errors
     narrow = wide.keeping(np.arange(wide.p) < k)
     settings: dict[str, Any] = {

@@ -45,7 +45,9 @@ MOSTLY_NEW = 0.5
 #: No link of an arm weighs less than this share of it; the lightest wrists have a
 #: hundredth.
 _LIGHTEST = 1e-3
-FIT, PREDICTION, MISSING = "fit against noise", "prediction", "missing"
+FIT = "fit against noise"
+PREDICTION = "prediction"
+MISSING = "missing"
 #: What the data check leaves in doubt is a line of its own.
 LOG = "the log"
 #: Kinds of issues of the data check that leave order, clock, mounting, sign, unit or the
@@ -385,10 +387,8 @@ def noise_level(
     at most that residual; None and "" where the logs hold nothing there. Of long
     recordings windows are looked at.
     """
-    settings, shown = (
-        filtered_runs.settings,
-        window_subsample(filtered_runs.measurements, filtered_runs.settings),
-    )
+    settings = filtered_runs.settings
+    shown = window_subsample(filtered_runs.measurements, filtered_runs.settings)
     filtered = (
         filtered_runs
         if shown is filtered_runs.measurements

@@ -88,7 +88,8 @@ class Task:
     def base(self) -> Array:
         """(b, p) map to base parameters: the links' own symbols, then all other
         parameters."""
-        rigid, unit = self.model.rigid_indices, np.eye(len(self.bound))
+        rigid = self.model.rigid_indices
+        unit = np.eye(len(self.bound))
         if not len(rigid):
             return unit
         matrix, _ = base_parameters(self.model, self.independent)
@@ -161,22 +162,24 @@ def make_task(
     """
     links = model.rigid_indices.reshape(-1, 10)
     if like is None:
-        nominal, bound = problem.nominal(model), problem.parameter_bound(model)
+        nominal = problem.nominal(model)
+        bound = problem.parameter_bound(model)
         masses = model.with_known(nominal)[
             links[:, :1]
         ]  # a link of a known mass is scaled to it
         nominal[links] *= masses / nominal[links[:, :1]]
         nominal = model.with_known(nominal)
-        constraints, bodies = problem.constraints(model), _bodies(problem, links)
+        constraints = problem.constraints(model)
+        bodies = _bodies(problem, links)
     else:
-        nominal, bound = like.nominal, like.bound
-        constraints, bodies = like.constraints, like.bodies
+        nominal = like.nominal
+        bound = like.bound
+        constraints = like.constraints
+        bodies = like.bodies
     require_known("weighting", weighting, ("noise", "none"))
     data = with_plausible(regression.least_squares(), model, regression.oversampling)
-    first, weights = (
-        min_norm_lstsq(data.R, data.rho, nominal),
-        np.ones(regression.joints),
-    )
+    first = min_norm_lstsq(data.R, data.rho, nominal)
+    weights = np.ones(regression.joints)
     if weighting == "noise":
         weights = joint_weights(regression, first)
         data = with_plausible(
@@ -240,7 +243,8 @@ def _scaled_prior(
     links = nominal[places]
     if not len(links) or not np.any(guessed):
         return links
-    R, other_columns = data.R, np.setdiff1d(np.arange(len(nominal)), places)
+    R = data.R
+    other_columns = np.setdiff1d(np.arange(len(nominal)), places)
     stated = R[:, places[~guessed].ravel()] @ links[~guessed].ravel()
     guess = R[:, places[guessed].ravel()] @ links[guessed].ravel()
     columns = np.column_stack([guess, R[:, other_columns]])
@@ -256,7 +260,8 @@ def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.n
 
     theta : of a first pass, whose drives' torque counts where it is larger than what
     was measured."""
-    scale, gains = np.full(regression.p, np.inf), np.where(model.drives, theta, 0.0)
+    scale = np.full(regression.p, np.inf)
+    gains = np.where(model.drives, theta, 0.0)
     for factor in regression.per_joint:
         norms = np.linalg.norm(factor.triangle[:, :-1], axis=0)
         drive = factor.triangle[:, :-1] @ gains[factor.indices]

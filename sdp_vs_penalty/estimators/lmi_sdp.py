@@ -48,7 +48,8 @@ from sdp_vs_penalty.solvers.small_cones import SmallCones
 
 #: Whose answers every solver is judged beside, and our own method, which goes before it
 #: where it can.
-REFERENCE, OWN = "clarabel", "primal-dual"
+REFERENCE = "clarabel"
+OWN = "primal-dual"
 #: A certified gap up to which an answer counts that its solver itself did not call one;
 #: above it no solver's rounding (below 1e-6) is the reason: it stopped short.
 FAR_GAP = 1e-3
@@ -99,7 +100,8 @@ class LmiSdp(Estimator):
         )
 
     def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
-        fits, posed = list[Fit](), None
+        fits = list[Fit]()
+        posed = None
         for task in tasks:
             if posed is None:
                 objective, constraints = self.posed(task)
@@ -205,7 +207,8 @@ class LmiSdpTwoStep(Estimator):
             "mass",
         )
         physics = task.constraints.with_families(bounds_kept.__contains__)
-        distance, torque = Objective(task.base_distance), Objective(task.data)
+        distance = Objective(task.base_distance)
+        torque = Objective(task.data)
         steps = (distance, physics), (torque, physics), (torque, task.constraints)
         nearest, best, bounded = (
             PosedSdp(task, objective, constraints, self.solver).fit(
@@ -241,11 +244,9 @@ class PosedSdp:
         constraints: ConstraintSet,
         solver: str | None = None,
     ) -> None:
-        self.task, self.constraints, self.solver = (
-            task,
-            constraints,
-            solver or REFERENCE,
-        )
+        self.task = task
+        self.constraints = constraints
+        self.solver = solver or REFERENCE
         self.interior = interior_point(task, constraints, self.solver)
         self.cones: SmallCones | None = None
         if solver is None:
@@ -274,7 +275,8 @@ class PosedSdp:
         similar data, from which half the steps remain. Raises InputError where nothing
         near an optimum is found.
         """
-        data, solved = objective.least_squares, None
+        data = objective.least_squares
+        solved = None
         if self.cones is not None and near is not None and near.central is not None:
             solved = minimise(self.cones, data, [near.central], accuracy)
         if self.cones is not None and solved is None:
@@ -307,7 +309,8 @@ class PosedSdp:
         """What only has a sign (friction, rotor inertia) starts where it makes a tenth
         of the torque: next to zero its multiplier would be the first to block a step.
         """
-        start, norms = self.interior.copy(), np.linalg.norm(data.R, axis=0)
+        start = self.interior.copy()
+        norms = np.linalg.norm(data.R, axis=0)
         lower = np.array([q.lower for q in self.task.model.parameters])
         signed = np.isfinite(lower) & (norms > 0.0)
         signed[self.task.model.rigid_indices] = False
@@ -318,11 +321,16 @@ class PosedSdp:
 
 def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     """The tightest answer of all attempts of a conic solver."""
-    task, constraints, interior = posed.task, posed.constraints, posed.interior
-    sent, data = essential(constraints, objective), objective.least_squares
+    task = posed.task
+    constraints = posed.constraints
+    interior = posed.interior
+    sent = essential(constraints, objective)
+    data = objective.least_squares
     best: Fit | None = None
     # The loss at the optimum that the first attempt expects at least.
-    answered, claims_made, smallest_scale = False, list[str](), 1e-6 * data.tau_squared
+    answered = False
+    claims_made = list[str]()
+    smallest_scale = 1e-6 * data.tau_squared
     for share, fine in ATTEMPTS:
         centre = interior if best is None else best.theta
         inside = centre + share * (interior - centre)
@@ -381,10 +389,8 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
     was measured, whatever the others do. Redundant rows leave the dual undetermined,
     which costs a solver digits; feasibility and certificate use the full set.
     """
-    torque, largest = (
-        objective.least_squares.own_torque,
-        np.sqrt(objective.least_squares.tau_squared),
-    )
+    torque = objective.least_squares.own_torque
+    largest = np.sqrt(objective.least_squares.tau_squared)
 
     def near(c: Constraint) -> bool:
         # From the rows themselves, so that it holds in any system of units.

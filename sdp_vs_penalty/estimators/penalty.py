@@ -75,11 +75,10 @@ def barycentric_part(
         tuple[NDArray[np.intp], Array, float]
     ]()  # F = u^T form u + slope u_0, u = x[indices]
     for b in bounds:
-        link, scale = reference[b.indices], theta_scale[b.indices]
-        moment, itself = (
-            link[[4, 6, 9]].sum(),
-            np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0,
-        )
+        link = reference[b.indices]
+        scale = theta_scale[b.indices]
+        moment = link[[4, 6, 9]].sum()
+        itself = np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0
         form = np.zeros((10, 10))
         form[0, 4 + b.entry] = form[4 + b.entry, 0] = 0.5
         form[1:4, 1:4] = -inertia.STEINER_FORMS[b.entry]
@@ -95,10 +94,8 @@ def barycentric_part(
                     )
                 )
     indices = np.array([x[0] for x in entries], np.intp).reshape(-1, 10)
-    forms, slopes = (
-        np.array([x[1] for x in entries]).reshape(-1, 10, 10),
-        np.array([x[2] for x in entries]),
-    )
+    forms = np.array([x[1] for x in entries]).reshape(-1, 10, 10)
+    slopes = np.array([x[2] for x in entries])
 
     def values(x: Array) -> Array:
         u = x[indices]
@@ -129,7 +126,8 @@ def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Penal
         scale = 1.0 / nonzero_or_one(size).reshape(at.shape)
         if group.cone == "soc":
             scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
-    constant, matrix = group.constant * scale, matrix * scale.reshape(-1, 1)
+    constant = group.constant * scale
+    matrix = matrix * scale.reshape(-1, 1)
     return PenaltyPart(
         group.cone,
         lambda x: constant + (matrix @ x).reshape(at.shape),
@@ -153,7 +151,8 @@ class ShiftedPenalty:
     ) -> None:
         """In units of what each parameter can be, of the cones at the interior point
         and of the loss."""
-        norms, size = data.column_norms, np.sqrt(data.tau_squared)
+        norms = data.column_norms
+        size = np.sqrt(data.tau_squared)
         scales = np.where(
             (norms > 0.0) & (size > 0.0), size / nonzero_or_one(norms), np.inf
         )
@@ -170,7 +169,8 @@ class ShiftedPenalty:
                 barycentric_part(constraints.nonconvex, self.theta_scale, interior)
             )
         root = np.sqrt(self.loss_scale)
-        self.R, self.rho = data.R * self.theta_scale / root, data.rho / root
+        self.R = data.R * self.theta_scale / root
+        self.rho = data.rho / root
 
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
         """(e,) the shifts as dual variables of the constraints' entries, in units of
@@ -200,7 +200,8 @@ class ShiftedPenalty:
         """r (m,) with L = |r|^2 up to a constant, and J (m, p): 2 J^T r is L's
         gradient, and 2 J^T J an element of its generalised Hessian where F is affine.
         """
-        residuals, slopes = [self.R @ x - self.rho], [self.R]
+        residuals = [self.R @ x - self.rho]
+        slopes = [self.R]
         for part, shift in zip(self.parts, shifts, strict=True):
             jacobian = part.jacobian(x).reshape(len(shift), -1, len(x))
             r, J = projected_rows(part.cone, shift - weight * part.values(x), jacobian)
@@ -216,10 +217,13 @@ def minimise(
     tolerance, in the scaled units of the parts: x (p,), the shifts (multipliers) there,
     and what was spent."""
     # The first weight is in units of (scaled loss) / (scaled distance)^2.
-    shifts, weight = [np.zeros_like(part.values(x)) for part in penalty.parts], 0.1
+    shifts = [np.zeros_like(part.values(x)) for part in penalty.parts]
+    weight = 0.1
     # to the last stage's x, in scaled units; each stage takes back what it cost
     pull = 1e-6
-    residual, stages, near = np.inf, 0, np.sqrt(pull) * np.eye(len(x))
+    residual = np.inf
+    stages = 0
+    near = np.sqrt(pull) * np.eye(len(x))
     options = {
         "method": "lm",
         **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14),
@@ -240,12 +244,14 @@ def minimise(
         stages += 1
         residuals, slopes = in_turn(rows)  # of this stage's shifts and weight
         solution = optimize.least_squares(residuals, x, slopes, **options)
-        last, x = x, solution.x
+        last = x
+        x = solution.x
         moved = penalty.shifted(x, shifts, weight)
         changes = (
             np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True)
         )
-        previous, residual = residual, float(max(changes, default=0.0)) / weight
+        previous = residual
+        residual = float(max(changes, default=0.0)) / weight
         shifts = moved
         if max(residual, pull * np.abs(x - last).max(initial=0.0)) <= tolerance:
             break
@@ -323,7 +329,8 @@ def fit_penalty(
     feasible."""
     interior = interior_point(task, constraints)
     penalty = ShiftedPenalty(task, data, constraints, interior)
-    box, rng = BarycentricBox(task), np.random.default_rng(task.seed)
+    box = BarycentricBox(task)
+    rng = np.random.default_rng(task.seed)
     runs: list[dict[str, Any]] = []
     best: tuple[float, Array, list[Array]] | None = None
     for run in range(max(starts, 1)):
@@ -343,10 +350,8 @@ def fit_penalty(
             if all(bound.margin(p) >= 0.0 for bound in constraints.nonconvex)
         )
         theta = next(holds, repaired)
-        objective, violation = (
-            data.loss(theta),
-            max(constraints.worst(theta).values(), default=0.0),
-        )
+        objective = data.loss(theta)
+        violation = max(constraints.worst(theta).values(), default=0.0)
         result_details = {
             "loss": task.data.loss(theta),
             "objective": objective,
@@ -365,7 +370,8 @@ def fit_penalty(
         )
     assert best is not None
     _, theta, shifts = best
-    multipliers, details = penalty.multipliers(constraints, shifts), {"runs": runs}
+    multipliers = penalty.multipliers(constraints, shifts)
+    details = {"runs": runs}
     return Fit(
         theta,
         Objective(data),
@@ -394,7 +400,8 @@ class BarycentricBox:
     """
 
     def __init__(self, task: Task) -> None:
-        norms, self.links = task.data.column_norms, task.links
+        norms = task.data.column_norms
+        self.links = task.links
         separate = np.where(
             norms > 0.0, np.sqrt(task.data.tau_squared), 0.0
         ) / nonzero_or_one(norms)
@@ -416,7 +423,9 @@ class BarycentricBox:
 
     def pull_back(self, p: Array, gradient: Array) -> Array:
         """(d theta / d p)^T gradient."""
-        out, c, g = gradient.copy(), p[self.links[:, 1:4]], gradient[self.links]
+        out = gradient.copy()
+        c = p[self.links[:, 1:4]]
+        g = gradient[self.links]
         across = np.einsum(
             "ne,eij,nj->ni", g[:, 4:], inertia.STEINER_FORMS, c
         )  # half of d J / d(m c)

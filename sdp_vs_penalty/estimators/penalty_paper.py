@@ -90,12 +90,15 @@ def retrieve(
     best: tuple[float, Array] | None = None
     budget = settings.evaluations // max(len(settings.weights), 1)
     for run in range(settings.runs):
-        u, evaluations = rng.uniform(size=len(free)), 0
+        u = rng.uniform(size=len(free))
+        evaluations = 0
         for weight in settings.weights:
             u, spent = anneal_and_search(loss, weight, u, budget, rng)
             evaluations += spent
-        penalised, p = loss.value(u, settings.weights[-1]), loss.p(u)
-        theta, broken = loss.box.theta(p), loss.violations(p)
+        penalised = loss.value(u, settings.weights[-1])
+        p = loss.p(u)
+        theta = loss.box.theta(p)
+        broken = loss.violations(p)
         best_runs = {
             "loss": task.data.loss(theta),
             "objective": data.loss(theta),
@@ -140,7 +143,10 @@ def search_locally(
 ) -> tuple[Array, int]:
     """SLSQP from u, again and again while that helps; the best point and how many
     evaluations it took."""
-    box, best, lowest, spent = [(0.0, 1.0)] * len(u), u, loss.value(u, weight), 0
+    box = [(0.0, 1.0)] * len(u)
+    best = u
+    lowest = loss.value(u, weight)
+    spent = 0
     while spent < budget and lowest > 0.0:
         # SLSQP stops at kinks of the penalty, and its tolerances want values of size 1:
         # start it again with the loss rescaled, while that helps.
@@ -162,7 +168,8 @@ def search_locally(
         value = loss.value(found, weight)
         if not value < lowest * (1.0 - 1e-6):
             break
-        best, lowest = found, value
+        best = found
+        lowest = value
     return best, spent
 
 
@@ -173,10 +180,8 @@ class PenalisedLoss:
     def __init__(self, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> None:
         """free : the parameters that are searched; the others stay as OLS has them."""
         self.data, self.box, self.free = data, BarycentricBox(task), free
-        self.fixed, self.width = (
-            self.box.p(task.ols),
-            (self.box.upper - self.box.lower)[free],
-        )
+        self.fixed = self.box.p(task.ols)
+        self.width = (self.box.upper - self.box.lower)[free]
         self.masses = task.links[:, 0]
         #: What is demanded of the masses, and of (1, c) in place of (m, m c).
         self.demands = [
@@ -204,7 +209,8 @@ class PenalisedLoss:
 
     def penalty(self, p: Array) -> tuple[float, Array]:
         """g(p), and its (sub)gradient (p,)."""
-        total, slope = 0.0, np.zeros_like(p)
+        total = 0.0
+        slope = np.zeros_like(p)
         for _, margins, rows in self.demanded(p):
             bad = margins < 0.0
             total -= float(margins[bad].sum())
@@ -225,7 +231,8 @@ class PenalisedLoss:
         if len(links := self.box.links[:, 4:]):
             # tr(I) / 2 - lambda_max(I) of each link: >= 0 is consistent.
             moments, vectors = np.linalg.eigh(inertia.inertia_matrix(p[links]))
-            largest, rows = vectors[:, :, 2], np.zeros((len(links), len(p)))
+            largest = vectors[:, :, 2]
+            rows = np.zeros((len(links), len(p)))
             dyads = 0.5 * np.eye(3) - largest[:, :, None] * largest[:, None, :]
             twice = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
             rows[np.arange(len(links))[:, None], links] = (
@@ -240,10 +247,8 @@ class PenalisedLoss:
             point = p.copy()
             point[self.masses] = 1.0
             values = stack.values(point)
-            norm, rows = (
-                np.linalg.norm(values[:, 1:], axis=1),
-                stack.matrix.reshape(*values.shape, -1),
-            )
+            norm = np.linalg.norm(values[:, 1:], axis=1)
+            rows = stack.matrix.reshape(*values.shape, -1)
             unit = values[:, 1:] / nonzero_or_one(norm)[:, None]
             rows = rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])
             rows[:, np.isin(np.arange(rows.shape[1]), self.masses)] = 0.0

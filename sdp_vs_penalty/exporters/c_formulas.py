@@ -46,7 +46,8 @@ def _sigmoid(e: Effect, j: int, theta: Array, m: Estimate) -> str:
 
 
 def _stribeck(e: Effect, j: int, theta: Array, m: Estimate) -> str:
-    vs, delta = number(e.shape["vs"]), number(e.shape["delta"])
+    vs = number(e.shape["vs"])
+    delta = number(e.shape["delta"])
     x = f"pow(fabs(dq[{j}]) / {vs}, {delta})"
     falls = f"exp(-{x})" if e.shape["law"] == 1.0 else f"1.0 / (1.0 + {x})"
     return f"{number(theta[0])} * {_sign(m, j)} * ({falls})"
@@ -79,7 +80,8 @@ def _position_dependent(e: Effect, j: int, theta: Array, m: Estimate) -> str:
 
 
 def _coupling(e: Any, j: int, theta: Array, m: Estimate) -> str:
-    i, form = e.partner(j), int(e.shape["form"])
+    i = e.partner(j)
+    form = int(e.shape["form"])
     width = number(m.model.sign_width[j])
     motion = {
         1: f"dq[{i}]",
@@ -112,7 +114,8 @@ def formulas(estimate: Estimate) -> Iterator[str]:
         formula = FORMULAS.get(effect.name)
         if formula is None:
             continue
-        theta, joints = estimate.theta[indices], effect.joints
+        theta = estimate.theta[indices]
+        joints = effect.joints
         each = theta.reshape(len(joints), -1)
         for joint, own in zip(joints, each, strict=True):
             term = formula(effect, joint, own, estimate)

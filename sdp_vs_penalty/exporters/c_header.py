@@ -14,7 +14,9 @@ from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
 from sdp_vs_penalty.exporters.content import HELD, Content, Options
 from sdp_vs_penalty.robot.arrays import Array
 
-ENDING, FILE, ABOUT = ".h", "model.h", "a C header without dependencies"
+ENDING = ".h"
+FILE = "model.h"
+ABOUT = "a C header without dependencies"
 
 #: Effects that the header holds as arrays, and those that it holds as formulas.
 HOLDS = HELD | {"rotor_inertia", "torque_offset", *FORMULAS}
@@ -28,7 +30,8 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
 
     Raises InputError for an impossible link, and for joints that follow others.
     """
-    robot, model = estimate.robot, estimate.model
+    robot = estimate.robot
+    model = estimate.model
     if robot.mechanism is not None or model.gains is not None:
         raise InputError(
             "the header has no place for joints that follow others, or gains",
@@ -37,10 +40,8 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     content = Content.of(
         estimate
     )  # refuses what no simulator or controller should be given
-    links, left = (
-        content.links,
-        tuple(e.brief for e in model.effects if e.name not in HOLDS),
-    )
+    links = content.links
+    left = tuple(e.brief for e in model.effects if e.name not in HOLDS)
     name = re.sub(r"\W", "_", robot.name) or "robot"
     name = name if name.isascii() and not name[0].isdigit() else "robot"
     joints = robot.joints

@@ -72,7 +72,8 @@ class Content:
     @classmethod
     def plausible(cls, estimate: Estimate, options: Options) -> Self:
         """:meth:`of`; InputError, too, for a link that lies outside of its body, unless forced."""
-        content, gyration = cls.of(estimate), inertia.gyration(estimate.links)
+        content = cls.of(estimate)
+        gyration = inertia.gyration(estimate.links)
         for k, body in enumerate(
             [] if options.force else estimate.problem.link_bodies[: len(gyration)]
         ):
@@ -91,7 +92,8 @@ class Content:
     def of(cls, estimate: Estimate) -> Self:
         """Raises InputError for an inconsistent link, negative friction or a model
         without links."""
-        model, robot = estimate.model, estimate.robot
+        model = estimate.model
+        robot = estimate.robot
         if not len(model.rigid_indices):
             raise InputError(
                 f"model {estimate.problem.name}: the model has no rigid_body effect, so"
@@ -158,7 +160,8 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
     Nothing is identified again: this is the model that a file holds which has a place for
     these effects only. The servo loops of a model without torques stay.
     """
-    model, known = estimate.model, estimate.uncertainty
+    model = estimate.model
+    known = estimate.uncertainty
     keep = [e.name in held or e.forward == "drive" for e in model.effects]
     kept = [
         indices for stays, (_, indices) in zip(keep, model.parts, strict=True) if stays

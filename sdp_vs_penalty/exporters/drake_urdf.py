@@ -4,11 +4,9 @@ from functools import partial
 
 from sdp_vs_penalty.exporters import urdf
 
-ENDING, FILE, ABOUT = (
-    ".drake.urdf",
-    "robot.drake.urdf",
-    "for Drake, with rotor inertias",
-)
+ENDING = ".drake.urdf"
+FILE = "robot.drake.urdf"
+ABOUT = "for Drake, with rotor inertias"
 EDITS = True
 HOLDS = urdf.HOLDS | {"rotor_inertia"}
 write = partial(urdf.write, drake=True)

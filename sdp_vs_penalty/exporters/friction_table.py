@@ -11,7 +11,9 @@ from sdp_vs_penalty.exporters.content import Options
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import joint_limits
 
-ENDING, FILE, ABOUT = ".csv", "friction.csv", "friction by velocity"
+ENDING = ".csv"
+FILE = "friction.csv"
+ABOUT = "friction by velocity"
 
 
 @dataclass(frozen=True)
@@ -51,9 +53,11 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
 def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     """One a joint, over 61 velocities that lie closest where dry friction turns round;
     none without an effect that follows the velocity alone."""
-    model, robot = estimate.model, estimate.robot
+    model = estimate.model
+    robot = estimate.robot
     held = [(e, indices) for e, indices in model.parts if follows_alone(e, "dq")]
-    factor, curves = estimate.uncertainty.factor, []
+    factor = estimate.uncertainty.factor
+    curves = []
     for j, fastest in enumerate(joint_limits(robot)[2] if held else ()):
         up = np.geomspace(min(model.sign_width[j], fastest) / 4.0, fastest, 30)
         speed = np.concatenate([-up[::-1], [0.0], up])

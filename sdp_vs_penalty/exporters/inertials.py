@@ -55,7 +55,9 @@ class LinkCheck:
     @classmethod
     def of(cls, link: str, theta: Array, reach: float) -> "LinkCheck":
         """Of standard parameters (10,)."""
-        inertial, verdict, nearest = Inertial.of(theta), "consistent", None
+        inertial = Inertial.of(theta)
+        verdict = "consistent"
+        nearest = None
         moments = np.linalg.eigvalsh(inertial.about_com)
         triangle = float(moments[0] + moments[1] - moments[2])
         # What rounding leaves of a moment is relative to the moments about the link's

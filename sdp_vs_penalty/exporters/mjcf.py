@@ -19,11 +19,9 @@ from sdp_vs_penalty.exporters.content import (
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
-ENDING, FILE, ABOUT = (
-    ".xml",
-    "robot.xml",
-    "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears",
-)
+ENDING = ".xml"
+FILE = "robot.xml"
+ABOUT = "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets, gears"
 HOLDS = HELD | {"rotor_inertia", "joint_spring", "torque_offset"}
 
 
@@ -48,9 +46,11 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     element(root, "compiler", angle="radian", autolimits="true", **no)
     element(root, "option", gravity=robot.gravity)
     bodies: list[Any] = [element(root, "worldbody")]
-    actuators, equality = etree.Element("actuator"), etree.Element("equality")
+    actuators = etree.Element("actuator")
+    equality = etree.Element("equality")
     for i, part in enumerate(parts(robot, content.links)):
-        joint, place = part.joint, part.joint.placement
+        joint = part.joint
+        place = part.joint.placement
         quat = Rotation.from_matrix(place[:3, :3]).as_quat(scalar_first=True)
         body = element(
             bodies[joint.parent + 1],

@@ -6,17 +6,16 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, verdict_line
 from sdp_vs_penalty.robot import inertia
 
-ENDING, FILE, ABOUT = (
-    ".json",
-    "effects.json",
-    "every effect as plain JSON, with its equation",
-)
+ENDING = ".json"
+FILE = "effects.json"
+ABOUT = "every effect as plain JSON, with its equation"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """Links in readable form, every effect with equation, reference, shape constants
     and values."""
-    model, robot = estimate.model, estimate.robot
+    model = estimate.model
+    robot = estimate.robot
     links = []
     if len(model.rigid_indices):
         parts = inertia.barycentric_from_standard(estimate.links)

@@ -18,17 +18,17 @@ from sdp_vs_penalty.exporters.content import (
 )
 from sdp_vs_penalty.exporters.urdf import rpy_of
 
-ENDING, FILE, ABOUT = ".sdf", "robot.sdf", "SDFormat, for Gazebo"
+ENDING = ".sdf"
+FILE = "robot.sdf"
+ABOUT = "SDFormat, for Gazebo"
 HOLDS = HELD
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base stands
     in the world."""
-    content, root = (
-        Content.plausible(estimate, options),
-        etree.Element("sdf", version="1.9"),
-    )
+    content = Content.plausible(estimate, options)
+    root = etree.Element("sdf", version="1.9")
     model = element(root, "model", name=estimate.robot.name)
     element(model, "link", name="base_link")
     _texts(
@@ -37,7 +37,8 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         child="base_link",
     )
     for part in parts(estimate.robot, content.links):
-        joint, body = part.joint, part.inertial
+        joint = part.joint
+        body = part.inertial
         link = element(model, "link", name=part.name)
         pose = np.concatenate([joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])])
         element(link, "pose", pose, relative_to=part.parent)

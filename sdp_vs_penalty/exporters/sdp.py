@@ -37,7 +37,8 @@ from sdp_vs_penalty.solvers.rewrite import linear_objective, suited
 
 #: Ending of the sparse SDPA format, and the method that goes into it unless another is
 #: named.
-_SDPA, SDPA_METHOD = ".dat-s", "lmi-sdp-thickness"
+_SDPA = ".dat-s"
+SDPA_METHOD = "lmi-sdp-thickness"
 
 
 def check_format(path: str | Path, exponential: bool) -> None:
@@ -134,19 +135,19 @@ def write_posed(
         )
     check_format(out, estimator.entropy > 0.0)
     posed = build_problem(problem, measurements, options, progress)
-    task, runs = posed.task, posed.runs
+    task = posed.task
+    runs = posed.runs
     objective, constraints = estimator.posed(task)
     progress("proving the optimum")
     fit = estimator.fit(task)
-    proof, centre = proved(task, fit, certify(task, fit)[0], method), fit.theta
+    proof = proved(task, fit, certify(task, fit)[0], method)
+    centre = fit.theta
     # Cones scaled as where our loop goes on from an answer: seen from the interior
     # point csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on
     # three arms).
     inside = centre + ATTEMPTS[1][0] * (interior_point(task, constraints) - centre)
-    sent, smallest = (
-        essential(constraints, objective),
-        objective.least_squares.loss_scale(centre),
-    )
+    sent = essential(constraints, objective)
+    smallest = objective.least_squares.loss_scale(centre)
     sdp = least_squares_sdp(
         objective, sent, inside, task.bound, centre, least_loss=smallest
     )

@@ -3,7 +3,9 @@
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, number, payload
 
-ENDING, FILE, ABOUT = ".script", "payload.script", "payload for UR"
+ENDING = ".script"
+FILE = "payload.script"
+ABOUT = "payload for UR"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:

@@ -150,7 +150,9 @@ def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
 _REMEDY = "give the URDF of the robot that was identified"
 _DRAKE = "http://drake.mit.edu"
 
-ENDING, FILE, ABOUT = ".urdf", "robot.urdf", "for ROS and simulators"
+ENDING = ".urdf"
+FILE = "robot.urdf"
+ABOUT = "for ROS and simulators"
 EDITS = True
 HOLDS = HELD
 
@@ -161,7 +163,8 @@ def write(
     """A URDF made from the model, or the user's own with the model's numbers, edited
     plainly."""
     content = Content.plausible(estimate, options)
-    robot, urdf_given = estimate.robot, options.urdf
+    robot = estimate.robot
+    urdf_given = options.urdf
     file_content = (
         make_urdf(robot, content, drake)
         if urdf_given is None
@@ -323,14 +326,16 @@ def _in_frames_of(
     T the poses of corresponding joint frames in the base, parameters move by T_file^-1
     T_model.
     """
-    from_file, from_model = (
-        r.poses(np.zeros((1, len(r.tree))))[0] for r in (urdf_robot, mine)
-    )
-    held, out = dict(zip(mine.link_joints, links, strict=True)), []
+    from_file = urdf_robot.poses(np.zeros((1, len(urdf_robot.tree))))[0]
+    from_model = mine.poses(np.zeros((1, len(mine.tree))))[0]
+    held = dict(zip(mine.link_joints, links, strict=True))
+    out = []
     near = 1e-4  # what rounded DH tables leave between two axes that are one [m, -]
     for index, (joint, k) in enumerate(zip(urdf_robot.tree, order, strict=True)):
-        other, relation = mine.tree[k], np.linalg.inv(from_file[index]) @ from_model[k]
-        turned, offset = relation[:3, :3] @ other.axis, relation[:3, 3]
+        other = mine.tree[k]
+        relation = np.linalg.inv(from_file[index]) @ from_model[k]
+        turned = relation[:3, :3] @ other.axis
+        offset = relation[:3, 3]
         across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
         apart = across if joint.kind == "revolute" else 0.0
         wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent

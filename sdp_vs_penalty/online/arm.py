@@ -10,7 +10,9 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Entries of a table of one effect over velocity, its finest step [rad/s, m/s] and its
 #: largest velocity.
-_ENTRIES, _FINEST, _FASTEST = 8193, 1e-5, 20.0
+_ENTRIES = 8193
+_FINEST = 1e-5
+_FASTEST = 20.0
 #: Relative error of a table that is taken for the effect itself.
 _TOLERANCE = 1e-3
 
@@ -111,7 +113,9 @@ class ArmModel:
 
     def _add_table(self, dq: Array, torque: Array) -> None:
         """Add the tabulated torque at velocities (n,) to ``torque`` (n,)."""
-        place, low, high = self._place, self._low, self._high
+        place = self._place
+        low = self._low
+        high = self._high
         np.divide(dq, _FINEST, out=place)
         np.arcsinh(place, out=place)
         place *= self._scale
@@ -137,7 +141,8 @@ class ArmModel:
             nodes = self._nodes()[:, None] * np.ones(self.n)
             still = np.zeros_like(nodes)
             table = self._torque(effect, theta, still, nodes, still).T.ravel()
-            one, none = np.ones((1, self.n)), np.zeros((1, self.n))
+            one = np.ones((1, self.n))
+            none = np.zeros((1, self.n))
             constant = self._torque(effect, theta, none, none, none)[0]
             stiffness = self._torque(effect, theta, one, none, none)[0] - constant
             armature = self._torque(effect, theta, none, none, one)[0] - constant

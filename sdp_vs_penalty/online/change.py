@@ -116,7 +116,8 @@ class ChangeDetector:
             self._waited += 1
             if self._waited < self._wait:
                 return None
-            place, self._suspected = self._suspected, None
+            place = self._suspected
+            self._suspected = None
             evidence = self._judge(place)
             return self._locate(place) if evidence > c.CHANGE_EVIDENCE else None
         for _ in range(self._per_call):
@@ -125,13 +126,15 @@ class ChangeDetector:
             place = (self._next - 1 - self._to_judge) % self._places
             self._to_judge = (self._to_judge + 1) % self._count
             if self._judge(place) > c.CHANGE_EVIDENCE:
-                self._suspected, self._waited = place, 0
+                self._suspected = place
+                self._waited = 0
                 return None
         return None
 
     def _judge(self, place: int) -> float:
         """Evidence [-] of a change at one instant; -inf where too little came after."""
-        window, before = self._window, self._matrices[place]
+        window = self._window
+        before = self._matrices[place]
         window.seconds = self.total.seconds - self._seconds[place]
         if window.seconds < c.CHANGE_SHORTEST:
             return -np.inf
@@ -218,7 +221,8 @@ class ChangeDetector:
     def accept(self, change: Change) -> None:
         """Begin a new stretch after a change."""
         place = self._place(change)
-        matrix, seconds = self._matrices[place].copy(), float(self._seconds[place])
+        matrix = self._matrices[place].copy()
+        seconds = float(self._seconds[place])
         self.total.matrix -= matrix
         self.total.seconds -= seconds
         self._matrices -= matrix

@@ -3,7 +3,8 @@
 #: s: longest delay of the filters.
 MAX_DELAY = 0.05
 #: kg and m: standard deviation of a payload's mass and reach before it is measured.
-PAYLOAD_MASS, PAYLOAD_REACH = 5.0, 0.2
+PAYLOAD_MASS = 5.0
+PAYLOAD_REACH = 0.2
 #: s: data of a payload count exp(-1) after so long.
 FORGETTING = 30.0
 #: s: friction and offsets drift over so long; 0 turns their tracking off.
@@ -12,7 +13,8 @@ DRIFT = 60.0
 #: of the million instants of a quarter of an hour at 1 kHz is a pick.
 CHANGE_EVIDENCE = 13.8
 #: s: steps between the instants at which a change may have happened, and how far back.
-CHANGE_STEP, CHANGE_REACH = 0.02, 2.0
+CHANGE_STEP = 0.02
+CHANGE_REACH = 2.0
 #: s: shortest stretch after a change that is judged.
 CHANGE_SHORTEST = 0.06
 #: s: a change is believed if it still is one so long after it was suspected: a bump is

@@ -25,7 +25,8 @@ from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Ten parameters of a payload, and the residual beside their columns.
-SIZE, WIDTH = 10, 11
+SIZE = 10
+WIDTH = 11
 
 
 class PayloadPrior:
@@ -40,7 +41,8 @@ class PayloadPrior:
     def __init__(
         self, mass: float = c.PAYLOAD_MASS, reach: float = c.PAYLOAD_REACH
     ) -> None:
-        self.mass, self.reach = mass, reach
+        self.mass = mass
+        self.reach = reach
         #: (10,) from scaled parameters to kg, kg m, kg m^2.
         self.scale = reach ** np.array([0.0, *[1.0] * 3, *[2.0] * 6])
         self.information = np.eye(SIZE) / mass**2

@@ -153,7 +153,8 @@ class _Stretch:
 
 def _stretches(estimate: Estimate, run: Measurements, delay: float) -> list[_Stretch]:
     """What a run shows behind the loop's filters, split where its clock has gaps."""
-    period, parts = 1.0 / _RATE, list[_Stretch]()
+    period = 1.0 / _RATE
+    parts = list[_Stretch]()
     half = max(round(delay / period), 2)
     gaps = np.flatnonzero(np.diff(run.t) > 2.0 * delay) + 1
     for rows in np.split(np.arange(len(run.t)), gaps):

@@ -259,7 +259,8 @@ class PayloadEstimator:
         if self._time is None or t - self._time > 2.0 * self.delay:
             self._filter.clear()
             np.copyto(self._last, self._new)
-            self._time, self._next = t, t
+            self._time = t
+            self._next = t
         if t < self._time:
             raise InputError(
                 f"the clock runs back from {self._time:g} to {t:g} s",
@@ -286,7 +287,8 @@ class PayloadEstimator:
         """Count one instant of the regular clock, which speaks of ``time``."""
         if not self._filter.push(self._sample, self._smoothed):
             return None
-        n, rows = self._n, self._rows
+        n = self._n
+        rows = self._rows
         velocity = self._smoothed[1, :n]
         self.arm.update(self._smoothed[0, :n], velocity, self._smoothed[2, :n])
         np.multiply(self.arm.columns, self._prior.scale, out=rows[:, :SIZE])
@@ -315,7 +317,8 @@ class PayloadEstimator:
         a share of the payload's torque. Jolts beyond the accelerations in which the
         noise was measured make noise that dies out within its correlation time.
         """
-        part, weight = self._part, self._weight
+        part = self._part
+        weight = self._weight
         np.abs(acceleration, out=part)
         np.divide(part, self._acceleration, out=weight)
         jolt = float(weight.max()) ** 2
@@ -381,7 +384,8 @@ class PayloadEstimator:
 
     def _believe(self, found: Change) -> PayloadChange | None:
         """Report a change; None where the mass that is picked up could be zero."""
-        was_carrying, before = self.is_carrying, self.payload
+        was_carrying = self.is_carrying
+        before = self.payload
         self._detector.posterior_after(found, self._posterior)
         mean, std = self._mass(self._posterior)
         if found.is_carrying and mean - NORMAL_95 * std <= 0.0:
@@ -414,7 +418,8 @@ class PayloadEstimator:
     def _gain_std(self) -> float:
         """Relative standard deviation of a mass that the torque channels' gains leave:
         that of their mean, weighted as they weigh."""
-        weight, errors = self._mass_weight, self._gain_errors
+        weight = self._mass_weight
+        errors = self._gain_errors
         if errors.size == 0:
             return 0.0
         total = float(weight.sum())

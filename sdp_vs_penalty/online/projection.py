@@ -108,7 +108,8 @@ class ConeProjection:
         """One Newton step; True when the gap is small enough, or no step is left."""
         if self.is_done:
             return True
-        X, Z = _matrix(self._x), self._Z
+        X = _matrix(self._x)
+        Z = self._Z
         inverse = _inverse(X)
         np.multiply(inverse[:, None, :, None], Z[None, :, None, :], out=self._kronecker)
         np.dot(_BASIS, self._kronecker.reshape(16, 16), out=self._products)
@@ -128,7 +129,8 @@ class ConeProjection:
         dX = _matrix(self._step)
         dZ = inverse @ dX @ Z
         dZ = target * inverse - Z - 0.5 * (dZ + dZ.T)
-        primal, dual = _length(X, dX), _length(Z, dZ)
+        primal = _length(X, dX)
+        dual = _length(Z, dZ)
         self._x += primal * self._step
         self._Z += dual * dZ
         self.steps += 1

@@ -54,7 +54,8 @@ class AuthMiddleware:
     """
 
     def __init__(self, app: App, port: int, key: str) -> None:
-        self.app, self.key = app, key
+        self.app = app
+        self.key = key
         # Cookies know no ports: two servers on one computer must not take each other's
         # away.
         self.cookie = f"sdp-vs-penalty-key-{port}"
@@ -68,14 +69,13 @@ class AuthMiddleware:
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
-        connection, socket = HTTPConnection(scope), scope["type"] == "websocket"
+        connection = HTTPConnection(scope)
+        socket = scope["type"] == "websocket"
         known = self._same(connection.cookies.get(self.cookie, ""))
         arrives = not socket and scope["method"] == "GET"
         arrives = arrives and self._same(connection.query_params.get(KEY, ""))
-        origin, mode = (
-            connection.headers.get("origin"),
-            connection.headers.get("sec-fetch-mode"),
-        )
+        origin = connection.headers.get("origin")
+        mode = connection.headers.get("sec-fetch-mode")
         # Not every request of another site names its origin; browsers say where it
         # comes from.
         elsewhere = connection.headers.get("sec-fetch-site") in (

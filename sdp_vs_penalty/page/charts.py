@@ -32,7 +32,8 @@ def torque_chart(
     span : the seconds to look at; a long run shows more detail there; stretches : where
     the error is large, by cause.
     """
-    t, cut = run.t - run.t[0], slice(None)
+    t = run.t - run.t[0]
+    cut = slice(None)
     if span is not None:
         edge = 0.25 * (span[1] - span[0])  # so that curves leave the picture
         low, high = np.searchsorted(t, (span[0] - edge, span[1] + edge))
@@ -59,10 +60,8 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
     t = read["t"] - read["t"][0]
     for row, name in enumerate(shown):
         for j in range(len(units)):
-            colour, named = (
-                COLOURS[j % len(COLOURS)],
-                {"name": f"joint {j + 1}", "legendgroup": f"{j}"},
-            )
+            colour = COLOURS[j % len(COLOURS)]
+            named = {"name": f"joint {j + 1}", "legendgroup": f"{j}"}
             look: dict[str, Any] = {
                 "line": {"color": colour, "width": 1.2},
                 "showlegend": row == 0,
@@ -142,7 +141,8 @@ def residual_chart(
     """What one or two models leave of a joint's torque against one of SIGNALS, the last
     one's reversals ringed; span : only these seconds of the run; in the band 95 % of
     noise lies."""
-    read, t = reads[-1], reads[-1]["t"] - reads[-1]["t"][0]
+    read = reads[-1]
+    t = reads[-1]["t"] - reads[-1]["t"][0]
     cut = slice(None) if span is None else slice(*np.searchsorted(t, span))
     if len(t[cut]) < 2:
         cut = slice(None)
@@ -219,7 +219,9 @@ def chart_and_arm(
                 view.select(joint=min(int(link), len(view.session.robot["joints"]) - 1))
                 return
 
-    angle, there = 14.0, [""]  # of the camera's view [deg]; which recording is loaded
+    # of the camera's view [deg]; which recording is loaded
+    angle = 14.0
+    there = [""]
     with tag("div", style="pair"):
         drawn = chart({}, label).classes("timed")
         if not about["bodies"]:

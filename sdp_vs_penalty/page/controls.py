@@ -157,11 +157,9 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
             values.pop(name, None)
 
     for o in options:
-        key, now, write = (
-            f"option-{o.dest}",
-            values.get(o.dest, ""),
-            partial(put, o.dest),
-        )
+        key = f"option-{o.dest}"
+        now = values.get(o.dest, "")
+        write = partial(put, o.dest)
         if o.nargs == 0:
             check(
                 option_help(o),
@@ -181,7 +179,8 @@ def option_help(option: Action) -> str:
 def drop(text: str, kind: str) -> None:
     """A zone to drop files of a kind of SUFFIXES on, which is also a file chooser;
     workbench.js sends them. Several runs at once, else one file."""
-    accept, several = SUFFIXES[kind], kind == "runs"
+    accept = SUFFIXES[kind]
+    several = kind == "runs"
     files = f"choose files: {', '.join(sorted(accept))}"
     hint = f"or {files}" if several else "drop a file here, or choose one"
     with tag("label", style="drop", data_drop=kind):

@@ -158,7 +158,9 @@ def read(job: JobRequest) -> Answer:
     """files : {path, name} of each; those that can be used become runs, the others a
     sentence each."""
     problem = job.problem
-    runs, refused, remarks = list[Answer](), list[str](), list[str]()
+    runs = list[Answer]()
+    refused = list[str]()
+    remarks = list[str]()
     for file in job["files"]:
         job.progress(f"reading {file['name']}")
         path = Path(file["path"])
@@ -184,7 +186,8 @@ def read(job: JobRequest) -> Answer:
 
 def _loaded(job: JobRequest, problem: Problem, path: Path) -> Measurements:
     """A run; by the options of `convert` where any is given."""
-    options, names = job["options"], problem.robot.joint_names
+    options = job["options"]
+    names = problem.robot.joint_names
     if not options:
         return load_measurements(path, joints=problem.robot.n, names=names)
     part = convert(
@@ -319,7 +322,8 @@ def _preview(
     """What the page shows of a run at once: t, q, dq, tau at some instants, the
     positions and torques that the check would put there (NaN where it changes nothing),
     and the arm's poses."""
-    raw, there = (np.hstack([run.q, run.tau]) for run in (part, mended))
+    raw = np.hstack([part.q, part.tau])
+    there = np.hstack([mended.q, mended.tau])
     if len(there) != len(raw):  # rows that were left out come between their neighbours
         ordered = np.all(np.diff(mended.t) > 0.0)
         there = (
@@ -332,10 +336,8 @@ def _preview(
     repaired = np.where(changed, there, np.nan)
     shown_rows = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
     rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
-    k, n = (
-        np.unique(np.concatenate([shown_rows, rare[:: 1 + len(rare) // POINTS]])),
-        part.n,
-    )
+    k = np.unique(np.concatenate([shown_rows, rare[:: 1 + len(rare) // POINTS]]))
+    n = part.n
     dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
     arrays = {"t": part.t[k], "q": part.q[k], "dq": dq[k], "torque": part.tau[k]}
     arrays |= {"repaired_q": repaired[k, :n], "repaired_torque": repaired[k, n:]}
@@ -381,7 +383,8 @@ def robot(job: JobRequest) -> Answer:
     """What the page shows of the robot: a built-in name or a URDF file."""
     problem = job.problem
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
-    bounds, settings = np.isfinite(problem.box).any(axis=2), problem.preprocessing
+    bounds = np.isfinite(problem.box).any(axis=2)
+    settings = problem.preprocessing
     both = settings.state_cutoff, settings.torque_cutoff
     cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
     known = (
@@ -425,7 +428,8 @@ def fit(job: JobRequest) -> Answer:
 
 def open_model(job: JobRequest) -> Answer:
     """A model.json that somebody brings, judged on these runs."""
-    train, estimate = job.runs.train, job.model
+    train = job.runs.train
+    estimate = job.model
     estimate.require_joints(train, job["model"])
     return summary(job, estimate)
 
@@ -440,7 +444,8 @@ def extend(job: JobRequest) -> Answer:
 
 def find(job: JobRequest) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
-    runs, model = job.runs, job.model
+    runs = job.runs
+    model = job.model
     result = diagnose(
         model,
         runs.train,
@@ -456,7 +461,8 @@ def find(job: JobRequest) -> Answer:
 
 def methods(job: JobRequest) -> Answer:
     """The same effects by other methods, judged alike: headings, and a row a method."""
-    runs, current = job.runs, job.model
+    runs = job.runs
+    current = job.model
     train = job.windowed(runs.train)
     if not job["methods"]:
         raise InputError("No method is chosen", "choose at least one to compare")
@@ -496,8 +502,10 @@ def methods(job: JobRequest) -> Answer:
 def take(job: JobRequest) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the
     model in the format of the name's suffix; says which effects have no place in it."""
-    name, findings_given = job["name"], job.get("findings")
-    out, lost = job.folder / name, tuple[str, ...]()
+    name = job["name"]
+    findings_given = job.get("findings")
+    out = job.folder / name
+    lost = tuple[str, ...]()
     judged: tuple[Verdict, str] | None = None
     job.progress(f"writing {name}")
     if name.startswith("run-"):
@@ -510,10 +518,8 @@ def take(job: JobRequest) -> Answer:
     elif name == "model.json":
         write_bytes(out, Path(job["model"]).read_bytes())
     elif name == "report.html":
-        models, runs = (
-            {m["label"]: load_estimate(m["file"]) for m in job["models"]},
-            job.runs,
-        )
+        models = {m["label"]: load_estimate(m["file"]) for m in job["models"]}
+        runs = job.runs
         how: dict[str, Any] = {
             "commands": job["commands"],
             "forward": job["forward"],
@@ -553,11 +559,13 @@ def forward(job: JobRequest) -> Answer:
     Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf
     (F,), poses (F, 2 joints, 4, 4), the measured arm before the simulated one.
     """
-    estimate, drive = job.model, job["drive"]
+    estimate = job.model
+    drive = job["drive"]
     following = follow(estimate, job.runs.judge, drive=drive, **job.common_options)
     files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
     for file, free in zip(files, following.free, strict=True):
-        both, t = (free.measured, free.simulated.q), free.simulated.t
+        both = (free.measured, free.simulated.q)
+        t = free.simulated.t
         (tf, one), (_, other) = (placed(estimate.robot, t, q) for q in both)
         arrays = {"t": t, "measured": both[0], "simulated": both[1], "tf": tf}
         save_arrays(
@@ -619,11 +627,9 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq,
     ddq, and tf (F,), poses (F, joints, 4, 4) of some instants for the 3D view.
     """
-    seconds, checked, out = (
-        time.perf_counter() - job.begin,
-        job.runs,
-        Path(job["out"]),
-    )
+    seconds = time.perf_counter() - job.begin
+    checked = job.runs
+    out = Path(job["out"])
     job.progress("comparing measured with modelled")
     comparison = compare(
         {"model": estimate}, checked.judge, noise_from=checked.judged_recordings

@@ -174,10 +174,8 @@ async def keep(session: Session, request: Request, name_given: str, kind: str) -
     name = shown_name(name_given)
     try:
         if kind != "runs" and session.task is not None:
-            what, remedy = (
-                "a job is running",
-                "wait until it is done or cancel it, then drop it again",
-            )
+            what = "a job is running"
+            remedy = "wait until it is done or cancel it, then drop it again"
             raise InputError(what, remedy, name)
         path = await receive(session.folder, name, request.stream(), kind)
     except ClientDisconnect:  # whoever sent it is gone, and what came of it too

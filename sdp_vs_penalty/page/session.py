@@ -187,7 +187,8 @@ class Session:
         names are."""
         if not self.history:
             return []
-        robot, first = self.robot["file"] or self.robot["source"], self.history[0]
+        robot = self.robot["file"] or self.robot["source"]
+        first = self.history[0]
         data = [
             "--data",
             *(r["name"] for r in self.runs if r["use"] in ("train", "split")),
@@ -299,7 +300,8 @@ class Session:
     def _forget_models(self, why: str = "") -> list[str]:
         """Begin without one; what is said of it where there were some."""
         sentences = [f"{why}: identify again."] * bool(self.history)
-        self.history, self.undone = [], []
+        self.history = []
+        self.undone = []
         return sentences
 
     def _refuse_meaningless(self) -> None:
@@ -329,7 +331,8 @@ class Session:
 
     async def read_files(self) -> None:
         """The files that were dropped become runs."""
-        files, self.arrived = self.arrived, {}
+        files = self.arrived
+        self.arrived = {}
         self.names |= {str(path): name for name, path in files.items()}
         listed = [{"path": str(path), "name": name} for name, path in files.items()]
         how: dict[str, Any] = {"files": listed, "options": self.reading}
@@ -370,7 +373,8 @@ class Session:
         new = answer["runs"]
         for run in new:
             run["use"] = "test" if for_testing(run["name"]) else run["use"]
-        self.runs, self.made_by = [*before, *new], None
+        self.runs = [*before, *new]
+        self.made_by = None
         if len(self.runs) == 1:  # one run alone is tested on its own end
             self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
         elif (
@@ -380,7 +384,8 @@ class Session:
         ):
             new[0]["use"] = "train"
         self.effects = list(answer.get("effects", self.effects))
-        refused, remarks = answer.get("refused", ()), [*answer.get("remarks", ())]
+        refused = answer.get("refused", ())
+        remarks = [*answer.get("remarks", ())]
         remarks += self._forget_models("The runs have changed") if new else []
         self.say(*(refused or remarks), error=bool(refused))
 
@@ -401,7 +406,8 @@ class Session:
         models dropped."""
         turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
         answer = await self._job("Turning the robot", "look_again", robot=turned)
-        self.robot, self.runs = turned, answer["runs"]
+        self.robot = turned
+        self.runs = answer["runs"]
         self.say(*self._forget_models("Gravity has changed"), error=False)
 
     async def mend(self, file: str) -> None:
@@ -446,7 +452,8 @@ class Session:
 
     def _begin(self, step: ModelStep) -> None:
         self._forget_models()
-        self.history, self.new = [step], ("identify", "fit")
+        self.history = [step]
+        self.new = ("identify", "fit")
 
     async def diagnose(self) -> None:
         """What the current model misses."""
@@ -481,7 +488,8 @@ class Session:
                     "Adding what was chosen", "extend", request, **step_fields
                 )
             )
-        self.history, self.undone = [*self.history, *steps[1:]], []
+        self.history = [*self.history, *steps[1:]]
+        self.undone = []
         self.new = "diagnose", "history"
 
     async def ask(self, title: str, job: str, **on: Any) -> None:

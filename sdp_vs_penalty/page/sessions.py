@@ -53,17 +53,16 @@ async def receive(
     name : as :func:`shown_name` made it; kind : of SUFFIXES. Raises InputError for a
     suffix that nobody reads, and where the folder's files become too many bytes.
     """
-    suffix, allowed = Path(name).suffix.lower(), SUFFIXES.get(kind, ())
+    suffix = Path(name).suffix.lower()
+    allowed = SUFFIXES.get(kind, ())
     if suffix not in allowed:
         raise InputError(
             "files of this kind cannot be read",
             f"choose one of {', '.join(allowed)}",
             name,
         )
-    path, clock = (
-        folder / f"file-{secrets.token_hex(8)}{suffix}",
-        asyncio.get_running_loop().time,
-    )
+    path = folder / f"file-{secrets.token_hex(8)}{suffix}"
+    clock = asyncio.get_running_loop().time
     try:
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
         with open(os.open(path, flags, 0o600), "wb") as file:

@@ -21,7 +21,9 @@ class Workbench:
     """The page of one tab, drawn from its view; :meth:`redraw` keeps it up to date."""
 
     def __init__(self, view: View) -> None:
-        self.view, self.session, self.client = view, view.session, view.client
+        self.view = view
+        self.session = view.session
+        self.client = view.client
         #: By place: what it was last drawn from.
         self._drawn: dict[int, str] = {}
         #: By anchor: link, mark, section, sentence and end of a stage; a part and its
@@ -143,7 +145,8 @@ class Workbench:
     def _redraw_stage(self, stage: Stage) -> None:
         """Its mark on the rail, the sentence that it ends in, and the way to the next
         one."""
-        session, following = self.session, _NEXT.get(stage)
+        session = self.session
+        following = _NEXT.get(stage)
         ready = any(part.ready(session) for part in stage.parts)
         verdict = (stage.verdict(session) if ready else None) or StageVerdict("", "")
         on = (
@@ -181,7 +184,8 @@ class Workbench:
         self._fill(end, [on, *state], way)
 
     def _redraw_dock(self) -> None:
-        session, working = self.session, self.session.working
+        session = self.session
+        working = self.session.working
         self._working.set_visibility(working is not None)
         self._main.classes(replace="page" + " busy" * (working is not None))
         self._main.props["aria-busy"] = "false" if working is None else "true"
@@ -191,7 +195,8 @@ class Workbench:
             )
             self._said.text = f"{working.title}."
         elif self._status.text:
-            self._status.text, self._clock.text = "", ""
+            self._status.text = ""
+            self._clock.text = ""
             self._said.text = (
                 f"{self._said.text} Done." if session.notice is None else ""
             )

@@ -84,7 +84,8 @@ class WorkerPool:
     def __init__(self, at_once: int | None = None) -> None:
         places = at_once or max(1, min(os.cpu_count() or 1, memory() // LEAST - 1))
         self._limit = max(memory() // (places + 1), min(LEAST, memory()))
-        self._places, self._closed = asyncio.Semaphore(places), False
+        self._places = asyncio.Semaphore(places)
+        self._closed = False
         self._spare: JobProcess | None = None
         self._busy: set[JobProcess] = set()
 
@@ -101,7 +102,8 @@ class WorkerPool:
         if self._places.locked():
             progress("waiting for the jobs of other tabs")
         async with self._places:
-            work, done = self.worker(), False
+            work = self.worker()
+            done = False
             self._busy.add(work)
             try:
                 answer = await work.do(request, progress)
@@ -116,7 +118,8 @@ class WorkerPool:
 
     def worker(self) -> JobProcess:
         """A worker that does nothing yet."""
-        spare, self._spare = self._spare, None
+        spare = self._spare
+        self._spare = None
         return (
             JobProcess(self._limit)
             if spare is None or not spare.process.is_alive()

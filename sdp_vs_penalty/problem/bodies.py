@@ -135,7 +135,9 @@ def plausible_links(
     ("geometry"), else a tube with half of each actuator at its ends ("kinematics"). The
     last two are drawn, not measured.
     """
-    out, sources, actuators = np.array(nominal, float), [], _actuators(robot)
+    out = np.array(nominal, float)
+    sources = []
+    actuators = _actuators(robot)
     for i, reach in enumerate(robot.link_reach()):
         scale = np.array([reach, reach, reach, 1.0])
         scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
@@ -193,10 +195,8 @@ def _actuators(robot: Robot) -> Array:
             beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k
         ]
         beyond[k] = reach.get(k, 0.0) + max(next_links, default=0.0)
-    torque, limits = (
-        c.HOLDING * beyond**2,
-        np.array([joint.effort for joint in robot.tree]),
-    )
+    torque = c.HOLDING * beyond**2
+    limits = np.array([joint.effort for joint in robot.tree])
     turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
     if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
         torque = limits

@@ -7,16 +7,19 @@ where it is from."""
 DEFAULT_LINK_MASS = (0.01, 100.0)
 #: Radius of a link where nothing tells it: this share of its reach [-], at least so
 #: much [m].
-RADIUS_SHARE, LEAST_RADIUS = 0.5, 0.1
+RADIUS_SHARE = 0.5
+LEAST_RADIUS = 0.1
 #: A link's mass lies in a ball around its frame: its reach and its radius, at least so
 #: much [m], since what a last link bears beyond its frame the kinematics do not say.
 DEFAULT_RADIUS = 1.0
 #: A link of which nothing but the joints is known: a tube [kg/m], and actuators of 1.6 kg at 54 N m and
 #: 6.2 kg at 330 N m, mass = 0.08 kg (torque / N m)^(3/4): joints of UR and xArm arms, makers' figures.
-TUBE, ACTUATOR = 4.0, (0.08, 0.75)
+TUBE = 4.0
+ACTUATOR = (0.08, 0.75)
 #: Torque of a joint of unknown limit: three times what holds 10 kg/m from there to the
 #: tip [N m/m^2]; beyond so much [N m] the rule for actuators is not known.
-HOLDING, LARGEST = 3.0 * 0.5 * 10.0 * 9.81, 1000.0
+HOLDING = 3.0 * 0.5 * 10.0 * 9.81
+LARGEST = 1000.0
 #: Nominal density of a link of which only the geometry is known [kg/m^3]: aluminium
 #: shells and motors.
 DEFAULT_DENSITY = 1500.0
@@ -28,4 +31,5 @@ FAR_MASS = 3.0
 INERTIAL_MARGIN = 2.0
 #: The same over those of the ellipsoid around the link's geometry [-], and a layer on
 #: it [m].
-GEOMETRY_MARGIN, LAYER = 1.2, 0.03
+GEOMETRY_MARGIN = 1.2
+LAYER = 0.03

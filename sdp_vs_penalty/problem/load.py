@@ -65,7 +65,8 @@ def check_fields(
                 f"{key!r} is unknown in {where}", f"choose from {', '.join(fields)}"
             )
     for key, like in fields.items():
-        many, one = isinstance(like, list), like[0] if isinstance(like, list) else like
+        many = isinstance(like, list)
+        one = like[0] if isinstance(like, list) else like
         if key == "kinematics" and key not in data:
             raise InputError(
                 "the section [kinematics] is missing",
@@ -75,10 +76,8 @@ def check_fields(
             if key in _NEEDED and "urdf" not in data:
                 raise InputError(f"the field {key!r} is missing in {where}", "add it")
         elif isinstance(one, dict):
-            head, parts = (
-                f"[[{key}]]" if many else f"[{key}]",
-                data[key] if many else [data[key]],
-            )
+            head = f"[[{key}]]" if many else f"[{key}]"
+            parts = data[key] if many else [data[key]]
             if not (
                 isinstance(parts, list) and all(isinstance(x, dict) for x in parts)
             ):
@@ -94,7 +93,8 @@ def _check(
     label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]
 ) -> None:
     """InputError for a value of another kind or length than its example."""
-    several, one = isinstance(like, list), like[0] if isinstance(like, list) else like
+    several = isinstance(like, list)
+    one = like[0] if isinstance(like, list) else like
     word = {str: "text", int: "whole number", float: "number"}[type(one)]
     hint = f"write {key} = {json.dumps(like)}"
     if several and not isinstance(value, list):
@@ -123,16 +123,15 @@ def _from_toml(
     folder: Path, held: Mapping[str, float], data: Mapping[str, Any]
 ) -> Problem:
     check_fields(data)
-    kinematics, chain = data["kinematics"], data.get("mechanism", {})
+    kinematics = data["kinematics"]
+    chain = data.get("mechanism", {})
     held = parse_held(chain.get("held", ())) | dict(held)
     if chain and not {"joints", "held"} & set(chain):
         remedy = 'write joints = ["q1", ...] or held = ["finger_joint=0"]'
         raise InputError("[mechanism] says nothing of joints", remedy)
     nominal_links: Array | None = None
-    geometry, gravity = (
-        None,
-        tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY))),
-    )
+    geometry = None
+    gravity = tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY)))
     if "urdf" in kinematics:
         robot, nominal_links = load_urdf(folder / kinematics["urdf"], gravity, held)
         geometry = link_geometry(folder / kinematics["urdf"], held)
@@ -143,7 +142,9 @@ def _from_toml(
             for i in range(len(kinematics["a"]))
         ]
         alpha = [np.pi * x for x in kinematics["alpha_over_pi"]]
-        a, d, convention = (kinematics[key] for key in ("a", "d", "convention"))
+        a = kinematics["a"]
+        d = kinematics["d"]
+        convention = kinematics["convention"]
         robot = Robot.from_dh(folder.name, a, alpha, d, convention, gravity, limits)
     if "joints" in chain:
         if robot.mechanism is not None:
@@ -165,18 +166,14 @@ def _from_toml(
     if data.get("links", robot.links) != robot.links:
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
-    bounds, none, box = (
-        data.get("bounds", {}),
-        np.zeros((robot.links, 10)),
-        open_box(robot.links),
-    )
+    bounds = data.get("bounds", {})
+    none = np.zeros((robot.links, 10))
+    box = open_box(robot.links)
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = (float(v) for v in bounds.get("total_mass", Problem.total_mass))
-    base, effects = (
-        data.get("base_parameters", {}).get("independent"),
-        data.get("effects"),
-    )
+    base = data.get("base_parameters", {}).get("independent")
+    effects = data.get("effects")
     problem = Problem(
         folder.name,
         data["title"],
@@ -229,13 +226,15 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     half axes are those of the box, at least 6 cm. Links without a finite box stay zero
     (see plausible_links).
     """
-    links, total = problem.robot.links, problem.total_mass
+    links = problem.robot.links
+    total = problem.total_mass
     if not np.isfinite(total[1]):
         return np.zeros((links, 10))
     com = np.minimum(problem.link_sizes[1], problem.robot.link_reach()[:, None])
     box = problem.box[:, 1:4]
     box = np.where(np.isfinite(box), box, np.stack([-com, com], axis=2))
-    size, centre = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06), box.mean(axis=2)
+    size = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06)
+    centre = box.mean(axis=2)
     for cone in (
         problem.cones
     ):  # a centre inside every cone: half way into the box, on the axis
@@ -257,7 +256,9 @@ def _fill_box(box: Array, path: Path) -> None:
     for number, row in enumerate(read_table(path), start=2):
         name = row.get("parameter") or ""
         try:
-            place, lower, upper = places[name], float(row["lower"]), float(row["upper"])
+            place = places[name]
+            lower = float(row["lower"])
+            upper = float(row["upper"])
             if np.isnan([lower, upper]).any():
                 raise ValueError
         except (ValueError, KeyError, TypeError):
@@ -390,11 +391,9 @@ def with_bounds(problem: Problem, text: str | None) -> Problem:
     """
     if text is None:
         return problem
-    places, box, total = (
-        entries(problem.robot.links),
-        problem.box.copy(),
-        problem.total_mass,
-    )
+    places = entries(problem.robot.links)
+    box = problem.box.copy()
+    total = problem.total_mass
     for name, ends in (pairs("--bounds", text) or {}).items():
         low, _, high = ends.partition(":")
         mass = name.startswith(("m", "total"))

@@ -147,10 +147,8 @@ class Problem(Shown):
         is known."""
         if self.defaults is not None:
             return self.defaults
-        mass, known = (
-            self.nominal_links[:, 0],
-            np.where(np.isfinite(self._centres), self._centres, 0.0),
-        )
+        mass = self.nominal_links[:, 0]
+        known = np.where(np.isfinite(self._centres), self._centres, 0.0)
         reach = np.maximum(self.robot.link_reach(), known.max(axis=1))
         joints = [self.robot.tree[k] for k in self.robot.link_joints]
         stroke = np.array(
@@ -187,7 +185,8 @@ class Problem(Shown):
     def centre_boxes(self) -> Array:
         """(n, 3, 2) bounds on each centre of mass [m], from the box, else from the
         cones."""
-        box, known = self.box[:, 1:4], self._centres
+        box = self.box[:, 1:4]
+        known = self._centres
         return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
 
     @property
@@ -303,7 +302,8 @@ class Problem(Shown):
         none."""
         com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
-            link, across = cone.link - 1, ~cone.along
+            link = cone.link - 1
+            across = ~cone.along
             (along,) = self.box[link, 1:4][cone.along]
             if np.all(np.isfinite(along)) or cone.slope == 0.0:
                 widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
@@ -323,7 +323,8 @@ class Problem(Shown):
         (n, 3)."""
         mass, radius = self.link_defaults.T[..., None]
         mass = np.where(np.isfinite(self.box[:, :1, 1]), self.box[:, :1, 1], mass)
-        mass, full = np.minimum(mass, self.total_mass[1]), self._boxed[:, None]
+        mass = np.minimum(mass, self.total_mass[1])
+        full = self._boxed[:, None]
         square = np.where(full, self._centres, 0.0) ** 2
         moments = self.box[:, [4, 6, 9], 1] + mass * (
             square.sum(axis=1, keepdims=True) - square
@@ -334,7 +335,8 @@ class Problem(Shown):
     def _link_constraints(
         self, link: int, indices: NDArray[np.intp]
     ) -> list[Constraint]:
-        name, box = f"link {link + 1}", self.box[link]
+        name = f"link {link + 1}"
+        box = self.box[link]
         mass, com, _ = (x[link] for x in self.link_sizes)
         out = [build.pseudo_inertia(name, indices)]
         # m >= 0 is part of the pseudo-inertia
@@ -342,7 +344,8 @@ class Problem(Shown):
         out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))
         axes, ends = np.nonzero(np.isfinite(box[1:4]))
         if k := len(axes):
-            signs, coefficients = np.array([1.0, -1.0])[ends], np.zeros((4, k))
+            signs = np.array([1.0, -1.0])[ends]
+            coefficients = np.zeros((4, k))
             coefficients[0] = -signs * box[1 + axes, ends]
             coefficients[1 + axes, np.arange(k)] = signs
             out.append(
@@ -428,7 +431,8 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     and what it is known from; nominal_from : the same of the nominal links; gains : of
     the torque channels, where they are known.
     """
-    places, values = entries(problem.robot.links).items(), dict(problem.nominal_values)
+    places = entries(problem.robot.links).items()
+    values = dict(problem.nominal_values)
     bounds = {name: [finite(x) for x in problem.box[place]] for name, place in places}
     return {
         "name": problem.name,
@@ -462,17 +466,16 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     Raises InputError for bounds that contradict themselves or the robot, KeyError,
     TypeError or ValueError for a field that is missing or of another kind.
     """
-    places, box = entries(robot.links), open_box(robot.links)
+    places = entries(robot.links)
+    box = open_box(robot.links)
     for name, pair in data["bounds"].items():
         if name not in places:
             what = f"bounds: {name!r} is no parameter of a link of this robot"
             raise InputError(what, "write the file anew")
         box[places[name]] = _ends(pair)
-    texts, base, drawn = (
-        _texts(data["effects"]),
-        data["base_parameters"],
-        data["nominal_from"],
-    )
+    texts = _texts(data["effects"])
+    base = data["base_parameters"]
+    drawn = data["nominal_from"]
     parse_effects(texts, robot)
     defaults = _finite(
         "link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]]

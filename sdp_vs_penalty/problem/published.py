@@ -134,9 +134,9 @@ def published_trajectory(
 
     harmonics = range(1, 1 + sum(name.startswith("a_") for name in rows))
     a, b = (np.array([values(f"{x}_{k}") for k in harmonics]).T for x in "ab")
-    frequency, blend, duration = (
-        float(settings[x]) for x in ("frequency_over_pi", "blend", "duration")
-    )
+    frequency = float(settings["frequency_over_pi"])
+    blend = float(settings["blend"])
+    duration = float(settings["duration"])
     return FourierTrajectory(
         a, b, np.array(values("q_0")), np.pi * frequency, blend, duration
     )

@@ -57,7 +57,8 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     """The base parameters of a model, those of the links with the names that the
     problem gives them."""
     p = len(model.parameters)
-    rigid, present = model.rigid_indices, {e.name for e in model.effects}
+    rigid = model.rigid_indices
+    present = {e.name for e in model.effects}
     # A rotor acts like inertia of the first links, an offset like the weight of a link
     # that slides upright: their common combinations are what counts.
     merged_effects = {"rotor_inertia"} | (
@@ -86,10 +87,14 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
             matrix, lead = base_parameters(model, problem.independent)
         except InputError:  # the list was made for another direction of gravity
             matrix, lead = base_parameters(model)
-        places, kept = rigid, [int(rigid[k]) for k in lead]
+        places = rigid
+        kept = [int(rigid[k]) for k in lead]
     else:
-        matrix, places, kept = np.zeros((0, 0)), rigid, []
-    others, unit = np.setdiff1d(np.arange(p), places), np.eye(p)
+        matrix = np.zeros((0, 0))
+        places = rigid
+        kept = []
+    others = np.setdiff1d(np.arange(p), places)
+    unit = np.eye(p)
     rows = np.vstack([matrix @ unit[places], unit[others]])
     leading = [*kept, *others.tolist()]
     names = [

@@ -72,10 +72,8 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     numbers, where the inertia matrices are not symmetric, and where such a file is one
     of several.
     """
-    paths, answers = (
-        list(source) if isinstance(source, list | tuple) else [source],
-        list[Path](),
-    )
+    paths = list(source) if isinstance(source, list | tuple) else [source]
+    answers = list[Path]()
     for path in (Path(x) for x in paths if isinstance(x, str | Path)):
         # Of a damaged file whoever reads it as measurements says what is wrong.
         with suppress(zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
@@ -139,7 +137,8 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
             "A black box answers gravity torque and inertia matrix only",
             "identify the one effect rigid_body",
         )
-    robot, n = model.robot, model.robot.n
+    robot = model.robot
+    n = model.robot.n
     zero = np.zeros_like(box.q)
     gravity = robot.regressor(box.q, zero, zero)
     inertial = [

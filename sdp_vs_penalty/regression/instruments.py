@@ -100,7 +100,8 @@ def instrumented(
 def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
     """The instruments of each part, and theta^ (p,), joints weighted by their
     residuals."""
-    theta, p = model.reference if model.drives.any() else None, len(model.parameters)
+    theta = model.reference if model.drives.any() else None
+    p = len(model.parameters)
 
     def residuals(theta: Array) -> Array:
         """(n,) squares of what theta leaves of each joint's torque."""
@@ -113,7 +114,8 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         """(r, k) Z, with the errors that the model of theta makes in place of the
         servo's."""
         joint, indices, both, _ = f
-        Z, at = both[:, :-1], model.error_gains[joint]
+        Z = both[:, :-1]
+        at = model.error_gains[joint]
         place = np.flatnonzero(indices == at)
         if (
             theta is None
@@ -122,7 +124,8 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
             or theta[at] <= 0.0
         ):
             return Z
-        coefficients, Z = theta[indices], Z.copy()
+        coefficients = theta[indices]
+        Z = Z.copy()
         coefficients[place[0]] = 0.0
         Z[:, place[0]] = (both[:, -1] - Z @ coefficients) / theta[at]
         return Z
@@ -132,9 +135,12 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
     for _ in range(4):  # in which joints' weights and the model's own errors settle
         Z = [instruments(f) for f in parts]
         weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
-        zz, zx, right = np.zeros((p, p)), np.zeros((p, p)), np.zeros(p)
+        zz = np.zeros((p, p))
+        zx = np.zeros((p, p))
+        right = np.zeros(p)
         for (joint, indices, _, X), instrument in zip(parts, Z, strict=True):
-            weighted, at = weights[joint] * instrument.T, np.ix_(indices, indices)
+            weighted = weights[joint] * instrument.T
+            at = np.ix_(indices, indices)
             zz[at] += weighted @ instrument
             zx[at] += weighted @ X[:, :-1]
             right[indices] += weighted @ X[:, -1]

@@ -73,12 +73,14 @@ def in_turn(
 ) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
     """Residual and Jacobian as SciPy asks for them, one after the other at the same x,
     of ``at``, which computes them together; once for each x."""
-    last_x, answer = np.full(1, np.nan), (np.zeros(0), np.zeros(0))
+    last_x = np.full(1, np.nan)
+    answer = (np.zeros(0), np.zeros(0))
 
     def both(x: Array) -> tuple[Array, Array]:
         nonlocal last_x, answer
         if not np.array_equal(x, last_x):
-            last_x, answer = x.copy(), at(x)
+            last_x = x.copy()
+            answer = at(x)
         return answer
 
     return lambda x: both(x)[0], lambda x: both(x)[1]

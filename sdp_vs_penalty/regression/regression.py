@@ -76,7 +76,8 @@ class LeastSquares:
         residual_norm = float(triangle[p, p]) if len(triangle) > p else 0.0
         if tau_squared is None:
             tau_squared = float(triangle[:, p] @ triangle[:, p])
-        R, rho = np.ascontiguousarray(triangle[:p, :p]), triangle[:p, p].copy()
+        R = np.ascontiguousarray(triangle[:p, :p])
+        rho = triangle[:p, p].copy()
         return cls(R, rho, residual_norm, tau_squared, rows)
 
     @cached_property
@@ -155,7 +156,8 @@ class Regression:
         """Only these blocks, by index; one that comes k times (in a bootstrap resample)
         counts as k: its rows times sqrt(k)."""
         numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
-        place, factors = {block: k for k, block in enumerate(numbers.tolist())}, []
+        place = {block: k for k, block in enumerate(numbers.tolist())}
+        factors = []
         for f in (f for f in self.factors if f.block in place):
             count = int(counts[new := place[f.block]])
             triangle = f.triangle if count == 1 else float(np.sqrt(count)) * f.triangle
@@ -197,7 +199,8 @@ class Regression:
     @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
         """All blocks of each joint merged into one factor."""
-        merged, none = [], Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
+        merged = []
+        none = Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
         for joint in range(self.joints):
             parts = [f for f in self.factors if f.joint == joint] or [none]
             triangle = triangular([f.triangle for f in parts])
@@ -209,10 +212,8 @@ class Regression:
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
         """The stack over joints, joint j's rows multiplied by weights[j] (default: all
         1)."""
-        scale, stack = (
-            np.ones(self.joints) if weights is None else np.asarray(weights, float),
-            [],
-        )
+        scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
+        stack = []
         for factor in self.per_joint:
             stack.append(np.zeros((len(factor.triangle), self.p + 1)))
             stack[-1][:, [*factor.indices, self.p]] = (
@@ -226,10 +227,8 @@ class Regression:
         """Of each joint its number, its columns' parameters (k,), the blocks that show
         it, and their rows (B, r, k + 1), of zeros where a block has fewer."""
         for joint in range(self.joints):
-            factors, rows = (
-                [f for f in self.factors if f.joint == joint],
-                dict[int, list[Array]](),
-            )
+            factors = [f for f in self.factors if f.joint == joint]
+            rows = dict[int, list[Array]]()
             for f in factors:  # several runs may show one fold
                 rows.setdefault(f.block, []).append(f.triangle)
             if factors:

@@ -71,7 +71,8 @@ def report(
     check_name(Path(out))
     script = plotly_script()
     named = as_estimates(models, "report(models=...)")
-    first, last = next(iter(named.values())), list(named.values())[-1]
+    first = next(iter(named.values()))
+    last = list(named.values())[-1]
     names = first.robot.joint_names
     runs = as_measurements(measurements, names=names, what="report(measurements=...)")
     all_runs = None
@@ -84,7 +85,8 @@ def report(
     )
     progress("comparing")
     filtered = FilteredRuns.of(driven(first, runs)[1], first.preprocessing)
-    comparisons, judged = compare(named, filtered, noise_from=all_runs), {}
+    comparisons = compare(named, filtered, noise_from=all_runs)
+    judged = {}
     for c in comparisons:
         rows = (run.all_rows(c.estimate.model) for run in filtered.runs)
         judged[c.name] = [(row, predicted(row, c.estimate.theta)) for row in rows]

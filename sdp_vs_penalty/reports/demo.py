@@ -25,7 +25,9 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 #: The arm, what is hidden on its last joint, how strongly, and the methods side by
 #: side.
-ARM, HIDDEN, LEVEL = "panda", "presliding_hysteresis", "strong"
+ARM = "panda"
+HIDDEN = "presliding_hysteresis"
+LEVEL = "strong"
 #: Of the simulated arm.
 SEED = 7
 METHODS = ("ols", "penalty", "lmi-sdp")
@@ -66,7 +68,8 @@ def demo(
     )
     for name, run in zip(RUNS, hidden_result.runs, strict=True):
         save(run, folder / name)
-    train, test = concatenate(list(hidden_result.train)), hidden_result.test
+    train = concatenate(list(hidden_result.train))
+    test = hidden_result.test
     models = {}
     filtered = read_and_filter(problem, train)
     for method in METHODS:

@@ -47,9 +47,8 @@ def bars(
     """
     known = floor is not None and all(floor)
     scale = np.array(floor if known else [1.0] * len(before), float)
-    olds, news = (
-        np.array(x, float) / scale for x in (before, before if after is None else after)
-    )
+    olds = np.array(before, float) / scale
+    news = np.array(before if after is None else after, float) / scale
     largest = max(*olds, *news, 1.5 if known else 0.0, 1e-300)
     rows = []
     for j, (old, new) in enumerate(zip(olds, news, strict=True)):
@@ -101,7 +100,8 @@ def found_shares(diagnosis: Any, n: int) -> dict[str, list[float]]:
             else []
         )
         for j in [j - 1 for j in f.joints] or range(n) if row else ():
-            a, b = f.held_out_rmse_before[j], f.held_out_rmse_after[j]
+            a = f.held_out_rmse_before[j]
+            b = f.held_out_rmse_after[j]
             row[j] = max(row[j], 1.0 - (b / a) ** 2 if a > 0.0 else 0.0)
     return out
 
@@ -284,17 +284,16 @@ def packed(text: str) -> str:
 
 #: How the page looks, and what draws a figure once it is about to be seen, one at a
 #: time.
-_STYLE, _DRAW = (
-    f"\n{(Path(__file__).parent / name).read_text()}"
-    for name in ("look.css", "draw.js")
-)
+_STYLE = f"\n{(Path(__file__).parent / 'look.css').read_text()}"
+_DRAW = f"\n{(Path(__file__).parent / 'draw.js').read_text()}"
 _STYLE = f"{_STYLE}\n{LOOK}"
 
 
 def page(title: str, sections: Sequence[tuple[str, str, str]], script: str) -> str:
     """A whole HTML document; sections : anchor, title and body, in which everything is
     escaped; ``script`` is plotly's, embedded once."""
-    links, bodies = "", ""
+    links = ""
+    bodies = ""
     for at, name, body in sections:
         links += f'<a href="#{at}">{escape(name)}</a>'
         bodies += f'<section id="{at}"><h2>{escape(name)}</h2>{body}</section>'

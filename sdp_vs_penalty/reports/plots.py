@@ -134,7 +134,8 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
     >>> envelope([0, 1, 2, 3, 4, 5], [0, 9, 1, 1, -5, 1], points=4)
     (array([0., 1., 3., 4.]), array([ 0.,  9.,  1., -5.]))
     """
-    x, y = np.asarray(x, float), np.asarray(y, float)
+    x = np.asarray(x, float)
+    y = np.asarray(y, float)
     if len(y) <= points:
         return x, y
     length = -(-2 * len(y) // points)
@@ -178,7 +179,8 @@ def torque_figure(
         measured = run.torque[:, joint]
         curve(run.t, measured, "measured", MEASURED, index == 0)
         for m, (name, modelled) in enumerate(run.modelled.items()):
-            colour, y = COLOURS[m % len(COLOURS)], modelled[:, joint]
+            colour = COLOURS[m % len(COLOURS)]
+            y = modelled[:, joint]
             curve(run.t, y, name, colour, index == 0)
             curve(run.t, measured - y, name, colour, False, 1)
     plot.update_axes("y", 0, title=f"joint {joint + 1} [{plain_unit(unit)}]")

@@ -79,7 +79,8 @@ def judged_row(c: Comparison) -> list[str]:
     """One model on the judged runs, as text."""
     certificate = c.estimate.certificate
     over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
-    thin, gap = certificate.smallest_thickness, certificate.gap
+    thin = certificate.smallest_thickness
+    gap = certificate.gap
     cells = [c.name, c.verdict.grade, number(c.relative_error_percent), number(over)]
     cells += ["yes" if certificate.worst <= 1e-9 else "no", number(thin and 1e3 * thin)]
     return [*cells, "-" if gap is None else f"{gap:.0e}"]
@@ -88,11 +89,9 @@ def judged_row(c: Comparison) -> list[str]:
 def verdict(material: ReportData) -> str:
     """How good the last model is, what became of each joint's error, and each model in
     a line."""
-    verdict_record, first, last = (
-        material.verdict,
-        material.comparisons[0],
-        material.comparisons[-1],
-    )
+    verdict_record = material.verdict
+    first = material.comparisons[0]
+    last = material.comparisons[-1]
     several = len(material.comparisons) > 1
     body = (
         '<p class="verdict'
@@ -100,7 +99,8 @@ def verdict(material: ReportData) -> str:
     )
     if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
         body += f"<p><b>{escape(changed[0].upper() + changed[1:])}</b></p>"
-    after, units = last.rmse if several else None, material.last.robot.torque_units
+    after = last.rmse if several else None
+    units = material.last.robot.torque_units
     body += markup.bars(first.rmse, after, last.noise_floor, units)
     lines = [(line.about, line.grade, line.text) for line in verdict_record.lines]
     body += table(("verdict", "grade", "why"), lines, numbers_from=3)
@@ -125,10 +125,8 @@ def verdict(material: ReportData) -> str:
 
 def torques(material: ReportData) -> str:
     """Measured and modelled torque of each joint, and what is left."""
-    units, first = (
-        material.last.robot.torque_units,
-        material.judged[material.comparisons[0].name],
-    )
+    units = material.last.robot.torque_units
+    first = material.judged[material.comparisons[0].name]
     moved = plots.shifts([run.motion.t for run, _ in first])
     modelled = [
         {name: curves_by_run[k][1] for name, curves_by_run in material.judged.items()}
@@ -172,7 +170,8 @@ def _bands(material: ReportData, moved: Sequence[float]) -> list[tuple[Array, Ar
     """Of each run instants (m,) on the figures' axis and half the last model's band (m,
     n) there."""
     plant = material.comparisons[-1].estimate  # without its drives
-    theta, known = plant.theta, plant.uncertainty
+    theta = plant.theta
+    known = plant.uncertainty
     bands = []
     for (rows, _), shift in zip(material.judged[material.name], moved, strict=True):
         t = rows.motion.t + shift
@@ -190,7 +189,9 @@ def _bands(material: ReportData, moved: Sequence[float]) -> list[tuple[Array, Ar
 def history(material: ReportData) -> str:
     """What each model added, and the error of every joint, model by model, above the
     noise."""
-    compared, history_parts, known = material.comparisons, [], set[str]()
+    compared = material.comparisons
+    history_parts = []
+    known = set[str]()
     for name, estimate in material.models.items():
         new = ", ".join(e.brief for e in estimate.model.effects if e.text not in known)
         history_parts.append(
@@ -200,8 +201,10 @@ def history(material: ReportData) -> str:
     body = table(
         ("model", "method", "parameters", "new effects"), history_parts, numbers_from=4
     )
-    names, errors = [f"RMSE {c.name}" for c in compared], [c.rmse for c in compared]
-    floor, units = compared[-1].noise_floor, material.last.robot.torque_units
+    names = [f"RMSE {c.name}" for c in compared]
+    errors = [c.rmse for c in compared]
+    floor = compared[-1].noise_floor
+    units = material.last.robot.torque_units
     body += table(*formatting.error_table(names, errors, floor, units, compared[-1].r2))
     if floor is None:
         body += text("No motion repeats in these runs: the noise floor is unknown.")
@@ -276,14 +279,13 @@ def findings(material: ReportData) -> str:
     diagnosis = material.diagnosis
     if diagnosis is None:
         return text("No diagnosis was given. Name one with `--findings findings.json`.")
-    rows, units = [], material.last.robot.torque_units
+    rows = []
+    units = material.last.robot.torque_units
     for f in diagnosis.effects:
         joint = f.joints[0] - 1 if f.joints else 0
         errors = f.held_out_rmse_before, f.held_out_rmse_after, diagnosis.noise_floor
-        joints, rivals = (
-            ", ".join(map(str, f.joints)),
-            ", ".join(f.indistinguishable_from),
-        )
+        joints = ", ".join(map(str, f.joints))
+        rivals = ", ".join(f.indistinguishable_from)
         cells_of_joint = (number(x[joint]) for x in errors)
         rows.append(
             (
@@ -316,7 +318,8 @@ def findings(material: ReportData) -> str:
         else ""
     )
     if rows:
-        first, last = diagnosis.held_out_rmse_before, diagnosis.held_out_rmse_with_all
+        first = diagnosis.held_out_rmse_before
+        last = diagnosis.held_out_rmse_with_all
         floor = diagnosis.noise_floor.tolist() if diagnosis.noise_known else None
         body += text(
             "Held-out error of each joint before all findings and with all of them:"
@@ -337,7 +340,8 @@ def findings(material: ReportData) -> str:
 def parameters(material: ReportData) -> str:
     """Base and standard parameters with intervals and verdicts."""
     known = material.last.uncertainty
-    base, standard = counts(known.base), counts(known.standard)
+    base = counts(known.base)
+    standard = counts(known.standard)
     runs = (
         ", ".join(map(str, material.last.provenance.get("runs", []))) or "unknown runs"
     )
@@ -384,7 +388,8 @@ def cells(i: Interval, source: str = "", nominal: float = np.nan) -> tuple[str, 
 def caveats(estimate: Estimate) -> list[str]:
     """What to know before parameters are read, a sentence each; the verdict judges the
     links."""
-    sources, sentences = estimate.sources, []
+    sources = estimate.sources
+    sentences = []
     if law := estimate.details.get("servo"):
         sentence = (
             f"the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
@@ -405,7 +410,8 @@ def arm(material: ReportData) -> str:
     estimate = material.last
     if not len(estimate.model.rigid_indices):
         return text("This model has no rigid_body effect.")
-    robot, links = estimate.robot, estimate.links
+    robot = estimate.robot
+    links = estimate.links
     (poses,) = robot.poses(robot.tree_state(material.measurements.q.mean(axis=0))[0])
     caption = (
         "Uniform ellipsoids with the identified masses and inertias, in the runs' mean"
@@ -433,7 +439,8 @@ def friction(material: ReportData) -> str:
 
 def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
     """The skeleton and an ellipsoid a link."""
-    plot, look = plots.Figure(), dict[str, Any]()
+    plot = plots.Figure()
+    look = dict[str, Any]()
     link = {carrier: place for place, carrier in enumerate(robot.link_joints)}
     for i, joint in enumerate(robot.tree):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
@@ -465,7 +472,8 @@ def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
     # whose mass and inertia are not those of one body of that size.
     joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
     room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
-    low, high = joints.min(axis=0) - room, joints.max(axis=0) + room
+    low = joints.min(axis=0) - room
+    high = joints.max(axis=0) + room
     ends = zip("xyz", low.tolist(), high.tolist(), strict=True)
     axes = {f"{name}axis": {**axis, "range": [a, b]} for name, a, b in ends}
     camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
@@ -551,7 +559,8 @@ def provenance(material: ReportData) -> str:
     rows = []
     for name, e in material.models.items():
         settings = ", ".join(f"{k}={v}" for k, v in e.settings.items())
-        p, known = e.preprocessing, e.provenance
+        p = e.preprocessing
+        known = e.provenance
         facts = {
             "method": f"{e.method} ({settings})",
             "effects": ", ".join(effect.brief for effect in e.model.effects),

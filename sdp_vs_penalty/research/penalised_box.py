@@ -73,7 +73,8 @@ class BoxedProblem:
     margin = 0.01
 
     def __init__(self, problem: PenalisedProblem) -> None:
-        self.problem, self.task = problem, problem.task
+        self.problem = problem
+        self.task = problem.task
         self.links = problem.task.links
         box = problem.task.box[: len(self.links)]
         self.c_low = np.where(
@@ -92,7 +93,8 @@ class BoxedProblem:
     ) -> tuple[float, PenalisedOptimum, Array]:
         """A certified lower bound over low <= c <= high (n, 3); theta of the relaxation
         as it is outside of the box; (n, 3) by how much Q_aa exceeds h_a^2 / m."""
-        problem, n = self.problem, len(self.links)
+        problem = self.problem
+        n = len(self.links)
         limit = problem.slack_limits(weight)
         start = self._start(low, high, limit)
         constraints = [*self.hard, *problem.consistency, *problem.soft]
@@ -115,19 +117,21 @@ class BoxedProblem:
         fit = solve_certified(replace(data, R=R), cost, constraints, start, bound)
         theta = problem.theta(fit.theta)
         lower = max(fit.lower, 0.0)
-        mass, h = theta[self.links[:, 0]], theta[self.links[:, 1:4]]
+        mass = theta[self.links[:, 0]]
+        h = theta[self.links[:, 1:4]]
         q = fit.theta[self.first_q :].reshape(n, 6)[:, [0, 2, 5]]
         return lower, problem.optimum(theta, weight, lower), q - h**2 / mass[:, None]
 
     def _start(self, low: Array, high: Array, limit: Array) -> Array:
         """Strictly inside a cell: its middle, nominal masses, inertias inside the box
         and slacks that make them consistent."""
-        problem, n = self.problem, len(self.links)
-        theta, slack = (
-            problem.interior.copy(),
-            problem.slack_start * np.minimum(limit, 1.0),
-        )
-        mass, c, width = theta[self.links[:, 0]], 0.5 * (low + high), high - low
+        problem = self.problem
+        n = len(self.links)
+        theta = problem.interior.copy()
+        slack = problem.slack_start * np.minimum(limit, 1.0)
+        mass = theta[self.links[:, 0]]
+        c = 0.5 * (low + high)
+        width = high - low
         q = mass[:, None, None] * (
             c[:, :, None] * c[:, None] + np.eye(3) * width[:, None] ** 2 / 8.0
         )
@@ -159,15 +163,18 @@ class BoxedProblem:
 
     def _cell(self, k: int, low: Array, high: Array) -> list[Constraint]:
         """All that a link's cell demands of (m, h), J', its slack and Q."""
-        link, q = self.links[k], self.first_q + 6 * k + np.arange(6)
-        slack, name = self.problem.p + k, f"link {k + 1}"
+        link = self.links[k]
+        q = self.first_q + 6 * k + np.arange(6)
+        slack = self.problem.p + k
+        name = f"link {k + 1}"
         out = [_lifted(name, link, q), _about_centre(name, link, q)]
         rows = list[Array]()
         for a in range(3):
             rows += [_row({1 + a: 1.0, 0: -low[a]}), _row({1 + a: -1.0, 0: high[a]})]
         for a in range(3):
             place = 10 + _place(a, a)
-            both, product = low[a] + high[a], low[a] * high[a]
+            both = low[a] + high[a]
+            product = low[a] * high[a]
             rows.append(_row({place: -1.0, 1 + a: both, 0: -product}))
         for a, b in combinations(range(3), 2):
             place = 10 + _place(a, b)
@@ -223,7 +230,8 @@ class BoxedProblem:
     def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
         """The optimum inside the box with centres of mass fixed at c (n, 3): convex and
         exact. None where the box leaves no room there."""
-        problem, n = self.problem, len(self.links)
+        problem = self.problem
+        n = len(self.links)
         limit = problem.slack_limits(weight)
         size = problem.p + len(limit)
         # h = m c is folded into the column of m.
@@ -289,7 +297,9 @@ class BoxedProblem:
         """Cells by their lower bound, the lowest first, until the gap is reached or
         ``most_cells`` relaxations are solved."""
         lower, found, excess = self.solve_cell(weight, self.c_low, self.c_high)
-        root, best, number = lower, None, count()
+        root = lower
+        best = None
+        number = count()
         cells = [(lower, next(number), self.c_low, self.c_high, found, excess)]
         n_cells = 1
         while True:
@@ -312,7 +322,8 @@ class BoxedProblem:
                 high[k, a] - self.nearest_cut * width,
             )
             for below in (True, False):
-                new_low, new_high = low.copy(), high.copy()
+                new_low = low.copy()
+                new_high = high.copy()
                 (new_high if below else new_low)[k, a] = c
                 own, found, excess = self.solve_cell(weight, new_low, new_high)
                 n_cells += 1

@@ -114,7 +114,8 @@ class PenalisedProblem:
     slack_start = 0.1
 
     def __init__(self, task: Task, two_step: bool) -> None:
-        self.task, self.two_step = task, two_step
+        self.task = task
+        self.two_step = two_step
         self.data = _links_distance(task) if two_step else task.data
         self.p, self.n = len(task.bound), len(task.links)
         free = task.model.rigid_indices if two_step else np.arange(self.p)
@@ -164,7 +165,8 @@ class PenalisedProblem:
     @cached_property
     def soft(self) -> tuple[Constraint, ...]:
         """The demands on masses with their slacks behind the links'."""
-        out, at = list[Constraint](), self.p + self.n
+        out = list[Constraint]()
+        at = self.p + self.n
         for c in self.demands:
             size = len(c.constant)
             more = np.eye(size)[: 1 if c.cone == "soc" else size]
@@ -290,7 +292,8 @@ class PenalisedProblem:
     @property
     def exact_weight_by_theory(self) -> float:
         """The largest multiplier: from this weight on no demand is violated."""
-        fit, largest = self.feasible, 0.0
+        fit = self.feasible
+        largest = 0.0
         assert fit.multipliers is not None
         each = fit.constraints.entries.each(fit.multipliers)
         for c, multiplier in zip(fit.constraints.convex, each, strict=True):
@@ -310,7 +313,8 @@ class PenalisedProblem:
             return 0.0
         low = high = 1.0
         while self.solve(high).is_violated:
-            low, high = high, 4.0 * high
+            low = high
+            high = 4.0 * high
         while low == high or not self.solve(low).is_violated:
             low, high = 0.25 * low, low
         while high > low * (1.0 + relative):
@@ -325,7 +329,8 @@ class PenalisedProblem:
 def _links_distance(task: Task) -> LeastSquares:
     """|pi(theta) - pi_hat|^2 over the links' base parameters: friction stays as first
     estimated."""
-    distance, links = task.base_distance, task.model.rigid_indices
+    distance = task.base_distance
+    links = task.model.rigid_indices
     rows = np.any(task.base[:, links] != 0.0, axis=1)
     target = distance.rho[rows]
     squares = float(target @ target)
@@ -370,14 +375,18 @@ def cvxpy_optima(
         import cvxpy as cp
     except ImportError:
         return {}
-    data, norms = problem.data, problem.data.column_norms
+    data = problem.data
+    norms = problem.data.column_norms
     unit = max(problem.feasible.upper, 1e-12 * data.tau_squared)
     size = np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf)
     scale = np.where(norms > 0.0, np.minimum(size, problem.bound), problem.bound)
-    x, y = cp.Variable(problem.p), cp.Variable(len(problem.prices), nonneg=True)
+    x = cp.Variable(problem.p)
+    y = cp.Variable(len(problem.prices), nonneg=True)
     # The slacks in units of (loss at the optimum) / xi, so that they cost one.
-    size, price = cp.Parameter(nonneg=True), cp.Parameter(nonneg=True)
-    centre, slack = problem.feasible.theta, size * y
+    size = cp.Parameter(nonneg=True)
+    price = cp.Parameter(nonneg=True)
+    centre = problem.feasible.theta
+    slack = size * y
     theta = cp.hstack([centre + cp.multiply(scale, x), slack])
     demands = [_cvxpy(cp, c, theta) for c in (*problem.hard, *problem.soft)]
     corner = np.diag([1.0, 1.0, 1.0, 0.0])

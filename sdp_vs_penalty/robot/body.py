@@ -93,7 +93,8 @@ def around(
         weights *= 1.0 - step
         weights[farthest] += step
         # The moment changes by a matrix of rank one (Sherman, Morrison).
-        push, share = inverse @ lifted[farthest], step / (1.0 - step + step * excess)
+        push = inverse @ lifted[farthest]
+        share = step / (1.0 - step + step * excess)
         inverse = (inverse - (share * push)[:, None] * push) / (1.0 - step)
         distance = (distance - share * (lifted @ push) ** 2) / (1.0 - step)
     centre = weights @ extremes
@@ -118,6 +119,7 @@ def directions(count: int = 400) -> Array:
     """(count, 3) unit vectors, spread over the sphere by the golden angle; by default
     enough to find the extremes of a cloud to 1 % of its size."""
     k = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + 5.0**0.5) * k
+    z = 1.0 - 2.0 * k / count
+    turn = np.pi * (1.0 + 5.0**0.5) * k
     across = np.sqrt(1.0 - z**2)
     return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])

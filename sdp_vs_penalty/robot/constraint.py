@@ -90,7 +90,8 @@ def project(cone: str, value: Array) -> Array:
         positive = np.maximum(eigenvalues, 0.0)
         return (vectors * positive[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     if cone == "soc":
-        s, norm = value[..., :1], np.linalg.norm(value[..., 1:], axis=-1, keepdims=True)
+        s = value[..., :1]
+        norm = np.linalg.norm(value[..., 1:], axis=-1, keepdims=True)
         with np.errstate(divide="ignore", invalid="ignore"):
             ray = np.concatenate([np.ones_like(s), value[..., 1:] / norm], axis=-1)
         boundary = 0.5 * (s + norm) * ray
@@ -127,7 +128,8 @@ def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, 
             (np.sqrt(omega)[:, None] * rotated).transpose(0, 2, 3, 1).reshape(-1, width)
         )
         return (positive[:, :, None] * np.eye(d)).ravel(), rows
-    s, norm = values[:, 0], np.linalg.norm(values[:, 1:], axis=1)
+    s = values[:, 0]
+    norm = np.linalg.norm(values[:, 1:], axis=1)
     on_axis = norm <= 1e-14 * np.abs(s)
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
     # In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0
@@ -368,8 +370,11 @@ class StackedCones:
 
     @classmethod
     def from_groups(cls, groups: Sequence[ConeGroup]) -> StackedCones:
-        start, none = 0, np.zeros(0, np.intp)
-        rows, columns, values = [none], [none], [np.zeros(0)]
+        start = 0
+        none = np.zeros(0, np.intp)
+        rows = [none]
+        columns = [none]
+        values = [np.zeros(0)]
         for group in groups:
             flat = group.coefficients.reshape(*group.indices.shape, -1)
             member, position, entry = np.nonzero(flat)
@@ -380,13 +385,15 @@ class StackedCones:
         constant = np.concatenate(
             [np.zeros(0), *(group.constant.ravel() for group in groups)]
         )
-        row, column = np.concatenate(rows), np.concatenate(columns)
+        row = np.concatenate(rows)
+        column = np.concatenate(columns)
         return cls(tuple(groups), constant, row, column, np.concatenate(values))
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """(e,) F(theta) of all, and |F_0| + sum |theta_i F_i|: the size of what was
         summed."""
-        terms, count = self.value * theta[self.column], len(self.constant)
+        terms = self.value * theta[self.column]
+        count = len(self.constant)
         size = np.abs(self.constant) + np.bincount(self.row, np.abs(terms), count)
         return np.asarray(
             self.constant + np.bincount(self.row, terms, count)
@@ -408,7 +415,8 @@ class StackedCones:
 
     def split(self, flat: Any) -> list[Any]:
         """Of each group (g, ...) its part of (e,)."""
-        out, start = [], 0
+        out = []
+        start = 0
         for group in self.groups:
             stop = start + group.constant.size
             out.append(flat[start:stop].reshape(group.constant.shape))

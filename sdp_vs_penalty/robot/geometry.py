@@ -92,7 +92,8 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
     geometry.addAllCollisionPairs()
     joints = [o.parentJoint for o in geometry.geometryObjects]
     for pair in list(geometry.collisionPairs):
-        a, b = joints[pair.first], joints[pair.second]
+        a = joints[pair.first]
+        b = joints[pair.second]
         if a == b or model.parents[a] == b or model.parents[b] == a:
             geometry.removeCollisionPair(pair)
     data = model.createData()
@@ -104,13 +105,16 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
         np.maximum(model.lowerPositionLimit, -np.pi),
         np.minimum(model.upperPositionLimit, np.pi),
     )
-    pairs, touch, placed = list(geometry.collisionPairs), [], geometry.createData()
+    pairs = list(geometry.collisionPairs)
+    touch = []
+    placed = geometry.createData()
     for q in np.random.default_rng(0).uniform(*limits, (40, n)):
         touching(q, placed, False)
         touch.append([r.isCollision() for r in placed.collisionResults])
     for k in np.flatnonzero(np.all(touch, axis=0)):
         geometry.removeCollisionPair(pairs[k])
-    placed, left = geometry.createData(), len(geometry.collisionPairs)
+    placed = geometry.createData()
+    left = len(geometry.collisionPairs)
     return (
         (lambda q: not any(touching(row, placed, True) for row in q)) if left else None
     )
@@ -121,7 +125,8 @@ def collision_shapes(path: str) -> Iterator[dict[str, Array]]:
     process."""
     from sdp_vs_penalty.robot._pinocchio import pin
 
-    kind, folder = pin.GeometryType.COLLISION, str(Path(path).parent)
+    kind = pin.GeometryType.COLLISION
+    folder = str(Path(path).parent)
     model = pin.buildModelFromUrdf(path)
     geometry = pin.buildGeomFromUrdf(model, path, kind, package_dirs=[folder])
     yield {"count": np.array([float(geometry.ngeoms)])}

@@ -43,7 +43,8 @@ def _forms() -> tuple[Array, Array]:
     / 2."""
     unit, (i, j) = np.eye(3), np.transpose(_ENTRIES)
     pairs = unit[i][:, :, None] * unit[j][:, None]
-    dyads, trace = 0.5 * (pairs + pairs.swapaxes(1, 2)), (i == j)[:, None, None] * unit
+    dyads = 0.5 * (pairs + pairs.swapaxes(1, 2))
+    trace = (i == j)[:, None, None] * unit
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
     basis[1:4, :3, 3] = basis[1:4, 3, :3] = unit
@@ -162,7 +163,8 @@ def second_moment(theta: ArrayLike) -> Array:
     the mean of x x^T about the centre of mass, a uniform ellipsoid's half axes squared
     over 5; zeros for no mass."""
     p = pseudo_inertia(theta)
-    mass, h = p[..., 3, 3, None, None], p[..., :3, 3, None]
+    mass = p[..., 3, 3, None, None]
+    h = p[..., :3, 3, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         central = p[..., :3, :3] / mass - h * np.swapaxes(h, -1, -2) / mass**2
     return np.where(np.isfinite(central), central, 0.0)

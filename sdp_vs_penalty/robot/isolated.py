@@ -253,8 +253,12 @@ def _limit(cpu_seconds: int) -> None:
     # A filter of the kernel (seccomp): load the architecture, load the call's number,
     # compare; what is forbidden fails with EPERM.
     code = struct.Struct("HBBI")
-    load, jump_equal, jump_above, answer = 0x20, 0x15, 0x35, 0x06
-    allow, deny = 0x7FFF0000, 0x00050001
+    load = 0x20
+    jump_equal = 0x15
+    jump_above = 0x35
+    answer = 0x06
+    allow = 0x7FFF0000
+    deny = 0x00050001
     program = [
         code.pack(load, 0, 0, 4),
         code.pack(jump_equal, 1, 0, architecture),
@@ -268,7 +272,10 @@ def _limit(cpu_seconds: int) -> None:
     text = ctypes.create_string_buffer(b"".join(program), 8 * len(program))
     head = struct.pack("HP", len(program), ctypes.addressof(text))
     kernel = ctypes.CDLL(None)
-    end_with_parent, no_new_rights, set_filter, filter_mode = 1, 38, 22, 2
+    end_with_parent = 1
+    no_new_rights = 38
+    set_filter = 22
+    filter_mode = 2
     kernel.prctl(end_with_parent, signal.SIGKILL, 0, 0, 0)
     kernel.prctl(no_new_rights, 1, 0, 0, 0)
     kernel.prctl(set_filter, filter_mode, ctypes.c_char_p(head), 0, 0)
@@ -278,11 +285,13 @@ class _Timed:
     """A pipe whose reader waits only so long for the next bytes."""
 
     def __init__(self, pipe: Any, seconds: float) -> None:
-        self._pipe, self._seconds = pipe, seconds
+        self._pipe = pipe
+        self._seconds = seconds
 
     def read_into(self, room: memoryview) -> int:
         """Fill the room; fewer bytes where the pipe has ended. Raises TimeoutError."""
-        n_read, end = 0, time.monotonic() + self._seconds
+        n_read = 0
+        end = time.monotonic() + self._seconds
         while n_read < len(room):
             if hasattr(select, "poll"):  # Windows waits without a limit
                 poll = select.poll()
@@ -376,7 +385,8 @@ def _ask_server(
     request: Mapping[str, Any],
 ) -> _Messages:
     """The messages of a child of a server's."""
-    server, is_done = _idle_server(), False
+    server = _idle_server()
+    is_done = False
     try:
         server.process.stdin.write(json.dumps(request).encode() + b"\n")  # type: ignore[union-attr]
         # The server itself ends a silent parser; it takes seconds to start.

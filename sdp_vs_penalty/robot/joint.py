@@ -70,7 +70,9 @@ class Joint(JsonRecordSkippingNone):
 def check_pose(where: str, pose: Array) -> None:
     """InputError where a (4, 4) matrix is no pose: a rotation and a shift in lengths of
     a robot [m]."""
-    turn, tolerance, far = pose[:3, :3], 1e-6, 1e9
+    turn = pose[:3, :3]
+    tolerance = 1e-6
+    far = 1e9
     if np.any(np.abs(pose[:3]) > far):
         raise InputError(f"{where} holds numbers beyond {far:g}", "write it in metres")
     is_rotation = (
@@ -102,7 +104,8 @@ class Mechanism(JsonRecord):
     massless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        L, n = len(self.tree), np.shape(self.matrix)[-1]
+        L = len(self.tree)
+        n = np.shape(self.matrix)[-1]
         check_finite(f"the matrix of a mechanism of {L} joints", self.matrix, (L, n))
         check_finite(f"the offset of a mechanism of {L} joints", self.offset, (L,))
         if not set(self.massless) < set(range(L)):
@@ -175,7 +178,8 @@ def resolve_mimic_joints(
         raise InputError(
             f"joint {names[k]!r} mimics itself through others", "correct its <mimic>"
         )
-    matrix, offset = powers.take(free, axis=1), powers[:, -1]
+    matrix = powers.take(free, axis=1)
+    offset = powers[:, -1]
     return tuple(tree[k] for k in free), Mechanism(
         tuple(tree), matrix, offset, tuple(massless)
     )
@@ -286,9 +290,8 @@ class Transmission(JsonRecord):
     @property
     def _rows(self) -> tuple[Array, Array]:
         """S, T of channels S q + (offset where they are a motor's), and T tau_m."""
-        positions, torques = (
-            np.array([x]).T == "motor" for x in (self.positions, self.torques)
-        )
+        positions = np.array([self.positions]).T == "motor"
+        torques = np.array([self.torques]).T == "motor"
         unit = np.eye(self.n)
         return np.where(positions, self.matrix, unit), np.where(
             torques, unit, self.matrix.T
@@ -334,7 +337,8 @@ def parse_transmission(
 def parse_formula(text: str, n: int) -> Array:
     """(n + 1,) ratios and the constant of a sum like "32 q5 + 32 q6 - 0.1". Raises
     InputError."""
-    out, place = np.zeros(n + 1), 0
+    out = np.zeros(n + 1)
+    place = 0
     while place < len(text.rstrip()):
         match = _TERM.match(text, place)
         sign, number, joint = match.groups() if match else (None, None, None)

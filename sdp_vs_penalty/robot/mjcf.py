@@ -96,7 +96,8 @@ def _equalities(
     """Joints that an equality holds, and those that it makes followers."""
     import mujoco
 
-    constants, followers = dict[str, float](), dict[str, Follower]()
+    constants = dict[str, float]()
+    followers = dict[str, Follower]()
     for k in range(model.neq):
         if not model.eq_active0[k]:
             continue
@@ -105,7 +106,8 @@ def _equalities(
             raise InputError(
                 what, "cut the loop, for only trees can be identified", path
             )
-        first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+        first = int(model.eq_obj1id[k])
+        second = int(model.eq_obj2id[k])
         course = model.eq_data[k, :5]
         name = _name(model, "joint", first)
         start = float(model.qpos0[model.jnt_qposadr[first]])
@@ -134,13 +136,16 @@ def _tree(
         int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
         int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
     }
-    joints, links = list[Joint](), list[Array]()
+    joints = list[Joint]()
+    links = list[Array]()
     # Of each body the joint that carries it and its pose in that joint's moved frame.
-    carriers, poses = [-1], [np.eye(4)]
+    carriers = [-1]
+    poses = [np.eye(4)]
     for body in range(1, model.nbody):
         parent = int(model.body_parentid[body])
         at = _pose(model.body_pos[body], model.body_quat[body])
-        carrier, pose = carriers[parent], poses[parent] @ at
+        carrier = carriers[parent]
+        pose = poses[parent] @ at
         for j in range(
             model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]
         ):
@@ -149,7 +154,8 @@ def _tree(
                 raise InputError(
                     what, "fix a floating base; give a ball three hinges", path
                 )
-            anchor, back = np.eye(4), np.eye(4)
+            anchor = np.eye(4)
+            back = np.eye(4)
             anchor[:3, 3], back[:3, 3] = model.jnt_pos[j], -model.jnt_pos[j]
             joint = _joint(
                 model, int(j), kinds[int(model.jnt_type[j])], carrier, pose @ anchor
@@ -166,7 +172,8 @@ def _tree(
             begun = joint.placement @ joint_motion(joint, start)
             joints.append(_joint(model, int(j), joint.kind, carrier, begun))
             links.append(np.zeros(10))
-            carrier, pose = len(joints) - 1, back
+            carrier = len(joints) - 1
+            pose = back
         carriers.append(carrier)
         poses.append(pose)
         if carrier >= 0:
@@ -232,7 +239,8 @@ def _values(model: Any, names: Sequence[str]) -> dict[str, float]:
         number = numbers.get(int(model.actuator_trnid[a, 0]))
         if on_joint and is_servo and number is not None:
             gear = float(model.actuator_gear[a, 0])
-            gain, bias = model.actuator_gainprm[a], model.actuator_biasprm[a]
+            gain = model.actuator_gainprm[a]
+            bias = model.actuator_biasprm[a]
             found[f"kp{number}"] = gear**2 * float(gain[0])
             found[f"kd{number}"] = -(gear**2) * float(bias[2])
     return {name: value for name, value in found.items() if value != 0.0}

@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 #: Longest distance between two joints [m], heaviest link [kg].
-_LONGEST, _HEAVIEST = 20.0, 3000.0
+_LONGEST = 20.0
+_HEAVIEST = 3000.0
 #: A centre of mass is so many times farther away than the farthest joint, and more than
 #: this [m].
-_FAR, _AWAY = 30.0, 3.0
+_FAR = 30.0
+_AWAY = 3.0
 #: Radius of gyration over the size of the robot's longest link, or of its centre of mass.
 _SPREAD = 10.0
 #: Units of moments of inertia, by how many of them are a kg m^2.

@@ -167,7 +167,8 @@ class Robot(JsonRecordSkippingNone):
         """
         out = np.empty((*state.shape, 4, 4))
         for i, joint in enumerate(self.tree):
-            move, value = np.tile(np.eye(4), (len(state), 1, 1)), state[:, i, None]
+            move = np.tile(np.eye(4), (len(state), 1, 1))
+            value = state[:, i, None]
             if joint.kind == "prismatic":
                 move[:, :3, 3] = value * joint.axis
             else:
@@ -277,21 +278,23 @@ class Robot(JsonRecordSkippingNone):
             )
         joints: list[Joint] = []
         for i, (a_i, alpha_i, d_i) in enumerate(zip(a, alpha, d, strict=True)):
-            move, turn, frame = np.eye(4), np.eye(4), np.eye(4)
+            move = np.eye(4)
+            turn = np.eye(4)
+            frame = np.eye(4)
             move[:3, 3] = a_i, 0.0, d_i
-            c, s = np.cos(alpha_i), np.sin(alpha_i)
+            c = np.cos(alpha_i)
+            s = np.sin(alpha_i)
             # Exact quarter turns: cos(pi/2) = 6e-17 would leak into the regressor's
             # structural zeros.
-            c, s = (np.round(v) if abs(v - np.round(v)) < 1e-15 else v for v in (c, s))
+            c = np.round(c) if abs(c - np.round(c)) < 1e-15 else c
+            s = np.round(s) if abs(s - np.round(s)) < 1e-15 else s
             turn[1:3, 1:3] = [[c, -s], [s, c]]
             placement = (
                 turn @ move
             )  # Rz and Tz commute: the offset along the axis can come first
             if convention == "standard":
-                placement, frame = (
-                    joints[-1].link_frame if joints else np.eye(4),
-                    move @ turn,
-                )
+                placement = joints[-1].link_frame if joints else np.eye(4)
+                frame = move @ turn
             extra = dict(limits[i]) if limits else {}
             one = Joint(
                 f"joint{i + 1}",
@@ -351,11 +354,9 @@ class Robot(JsonRecordSkippingNone):
         """
         states = self.tree_state(q, dq, ddq)
         out = np.empty((len(states[0]), len(self.tree), 10 * len(self.tree)))
-        rows, model, data = (
-            self._pin.computeJointTorqueRegressor,
-            self._model,
-            self._model.createData(),
-        )
+        rows = self._pin.computeJointTorqueRegressor
+        model = self._model
+        data = self._model.createData()
         for k, row in enumerate(zip(*states, strict=True)):
             out[k] = rows(model, data, *row)
         blocks = self._projected(out).reshape(len(out), self.n, -1, 10)
@@ -366,7 +367,8 @@ class Robot(JsonRecordSkippingNone):
         return blocks.reshape(len(out), self.n, -1)
 
     def _with_inertias(self, theta: ArrayLike) -> Any:
-        pin, model = self._pin, self._model.copy()
+        pin = self._pin
+        model = self._model.copy()
         links = np.asarray(theta, float).reshape(self.links, 10)
         if self._link_maps is not None:
             links = np.einsum("lab,lb->la", self._link_maps, links)
@@ -384,7 +386,8 @@ class Robot(JsonRecordSkippingNone):
     ) -> Array:
         """Joint torques (N, n) of rigid links by recursive Newton-Euler; theta has 10 a
         link."""
-        model, rnea = self._with_inertias(theta), self._pin.rnea
+        model = self._with_inertias(theta)
+        rnea = self._pin.rnea
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
         return self._projected(np.stack([rnea(model, data, *row) for row in rows]))
@@ -398,7 +401,8 @@ class Robot(JsonRecordSkippingNone):
         With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier,
         Mansard, RSS 2018).
         """
-        states, derive = self.tree_state(q, dq, ddq), self._pin.computeRNEADerivatives
+        states = self.tree_state(q, dq, ddq)
+        derive = self._pin.computeRNEADerivatives
         out = np.zeros((3, len(states[0]), len(self.tree), len(self.tree)))
         for sign, model in self._signed(theta):
             data = model.createData()
@@ -418,15 +422,14 @@ class Robot(JsonRecordSkippingNone):
         Six virtual joints that rest stand before each, and it is by their positions
         that Pinocchio derives (Carpentier, Mansard, RSS 2018).
         """
-        pin, state = self._pin, np.array(self.tree_state(q, dq, ddq))
+        pin = self._pin
+        state = np.array(self.tree_state(q, dq, ddq))
         rows = 7 * np.arange(len(self.tree)) + 6  # the tree's joints in the longer one
         virtual = (rows[:, None] - 6 + np.arange(6)).ravel()
         states = np.zeros((3, state.shape[1], 7 * len(rows)))
         states[:, :, rows] = state
-        out, derivatives = (
-            np.zeros((state.shape[1], len(rows), len(virtual))),
-            np.ix_(rows, virtual),
-        )
+        out = np.zeros((state.shape[1], len(rows), len(virtual)))
+        derivatives = np.ix_(rows, virtual)
         for sign, inertias in self._signed(theta):
             model = pin.Model()
             model.gravity = self._model.gravity
@@ -454,12 +457,12 @@ class Robot(JsonRecordSkippingNone):
     def jacobians(self, q: ArrayLike, link: int) -> Array:
         """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world
         axes."""
-        pin, model, data = self._pin, self._model, self._model.createData()
+        pin = self._pin
+        model = self._model
+        data = self._model.createData()
         (q,) = self.tree_state(q)
-        out, frame = (
-            np.empty((len(q), 6, len(self.tree))),
-            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
-        )
+        out = np.empty((len(q), 6, len(self.tree)))
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         for k, row in enumerate(q):
             pin.computeJointJacobians(model, data, row)
             # one column comes back flat
@@ -482,14 +485,13 @@ class Robot(JsonRecordSkippingNone):
         By the composite rigid body and recursive Newton-Euler algorithms (Featherstone
         2008, ch. 5-6).
         """
-        pin, models = (
-            self._pin,
-            [(x, m, m.createData()) for x, m in self._signed(theta)],
-        )
+        pin = self._pin
+        models = [(x, m, m.createData()) for x, m in self._signed(theta)]
 
         def terms(q: Array, dq: Array) -> tuple[Array, Array]:
             q, dq = self.tree_state(q, dq)
-            mass, bias = np.zeros((*q.shape, q.shape[1])), np.zeros(q.shape)
+            mass = np.zeros((*q.shape, q.shape[1]))
+            bias = np.zeros(q.shape)
             for sign, model, data in models:
                 for k in range(len(q)):
                     mass[k] += sign * pin.crba(model, data, q[k])

@@ -65,12 +65,14 @@ class FourierTrajectory:
         ddq jumps where a blend meets the series, as it does in the authors' generator.
         """
         t = np.asarray(t, float)[:, None]
-        end, w = self.duration - self.blend, np.pi / self.blend
+        end = self.duration - self.blend
+        w = np.pi / self.blend
         inside = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
         (q1, v1, _), (q2, v2, _) = (
             self._series(np.array([s])) for s in (0.0, end - self.blend)
         )
-        rising, falling = np.clip(t, 0.0, self.blend), np.clip(t - end, 0.0, self.blend)
+        rising = np.clip(t, 0.0, self.blend)
+        falling = np.clip(t - end, 0.0, self.blend)
         first = (
             q1 - 0.5 * v1 * (self.blend - rising + np.sin(w * rising) / w),
             0.5 * v1 * (1.0 - np.cos(w * rising)),
@@ -90,7 +92,8 @@ class FourierTrajectory:
 
     def _series(self, s: Array) -> tuple[Array, Array, Array]:
         w = self.frequency * np.arange(1, self.a.shape[1] + 1)
-        cos, sin = np.cos(np.outer(s, w)), np.sin(np.outer(s, w))
+        cos = np.cos(np.outer(s, w))
+        sin = np.sin(np.outer(s, w))
         q = self.q_0 + sin @ (self.a / w).T - cos @ (self.b / w).T
         return (
             q,
@@ -122,7 +125,8 @@ def random_trajectory(
         0.6 * velocity / np.abs(dq).max(axis=0),
         0.8 * (upper - lower) / np.ptp(q, axis=0),
     )
-    low, high = scale * q.min(axis=0), scale * q.max(axis=0)
+    low = scale * q.min(axis=0)
+    high = scale * q.max(axis=0)
     q_0 = rng.uniform(lower - low, upper - high)
     return FourierTrajectory(
         a * scale[:, None], b * scale[:, None], q_0, frequency, blend, duration
@@ -180,7 +184,8 @@ def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
     well."""
     rate = 50.0  # Hz
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
-    fields, points = ("positions", "velocities", "accelerations"), []
+    fields = ("positions", "velocities", "accelerations")
+    points = []
     for s, rows in zip(t.tolist(), np.stack(trajectory.states(t), axis=1), strict=True):
         numbers = [[float(f"{x:.9g}") for x in row] for row in rows]
         clock = {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))}

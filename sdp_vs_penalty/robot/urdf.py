@@ -88,7 +88,8 @@ def pose_of(element: Any) -> Array:
 
     Raises InputError for what are no numbers.
     """
-    origin, out = element.find("origin"), np.eye(4)
+    origin = element.find("origin")
+    out = np.eye(4)
     out[:3, 3] = _numbers(origin, "xyz", 0.0, 0.0, 0.0)
     angles = _numbers(origin, "rpy", 0.0, 0.0, 0.0)
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
@@ -107,9 +108,11 @@ def read_inertial(link: Any) -> Array:
     element = link.find("inertial")
     if element is None:
         return np.zeros(10)
-    mass, tensor = _numbers(element.find("mass"), "value", 0.0), element.find("inertia")
+    mass = _numbers(element.find("mass"), "value", 0.0)
+    tensor = element.find("inertia")
     # Smaller numbers are none of a robot's [kg, kg m^2], and are lost in squares.
-    least_mass, least_moment = 1e-15, 1e-30
+    least_mass = 1e-15
+    least_moment = 1e-30
     if 0.0 < abs(mass[0]) < least_mass:
         what = f"line {element.sourceline}: a mass of {mass[0]:g} kg is no link's"
         raise InputError(what, "write 0, or the mass in kg")
@@ -152,10 +155,8 @@ def load_urdf(
         followers = {n: f for n, f in _followers(root).items() if n in moving}
         joints, mechanism = resolve_mimic_joints(tree, followers, massless)
         transmission = _transmission(root, [joint.name for joint in joints])
-    name, gravity_vector = (
-        root.get("name") or Path(path).stem,
-        tuple(map(float, gravity)),
-    )
+    name = root.get("name") or Path(path).stem
+    gravity_vector = tuple(map(float, gravity))
     nominal_with_mass = [x for k, x in enumerate(nominal) if k not in massless]
     robot = Robot(name, joints, gravity_vector, transmission, mechanism, still)
     return robot, np.array(nominal_with_mass)
@@ -202,10 +203,8 @@ def parse_urdf(path: str | Path) -> Any:
     """The outermost element of a file; entities are never expanded, nothing is loaded
     from elsewhere. Raises InputError for what is no XML."""
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
-    parser, content = (
-        etree.XMLParser(**safe, remove_comments=True, remove_pis=True),
-        read_bytes(path),
-    )
+    parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
+    content = read_bytes(path)
     try:
         return etree.fromstring(content, parser)
     except (etree.XMLSyntaxError, ValueError) as error:
@@ -232,10 +231,8 @@ def _read(
         if body >= 0:
             parts[body].append((link, pose))
         for element in children[name]:
-            placement, child = (
-                pose @ pose_of(element),
-                element.find("child").get("link"),
-            )
+            placement = pose @ pose_of(element)
+            child = element.find("child").get("link")
             name_of_joint = element.get("name")
             if element.get("type") == "fixed":
                 visit(child, body, placement)
@@ -289,10 +286,8 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     children: dict[str, list[Any]] = {name: [] for name in links}
     carried: set[str] = set()
     for element in root.findall("joint"):
-        name, ends = (
-            element.get("name"),
-            [element.find(which) for which in ("parent", "child")],
-        )
+        name = element.get("name")
+        ends = [element.find(which) for which in ("parent", "child")]
         parent, child = (
             "" if end is None else str(end.get("link", "")) for end in ends
         )
@@ -319,7 +314,8 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
 
 def _joint(element: Any, parent: int, placement: Array) -> Joint:
     """One moving joint."""
-    kind, name = element.get("type"), element.get("name")
+    kind = element.get("type")
+    name = element.get("name")
     if kind not in _MOVING:
         what = f"is of type {kind!r}, none of revolute, continuous, prismatic and fixed"
         raise InputError(
@@ -331,7 +327,8 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         raise InputError(
             f"joint {name!r} has an axis of length zero", "correct the file"
         )
-    limit, limits = element.find("limit"), []
+    limit = element.find("limit")
+    limits = []
     for key, none in (
         ("lower", -np.inf),
         ("upper", np.inf),
@@ -365,9 +362,11 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
     A joint of which nothing is said has a motor that turns with it. Channels are those
     of joints, as every ROS log has them.
     """
-    matrix, named = np.eye(len(names)), False
+    matrix = np.eye(len(names))
+    named = False
     for element in root.findall("transmission"):
-        joints, actuators = element.findall("joint"), element.findall("actuator")
+        joints = element.findall("joint")
+        actuators = element.findall("actuator")
         places = [names.index(j.get("name")) for j in joints if j.get("name") in names]
         if not places or len(places) != len(joints) or len(joints) != len(actuators):
             continue  # of a fixed or following joint, or of no motor

@@ -63,7 +63,8 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         less what its past says of it, zero rows elsewhere; the last is kept."""
         key = ar.tobytes(), count
         if self._last is None or self._last[0] != key:
-            rows, ends = self.predicted, np.zeros(count + 1, np.intp)
+            rows = self.predicted
+            ends = np.zeros(count + 1, np.intp)
             ends[rows + 1] = ORDER + 1
             places = np.column_stack([*reversed(self.past), rows]).ravel()
             weights = np.tile(np.append(-ar[::-1], 1.0), len(rows))
@@ -83,7 +84,8 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
             max(float(samples.std()), 1e-12),
             max(len(samples) - 1.0, 1.0),
         )
-    matrix, target = np.column_stack([x[k] for k in pieces.past]), x[pieces.predicted]
+    matrix = np.column_stack([x[k] for k in pieces.past])
+    target = x[pieces.predicted]
     a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
     residual = target - matrix @ a
     sigma = float(np.sqrt(residual @ residual / (count - ORDER)))
@@ -147,7 +149,8 @@ def lone_windows(
     ]
     for length in LENGTHS:
         moving_sum = partial(np.convolve, np.ones(length), mode="same")
-        energy, slowly = np.full(len(white), -np.inf), np.zeros(len(white), bool)
+        energy = np.full(len(white), -np.inf)
+        slowly = np.zeros(len(white), bool)
         for piece in pieces:  # of the window around each row
             if len(piece) >= length:
                 with np.errstate(divide="ignore"):  # no energy: minus infinity

@@ -23,7 +23,8 @@ ABOVE = 10.0
 #: In cut-offs: where a kernel has stopped, and with it what it lets through of a
 #: motion. In sample rates: the last frequency of a log, beyond which it has been
 #: averaged away between its samples.
-STOPS, LAST = 1.5, 0.45
+STOPS = 1.5
+LAST = 0.45
 #: Share of the windows that are quiet, and share that are loud.
 QUIET = 0.3
 #: The factor of amplitudes beyond which a spectrum is no noise's: half of them off its law, or loud

@@ -28,13 +28,12 @@ def read_again(measurements: Measurements) -> Measurements:
 def _again(t: Array, q: Array) -> Array:
     """(N,) positions: on straight lines between the instants at which the encoder
     counted, and from there counted anew."""
-    step, change = lattice_step(q), np.flatnonzero(np.diff(q))
+    step = lattice_step(q)
+    change = np.flatnonzero(np.diff(q))
     if not step:
         return q
-    when, where = (
-        np.concatenate([x[:1], 0.5 * (x[change] + x[change + 1]), x[-1:]])
-        for x in (t, q)
-    )
+    when = np.concatenate([t[:1], 0.5 * (t[change] + t[change + 1]), t[-1:]])
+    where = np.concatenate([q[:1], 0.5 * (q[change] + q[change + 1]), q[-1:]])
     between = np.interp(t, when, where)
     # Errors of encoders whose steps lie apart by such a share a of one are not
     # correlated, as 1 - 6 a (1 - a) = 0.

@@ -71,7 +71,9 @@ class _ChunkCache:
 
     def rows(self, model: Model) -> Rows:
         """The piece in the columns of a model."""
-        piece, effects, width = self.read(), model.effects, model.sign_width
+        piece = self.read()
+        effects = model.effects
+        width = model.sign_width
         reads = {
             k: read
             for k, effect in enumerate(effects)
@@ -206,7 +208,8 @@ class FilteredRun:
 
     def _cut(self, uncut: bool) -> Iterator[FilteredChunk]:
         filters = self.filters.every_sample if uncut else self.filters
-        margin, has_rows = filters.state.half + filters.column.half, False
+        margin = filters.state.half + filters.column.half
+        has_rows = False
         for part in split_at_gaps(self.run):
             outputs = np.arange(margin, part.count - margin, self.step)
             at_once = (

@@ -55,8 +55,10 @@ class Decimator:
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
         """Some of the rows, and the samples that they see."""
-        at, half = self.at[start:stop], self.kernel.half
-        first, last = int(at[0]) - half, int(at[-1]) + half
+        at = self.at[start:stop]
+        half = self.kernel.half
+        first = int(at[0]) - half
+        last = int(at[-1]) + half
         return Decimator(self.kernel, at - first), slice(first, last + 1)
 
     def __abs__(self) -> Decimator:
@@ -72,27 +74,29 @@ class Kernel(LowPass):
     """
 
     def __init__(self, cutoff: float, dt: float) -> None:
-        self.cutoff, self.dt = cutoff, dt
+        self.cutoff = cutoff
+        self.dt = dt
         self.half = int(np.ceil(2.0 / cutoff / dt))
         support = (self.half + 1) * dt  # the window is zero one sample beyond the ends
         t = np.arange(-self.half, self.half + 1) * dt
-        u, w, a = t / support, 2.0 * np.pi * cutoff, np.pi / support
+        u = t / support
+        w = 2.0 * np.pi * cutoff
+        a = np.pi / support
         safe = np.where(t == 0.0, 1.0, t)
         sinc = np.where(t == 0.0, w, np.sin(w * t) / safe)
         sinc1 = np.where(t == 0.0, 0.0, (w * np.cos(w * t) - sinc) / safe)
         sinc2 = np.where(
             t == 0.0, -(w**3) / 3.0, (-(w**2) * np.sin(w * t) - 2.0 * sinc1) / safe
         )
-        hann, hann1, hann2 = (
-            0.5 + 0.5 * np.cos(a * t),
-            -0.5 * a * np.sin(a * t),
-            -0.5 * a**2 * np.cos(a * t),
-        )
+        hann = 0.5 + 0.5 * np.cos(a * t)
+        hann1 = -0.5 * a * np.sin(a * t)
+        hann2 = -0.5 * a**2 * np.cos(a * t)
         h = sinc * hann
         h1 = sinc1 * hann + sinc * hann1
         h2 = sinc2 * hann + 2.0 * sinc1 * hann1 + sinc * hann2
         c = _moment_factor(h, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))
-        c1, c2 = c.deriv(1), c.deriv(2)
+        c1 = c.deriv(1)
+        c2 = c.deriv(2)
         self.value = h * c(u)
         first = h1 * c(u) + h * c1(u) / support
         second = h2 * c(u) + 2.0 * h1 * c1(u) / support + h * c2(u) / support**2
@@ -134,7 +138,8 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     (scipy.signal does the same, but its import takes longer than to identify a robot.)
     """
     length = fft.next_fast_len(len(x), real=True)
-    spectrum, filtered = fft.rfft(x.T, length), list[Array]()
+    spectrum = fft.rfft(x.T, length)
+    filtered = list[Array]()
     for kernel in kernels:
         out = fft.irfft(spectrum * fft.rfft(kernel, length), length)
         filtered.append(out[:, len(kernel) - 1 : len(x)].T)

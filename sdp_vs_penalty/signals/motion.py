@@ -28,7 +28,8 @@ from sdp_vs_penalty.signals.runs import interpolated, spans
 #: Motion is new beyond so many spreads of the training motion. A path of more than
 #: ``_MOST`` numbers is kept more coarsely, with a distance that grows alike, twice and
 #: four times as far; then not at all.
-DISTANCE, _MOST = 0.1, 100_000
+DISTANCE = 0.1
+_MOST = 100_000
 #: In units of the distance: how far the lines may pass beside a row, how near a row
 #: counts as there already, and the spacing at which lines are looked up.
 _NEAR = 0.2
@@ -82,15 +83,15 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
     None where the filters leave no row, or where there is more motion than a record can
     keep.
     """
-    count, n = 0, runs.measurements.n
+    count = 0
+    n = runs.measurements.n
     first = total = square = np.zeros(2 * n)
     for rows in _paths(runs):
         first = first if count else rows[0]
-        count, displacement = count + len(rows), rows - first
-        total, square = (
-            total + displacement.sum(axis=0),
-            square + np.sum(displacement**2, axis=0),
-        )
+        count = count + len(rows)
+        displacement = rows - first
+        total = total + displacement.sum(axis=0)
+        square = square + np.sum(displacement**2, axis=0)
     if not count:
         return None
     spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0)).reshape(
@@ -136,7 +137,8 @@ def _record(
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
     """Few points of each path, and only where it has not been before; None for too
     many."""
-    lines, n_read = list[Array](), 0
+    lines = list[Array]()
+    n_read = 0
     for path in paths:
         start = 0
         while not start or start < len(path):
@@ -144,11 +146,9 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
             # few looks and its first periods are enough for the later ones; and one row
             # more, to the next part.
             n_picked = min(max(200, n_read // 4), PART)
-            rows, start, n_read = (
-                path[start : start + n_picked + 1],
-                start + n_picked,
-                n_read + n_picked,
-            )
+            rows = path[start : start + n_picked + 1]
+            start = start + n_picked
+            n_read = n_read + n_picked
             fresh = np.ones(len(rows), bool)
             if lines:
                 fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
@@ -186,7 +186,8 @@ def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
 def _straight(rows: Array, tolerance: float) -> Array:
     """Rows between which straight lines pass all the others within ``tolerance``: halved
     until they do."""
-    index, knots = np.arange(float(len(rows))), np.unique([0, len(rows) - 1])
+    index = np.arange(float(len(rows)))
+    knots = np.unique([0, len(rows) - 1])
     while len(knots) > 1:
         line = interpolated(index, knots, rows[knots])
         off = np.flatnonzero(np.abs(rows - line).max(axis=1) > tolerance)

@@ -47,7 +47,9 @@ from sdp_vs_penalty.signals.spectrum import torque_spectrum
 from sdp_vs_penalty.signals.standstill import STILL
 
 #: What the noise is known from.
-REPETITION, SPECTRUM, RESIDUAL = "repetition", "spectrum", "residual"
+REPETITION = "repetition"
+SPECTRUM = "spectrum"
+RESIDUAL = "residual"
 #: How well from the spectrum (.52 to 1.3 of the true floor): said wherever it is used.
 SPECTRUM_KNOWN = "right within a factor of two"
 #: Fewest differences from which a floor is believed.
@@ -112,7 +114,8 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
     known = _from_repetition(noise_runs or runs, runs)
     if known is not None:
         return known
-    guess, floor = noise_in(runs, runs.residual), spectral_floor(runs)
+    guess = noise_in(runs, runs.residual)
+    floor = spectral_floor(runs)
     floor_estimate = guess.floor if floor is None else np.minimum(floor, guess.floor)
     source = RESIDUAL if floor is None else SPECTRUM
     return replace(
@@ -160,34 +163,34 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
     repeats = runs.repeats()
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
-    n, count = runs.n, len(runs.t)
-    difference, both = differences(runs, repeats), pairs(repeats)
+    n = runs.n
+    count = len(runs.t)
+    difference = differences(runs, repeats)
+    both = pairs(repeats)
     index, later = both.T
-    differences_of_repeats, stuck = (
-        Pieces(consecutive(repeats)),
+    differences_of_repeats = Pieces(consecutive(repeats))
+    stuck = (
         runs.unexplained_standstill_torque[1][index]
-        | runs.unexplained_standstill_torque[1][later],
+        | runs.unexplained_standstill_torque[1][later]
     )
     share = min(1.0, new_differences(both, count) / len(index))
     reach = max(1, round(SAME_PHASE * runs.rate))
     comes_back = partial(recurring, both, phases(both, count), reach)
     # What offset and frictions leave of a difference when they drift, ever slower or
     # faster.
-    t, speed, rates = runs.t[index], runs.dq[index], rate_features(runs)
-    gap, since = (
-        np.concatenate([r.later - runs.t[r.rows] for r in repeats]),
-        t - t.mean(),
-    )
+    t = runs.t[index]
+    speed = runs.dq[index]
+    rates = rate_features(runs)
+    gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
+    since = t - t.mean()
 
     rates_shown = rates if shown is runs else rate_features(shown)
     profile = np.ones((rates_shown.shape[1], n))
     suspect = np.zeros((count, n), bool)
-    floor, ar, sigma, degrees = (
-        np.zeros(n),
-        np.zeros((n, ORDER)),
-        np.zeros(n),
-        np.zeros(n),
-    )
+    floor = np.zeros(n)
+    ar = np.zeros((n, ORDER))
+    sigma = np.zeros(n)
+    degrees = np.zeros(n)
     for j, dq in enumerate(speed.T):
         laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
         drift = gap[:, None] * np.column_stack([laws, since[:, None] * laws])
@@ -198,10 +201,8 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
         )
         steady = Pieces(p[good[p]] for p in pieces)
         ar[j], deviation, free = autoregression(differences_without_drift, steady)
-        used, rank = (
-            sum(map(len, steady)),
-            int(np.linalg.matrix_rank(drift * good[:, None])),
-        )
+        used = sum(map(len, steady))
+        rank = int(np.linalg.matrix_rank(drift * good[:, None]))
         left = max(used - rank, 1)  # slow columns take noise with them
         floor[j] = np.sqrt(
             sum(np.sum(differences_without_drift[p] ** 2) for p in steady) / left
@@ -220,7 +221,8 @@ def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
         profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
         suspect[both[~good], j] = True  # an event may have happened at either instant
     if shown is not runs:
-        suspect, repeats = _carried(suspect, runs, shown), shown.repeats()
+        suspect = _carried(suspect, runs, shown)
+        repeats = shown.repeats()
     held, no_law = shown.unexplained_standstill_torque
     suspect &= ~no_law
     return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
@@ -236,10 +238,8 @@ def _carried(
         marked = np.zeros((len(window.t), runs.n), bool)
         for number, source_segment in enumerate(runs.segments):
             if is_part(window, source_segment):
-                rows_here, at = (
-                    suspect[runs.segment == number],
-                    np.searchsorted(source_segment.t, window.t),
-                )
+                rows_here = suspect[runs.segment == number]
+                at = np.searchsorted(source_segment.t, window.t)
                 for k in (at - 1, at):
                     marked |= rows_here[np.clip(k, 0, len(rows_here) - 1)]
         out.append(marked)

@@ -62,7 +62,8 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
     it."""
     clocks: list[MotionClock] = []
     for k, track in enumerate(tracks):
-        t, period = track[0], repeat_period(*track)
+        t = track[0]
+        period = repeat_period(*track)
         length = float(t[-1] - t[0]) if period is None else period
         clock = MotionClock(k, float(t[0]), length, period is not None)
         for other, there in zip(clocks, tracks, strict=False):
@@ -131,7 +132,8 @@ class PhaseFolds:
     def _motions(self) -> dict[int, tuple[int, MotionClock, Array]]:
         """Of each motion the number of its first cell, its clock, and the borders of
         its cells on it."""
-        out, first = dict[int, tuple[int, MotionClock, Array]](), 0
+        out = dict[int, tuple[int, MotionClock, Array]]()
+        first = 0
         clocks = {clock.motion: clock for clock in reversed(self.clocks)}
         for motion, clock in sorted(clocks.items()):
             edges = np.linspace(0.0, clock.length, self.count + 1)
@@ -147,7 +149,8 @@ class PhaseFolds:
         within it."""
         out = list[Array]()
         for _, clock, edges in self._motions.values():
-            at, begin = 0.5 * (edges[:-1] + edges[1:]), fold * clock.length / self.count
+            at = 0.5 * (edges[:-1] + edges[1:])
+            begin = fold * clock.length / self.count
             ways = np.array([begin - at, at - begin - clock.length / self.count])
             apart = (
                 np.min(ways % clock.length, axis=0)
@@ -202,7 +205,8 @@ def phase_windows(
             break
     else:
         return None
-    train, test = [], []
+    train = []
+    test = []
     for begin in np.arange(0.0, span, length).tolist():
         for k in range(n_parts):
             start = begin + k * part

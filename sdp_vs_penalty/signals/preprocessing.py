@@ -99,7 +99,8 @@ class Preprocessing:
         where the states' cut-off begins [Hz]; by default ten times the motion's highest
         harmonic."""
         rate = min(sample_rate(run) for run in measurements.runs())
-        state, highest = self.state_cutoff, rate / 10.0
+        state = self.state_cutoff
+        highest = rate / 10.0
         if state is None:
             state = lowest_cutoff or 10.0 * max(
                 highest_harmonic(run) for run in measurements.runs()
@@ -147,10 +148,8 @@ class RunFilter:
         self.coarse = self.column.sampled(self.stride)
         # Smooth columns hold products of up to four states. Of the samples between two
         # rows, so that rows lie on the grid of smooth columns too.
-        step, highest = (
-            self.step(OVERSAMPLING),
-            settings.torque_cutoff + 4.0 * settings.state_cutoff,
-        )
+        step = self.step(OVERSAMPLING)
+        highest = settings.torque_cutoff + 4.0 * settings.state_cutoff
         highest_stride = max(1.0, 1.0 / (STOPS * highest * self.dt))
         self.smooth_stride = max(
             k for k in range(1, step + 1) if step % k == 0 and k <= highest_stride
@@ -163,7 +162,8 @@ class RunFilter:
         """The same with columns at the log's rate, for effects that remember sample by
         sample."""
         fine = copy(self)
-        fine.stride, fine.coarse = 1, self.column
+        fine.stride = 1
+        fine.coarse = self.column
         return fine
 
     @cached_property
@@ -183,7 +183,8 @@ class RunFilter:
         """Motions on the column grid and on that of smooth columns, as far around the
         samples ``at`` as their low-passes look."""
         reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
-        first, last = at[0] - max(reach), at[-1] + max(reach)
+        first = at[0] - max(reach)
+        last = at[-1] + max(reach)
         states = self._states(part, part.q, first, last)
         margins = (max(reach) - r for r in reach)
         samples, smooth = (slice(k, last + 1 - first - k) for k in margins)
@@ -247,9 +248,8 @@ class RunFilter:
         # Profiles look a little beyond the latest.
         begin = first - self.stride * -(-int(1.2 * LATEST / self.dt) // self.stride)
         of_command, of_motion = part.integrals
-        commanded, since = (
-            self._states(part, x, begin, last) for x in (part.qcmd, of_command)
-        )
+        commanded = self._states(part, part.qcmd, begin, last)
+        since = self._states(part, of_command, begin, last)
         states = (x[on_grid] for x in (*commanded, since[0]))
         path = self._states(part, of_motion, first, last)[0][on_grid]
         return (
@@ -259,7 +259,8 @@ class RunFilter:
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""
-        begin, end = at[0] - self.column.half, at[-1] + self.column.half + 1
+        begin = at[0] - self.column.half
+        end = at[-1] + self.column.half + 1
         return Decimator(self.column, at - begin) @ part.resampled(part.tau, begin, end)
 
 

@@ -50,7 +50,8 @@ def repeat_period(t: Array, q: Array) -> float | None:
     moving = slice(
         int(np.argmax(is_away[0])), len(t) - int(np.argmax(is_away[1][::-1]))
     )
-    t, q = t[moving], q[moving]
+    t = t[moving]
+    q = q[moving]
     for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST) if len(t) > 1 else ():
         inside = (t >= t[0] + cut) & (t <= t[-1] - cut)
         samples = t[inside], q[inside]
@@ -105,10 +106,10 @@ def _valleys(
     length = fft.next_fast_len(M + N, real=True)
     spectra = [fft.rfft(z - middle, length) for z in (x, y)]
     product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
-    first, last = np.maximum(0, -lags), np.minimum(M, N - lags)
-    first_samples, other = (
-        np.append(0.0, np.cumsum(np.sum((z - middle) ** 2, axis=0))) for z in (x, y)
-    )
+    first = np.maximum(0, -lags)
+    last = np.minimum(M, N - lags)
+    first_samples = np.append(0.0, np.cumsum(np.sum((x - middle) ** 2, axis=0)))
+    other = np.append(0.0, np.cumsum(np.sum((y - middle) ** 2, axis=0)))
     total = (
         first_samples[last]
         - first_samples[first]
@@ -117,7 +118,9 @@ def _valleys(
         - 2.0 * product
     )
     squares = np.maximum(total, 0.0) / ((last - first) * n)
-    left, center, right = squares[:-2], squares[1:-1], squares[2:]
+    left = squares[:-2]
+    center = squares[1:-1]
+    right = squares[2:]
     bend = left - 2.0 * center + right
     valley = (center <= left) & (center <= right) & (bend > 0.0)
     shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
@@ -167,7 +170,8 @@ class Repeat:
 def is_part(window: Filtered, longer: Filtered) -> bool:
     """Whether a segment is a stretch of another one: the same positions at the same
     instants."""
-    t, span = window.t_dense, longer.t_dense
+    t = window.t_dense
+    span = longer.t_dense
     inside = (t >= span[0]) & (t <= span[-1])
     scale = motion_scale(longer.q_dense)
     if not inside.any() or scale is None:
@@ -185,7 +189,8 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
     out = []
     starts = np.cumsum([0, *(len(s.t) for s in segments)])
     for k, a in enumerate(segments):
-        samples, scale = (a.t_dense, a.q_dense), motion_scale(a.q_dense)
+        samples = (a.t_dense, a.q_dense)
+        scale = motion_scale(a.q_dense)
         for m, b in enumerate(segments[k:], k):
             shift = (
                 repeat_period(*samples)
@@ -199,12 +204,13 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
             fewest = 2 * ORDER  # noise is compared with its own past
             if inside.sum() < fewest:
                 continue
-            at, later = a.t[inside], later[inside]
-            q, there = (
-                CubicSpline(s.t_dense, s.q_dense)(x) for s, x in ((a, at), (b, later))
-            )
+            at = a.t[inside]
+            later = later[inside]
+            q = CubicSpline(a.t_dense, a.q_dense)(at)
+            there = CubicSpline(b.t_dense, b.q_dense)(later)
             is_same = np.all(np.abs(q - there) < ALIKE * scale, axis=1)
-            index, later = starts[k] + np.flatnonzero(inside)[is_same], later[is_same]
+            index = starts[k] + np.flatnonzero(inside)[is_same]
+            later = later[is_same]
             if len(index) >= fewest:
                 place = np.clip(np.searchsorted(b.t, later), 0, len(b.t) - 1)
                 out.append(Repeat(index, m, later, starts[m] + place))
@@ -245,7 +251,8 @@ def recurring(
     """(D,) which ``marked`` differences come back within ``reach`` rows of their phase
     in one of two other instants: noise that the motion swells, of which no one instant
     is the odd one. both, phase : of :func:`pairs` and :func:`phases`."""
-    out, others = np.zeros(len(phase), bool), np.flatnonzero(marked)
+    out = np.zeros(len(phase), bool)
+    others = np.flatnonzero(marked)
     for k in others:
         near = others[np.abs(phase[others] - phase[k]) <= reach]
         apart = np.abs(both[near][:, :, None] - both[k]) > 2 * reach

@@ -19,7 +19,8 @@ _LARGEST_NOISE = 0.01
 
 #: A step this long is no sampling but a pause [s]; and the grid has at most so many
 #: points a sample.
-_PAUSE, FINEST = 0.05, 10.0
+_PAUSE = 0.05
+FINEST = 10.0
 
 
 def sample_rate(run: Measurements) -> float:
@@ -49,10 +50,8 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     for _, part in iter_chunks(run.q, overlap=1):
         q = np.ascontiguousarray(part.T)  # several times as fast as row by row
         displacement = q[:, :PART] - run.q[0][:, None]
-        total, square = (
-            total + displacement.sum(axis=1),
-            square + np.sum(displacement**2, axis=1),
-        )
+        total = total + displacement.sum(axis=1)
+        square = square + np.sum(displacement**2, axis=1)
         steps = steps + np.sum(np.diff(q, axis=1) ** 2, axis=1)
     count = len(run.q)
     spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))

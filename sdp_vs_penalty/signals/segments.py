@@ -83,12 +83,14 @@ class ColumnCache:
     def _made(self, effect: Effect) -> list[Block]:
         """A few rows at a time, of a column grid many times as fine: the fewer, the
         more columns."""
-        uncut, pieces = depends(effect) or effect.has_memory, list[list[Block]]()
+        uncut = depends(effect) or effect.has_memory
+        pieces = list[list[Block]]()
         for low_pass, motion in self.parts:
             count = len(low_pass.at)
             step = count if uncut else PART // (2 * len(effect.parameters))
             for start in range(0, count, step):
-                chunk_low_pass, chunk_motion = low_pass, motion
+                chunk_low_pass = low_pass
+                chunk_motion = motion
                 if step < count:
                     chunk_low_pass, samples = low_pass.part(start, start + step)
                     chunk_motion = motion.part(samples)
@@ -247,7 +249,8 @@ class SegmentedRuns:
         """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding
         friction can say, and whether a row is of a standstill of which no law of
         friction says anything."""
-        held, stuck = np.zeros_like(self.still), np.zeros(self.still.shape, bool)
+        held = np.zeros_like(self.still)
+        stuck = np.zeros(self.still.shape, bool)
         for j, share in enumerate(self.still.T):
             keep = self.keep[:, j]
             if share[keep].any():
@@ -271,7 +274,8 @@ class SegmentedRuns:
     @cached_property
     def pieces(self) -> list[Pieces]:
         """Of each joint the index arrays of consecutive rows that count for it."""
-        index, out = np.arange(len(self.t)), []
+        index = np.arange(len(self.t))
+        out = []
         apart = np.diff(self.segment) != 0
         for keep in self.keep.T:
             ends = np.flatnonzero(apart | (keep[1:] != keep[:-1])) + 1
@@ -335,22 +339,24 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
 
 def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     """One stretch filtered; None where it is too short, or nothing in it counts."""
-    state, column, stride = filters.state, filters.column, filters.stride
+    state = filters.state
+    column = filters.column
+    stride = filters.stride
     count = (part.count - 2 * state.half + stride - 1) // stride
     # Rows begin where both low-passes are filled: that of the columns, and that of the
     # torque.
     half = max(filters.coarse.half, -((state.half - column.half) // stride))
     # Half as many as a regression has; on the dense grid twice as many.
-    step, dense_step = (
-        filters.step(share * OVERSAMPLING) // stride for share in (0.5, 2.0)
-    )
+    step = filters.step(0.5 * OVERSAMPLING) // stride
+    dense_step = filters.step(2.0 * OVERSAMPLING) // stride
     if count < 2 * half + 1 + 2 * step:
         return None
     grid = state.half + stride * np.arange(count)
     motion = filters.motion(part, state.half, part.count - state.half - 1)
     rows = np.arange(half, count - half, step)
     dense = np.arange(half, count - half, dense_step)
-    low_pass, low_dense = (Decimator(filters.coarse, at) for at in (rows, dense))
+    low_pass = Decimator(filters.coarse, rows)
+    low_dense = Decimator(filters.coarse, dense)
 
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
@@ -358,7 +364,8 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     still = cache(
         partial(standstill_leakage, part, (state, column), grid[rows])
     )  # by most logs never asked
-    torque, dense_torque = (filters.torque(part, grid[at]) for at in (rows, dense))
+    torque = filters.torque(part, grid[rows])
+    dense_torque = filters.torque(part, grid[dense])
     grid_states = motion.t[rows], keep, motion.t[dense], motion.q[dense]
     return Segment(
         *grid_states,
@@ -409,9 +416,8 @@ def subsample_sentence(
     """That ``what`` rests on windows only, and on how many; None where it rests on all."""
     if part is measurements:
         return None
-    looked, there = (
-        sum(float(r.t[-1] - r.t[0]) for r in m.runs()) for m in (part, measurements)
-    )
+    looked = sum(float(r.t[-1] - r.t[0]) for r in part.runs())
+    there = sum(float(r.t[-1] - r.t[0]) for r in measurements.runs())
     return (
         f"Long recording: {what} {looked:.3g} s of its {there:.4g} s, "
         f"{len(part.names)} windows spread over it."

@@ -171,7 +171,8 @@ def torque_spectrum(
     level = apart.mean(axis=1, keepdims=True)
     deviation = np.median(np.abs(apart - level), axis=1).max()
     swings = np.sqrt(np.maximum(loud, powers) / powers)[band].mean(axis=0).max()
-    smoothed, uneven = deviation > 2.0 * np.log(c.NOISE_LIKE), swings > c.NOISE_LIKE
+    smoothed = deviation > 2.0 * np.log(c.NOISE_LIKE)
+    uneven = swings > c.NOISE_LIKE
     return frequency, np.exp(level) * shapes[best], bool(smoothed), bool(uneven)
 
 

@@ -50,19 +50,19 @@ def is_still(q: Array) -> NDArray[np.bool_]:
     out = np.zeros(q.shape[::-1], bool)
     if len(q) < 16:
         return out.T
-    step, half = resolution(q), 1
-    joints, positions_by_joint = np.arange(q.shape[1]), np.ascontiguousarray(q.T)
+    step = resolution(q)
+    half = 1
+    joints = np.arange(q.shape[1])
+    positions_by_joint = np.ascontiguousarray(q.T)
     while half < 0.1 * len(q) and len(joints):
         width = 2 * half + 1
         near = np.pad(positions_by_joint, ((0, 0), (half, half)), mode="symmetric")
         spread = sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
         quiet = spread <= 2.0 * step[joints, None]
         some = quiet.any(axis=1)  # the others are not quiet for longer either
-        joints, positions_by_joint, quiet = (
-            joints[some],
-            positions_by_joint[some],
-            quiet[some],
-        )
+        joints = joints[some]
+        positions_by_joint = positions_by_joint[some]
+        quiet = quiet[some]
         ends = np.pad(positions_by_joint, ((0, 0), (3 * half, 3 * half)), mode="edge")
         aside = np.maximum(
             np.abs(ends[:, : -6 * half] - positions_by_joint),
@@ -102,7 +102,8 @@ def resolution(q: Array) -> Array:
 def friction_laws(motion: Motion, joint: int) -> Array:
     """(N, k) a joint's friction of unit size: Dahl's for each travel, Coulomb's,
     viscous, a constant."""
-    path, dq = Legs.of(motion.q[:, joint]), motion.dq[:, joint]
+    path = Legs.of(motion.q[:, joint])
+    dq = motion.dq[:, joint]
     travels = PreslidingHysteresis.shapes["d"].grid
     memory = [dahl(path, travel, float(np.sign(dq[0]))) for travel in travels]
     return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(dq))])
@@ -118,7 +119,8 @@ def unexplained_standstill_torque(
     standstill, is; e what least squares leave, m the same of rows in which the joint
     moves. What no law says is one unknown that all standstills may share: together they
     then weigh as one row, s^2 times their number."""
-    moves, stands = share < STILL, share > 0.5
+    moves = share < STILL
+    stands = share > 0.5
     if not moves.any() or not stands.any():
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)

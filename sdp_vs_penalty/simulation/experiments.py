@@ -88,7 +88,8 @@ class Sensor:
     def noise(self, count: int, rng: np.random.Generator) -> Array:
         """(count, n) samples of the torque noise at ``rate``, stationary from the first
         on: 500 before them are thrown away."""
-        white, out = rng.normal(size=(count + 500, len(self.torque_std))), []
+        white = rng.normal(size=(count + 500, len(self.torque_std)))
+        out = []
         for x, std, row in zip(white.T, self.torque_std, self.poles, strict=True):
             innovation = std * np.sqrt(innovation_share(row))
             out.append(signal.lfilter([innovation], row, x)[500:])
@@ -153,7 +154,8 @@ def simulate(
     not use it.
     """
     t = sensor.instants(trajectory.duration)
-    motion, rng = Motion(t, *trajectory.states(t)), np.random.default_rng(seed)
+    motion = Motion(t, *trajectory.states(t))
+    rng = np.random.default_rng(seed)
     return Measurements(
         *sensor.log(trajectory.duration, motion.q, torque(motion), rng), names=(name,)
     )
@@ -196,7 +198,8 @@ class Experiment:
         """Random trajectories inside the joint limits, each measured once."""
         count, duration = self.validation
         # Apart from the training ones, noise included, at any seed.
-        first, runs = 100_000 + count * seed, []
+        first = 100_000 + count * seed
+        runs = []
         for k in range(count):
             path = random_trajectory(self.problem.robot, first + k, duration)
             name = f"validation trajectory {k + 1}"
@@ -215,16 +218,19 @@ def experiment(problem: Problem) -> Experiment:
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
-    truth, motion, limits = data["truth"], data["trajectory"], data["validation"]
+    truth = data["truth"]
+    motion = data["trajectory"]
+    limits = data["validation"]
     if "table" in motion:
         trajectory = published_trajectory(problem, motion)
     else:
-        length, over_pi, blend = (
-            float(motion[x]) for x in ("duration", "frequency_over_pi", "blend")
-        )
+        length = float(motion["duration"])
+        over_pi = float(motion["frequency_over_pi"])
+        blend = float(motion["blend"])
         drawn = problem.robot, int(motion["seed"]), length
         trajectory = random_trajectory(*drawn, frequency=np.pi * over_pi, blend=blend)
-    friction, sensor = truth.get("friction"), dict[str, Any]()
+    friction = truth.get("friction")
+    sensor = dict[str, Any]()
     for name, value in data["sensor"].items():
         sensor[name] = (
             np.array(value, float) if isinstance(value, list) else float(value)
@@ -243,7 +249,8 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
 
 def _assumed(problem: Problem) -> Experiment:
     """Friction of 2 % and noise of 0.1 % of the torque that it moves with."""
-    robot, none = problem.robot, np.zeros(problem.robot.n)
+    robot = problem.robot
+    none = np.zeros(problem.robot.n)
     assumed_parts = (
         random_trajectory(robot, seed=1, duration=21.0),
         Sensor(50.0, none),

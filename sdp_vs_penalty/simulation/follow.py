@@ -144,7 +144,8 @@ class Following(Shown):
         """Headings, and one row a joint, in thousandths of its unit: velocity after one step, position
         0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread.
         """
-        free, a = self.free[0], self.ahead
+        free = self.free[0]
+        a = self.ahead
         columns = {
             "step/s": self.one_step.rms,
             "0.1 s": a.rms,
@@ -171,10 +172,8 @@ class Following(Shown):
     @property
     def explained(self) -> str:
         """What the columns of :meth:`table` are."""
-        free, band = (
-            self.free[0],
-            " (+-: half the 95 % band that the parameters' intervals make of it)",
-        )
+        free = self.free[0]
+        band = " (+-: half the 95 % band that the parameters' intervals make of it)"
         return (
             "RMS errors in thousandths of the unit: of the velocity after one step"
             f" (step/s), of the position {self.ahead.seconds:.3g} s ahead (5 %, 95 %:"
@@ -330,7 +329,8 @@ class _Ride:
     def step(self, state: State, k: NDArray[np.intp]) -> State:
         """From sample k (W,) of the course to the next. InputError where a servo has no
         command."""
-        course, h = self.course, self.course.dt / self.substeps
+        course = self.course
+        h = self.course.dt / self.substeps
         for m in range(self.substeps):
             if self.servo is not None:
                 if course.command is None:
@@ -339,7 +339,8 @@ class _Ride:
                     )
                 state = self.servo.step(state, course.command, h)
                 continue
-            share, damping = (m + 0.5) / self.substeps, None
+            share = (m + 0.5) / self.substeps
+            damping = None
             torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
             if self.loop is not None:
                 more, damping = self.added(state, k, share, h)
@@ -353,7 +354,9 @@ def _windows(
 ) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one step, of
     position at the horizon; and both at constant velocity."""
-    course, states, dt = ride.course, ride.course.states, ride.course.dt
+    course = ride.course
+    states = ride.course.states
+    dt = ride.course.dt
     steps = max(1, round(horizon / dt))
     starts = np.flatnonzero(course.moving[: len(states.t) - steps - 1])
     if not len(starts):
@@ -363,7 +366,8 @@ def _windows(
             np.linspace(0, len(starts) - 1, min(most_windows, len(starts))).astype(int)
         )
     ]
-    state, first = states.rows(at), np.zeros((len(at), states.q.shape[1]))
+    state = states.rows(at)
+    first = np.zeros((len(at), states.q.shape[1]))
     for k in range(steps):
         state = ride.step(state, at + k)
         if k == 0:
@@ -394,11 +398,15 @@ def _free_run(
     estimate: Estimate, drawn: Array, measured: _Ride, most_steps: int | None
 ) -> FreeRun:
     ride = replace(measured, plant=Plant(estimate.model, drawn))
-    course, states, size = ride.course, ride.course.states, len(drawn)
+    course = ride.course
+    states = ride.course.states
+    size = len(drawn)
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
     state = states.rows(np.full(size, start))
-    q, added, left = [state.q], [], False
+    q = [state.q]
+    added = []
+    left = False
     end = (
         len(course.torque) - 1
         if most_steps is None
@@ -413,14 +421,16 @@ def _free_run(
         if not np.all(np.abs(state.q[0] - states.q[k + 1]) <= limit):
             left = True
             break
-    motion, until = np.array(q), start + len(q)
+    motion = np.array(q)
+    until = start + len(q)
     error = motion[:, 0] - states.q[start:until]
     spread = None
     if size > 2:
         spread = NORMAL_95 * np.sqrt(
             np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1))
         )
-    torque, t = course.torque[start:until], states.t[start:until]
+    torque = course.torque[start:until]
+    t = states.t[start:until]
     return FreeRun(
         seconds=float(t[-1] - t[0]),
         left=left,

@@ -129,11 +129,9 @@ def true_world(
     """The true robot: the experiment's links, random viscous and Coulomb friction and
     offsets of the size of friction there; effects named in ``without`` are not among
     them."""
-    robot, rng, none = (
-        problem.robot,
-        np.random.default_rng([seed, 1]),
-        np.zeros(problem.robot.n),
-    )
+    robot = problem.robot
+    rng = np.random.default_rng([seed, 1])
+    none = np.zeros(problem.robot.n)
     size = 0.02 + none if setup.friction is None else np.abs(setup.friction[:, 0])
     coulomb = (
         size * rng.uniform(0.5, 1.5, robot.n) * ("coulomb_friction" not in without)
@@ -144,7 +142,8 @@ def true_world(
     offset = (
         0.2 * size * rng.uniform(-1.0, 1.0, robot.n) * ("torque_offset" not in without)
     )
-    model, chain = robot._with_inertias(setup.links), robot.mechanism
+    model = robot._with_inertias(setup.links)
+    chain = robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
     follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
     arm = Arm(model, rotary, robot.link_joints[-1] + 1, *follows)
@@ -176,7 +175,8 @@ def hidden_runs(
     without = [name for name, _ in effects]
     world = true_world(problem, setup, seed, without) if world is None else world
     # One and a half periods in a run.
-    length, frequency = DURATION + 2.0 * _BLEND, 3.0 * np.pi / DURATION
+    length = DURATION + 2.0 * _BLEND
+    frequency = 3.0 * np.pi / DURATION
     drawn = (10 * seed + k for k in range(count))
     trajectories = [
         random_trajectory(problem.robot, x, length, frequency=frequency) for x in drawn

@@ -54,5 +54,6 @@ class Clarabel(Solver):
             problem.P, problem.q, problem.A, problem.b, cones, settings
         )
         result = solver.solve()
-        x, z = np.array(result.x), np.array(result.z)
+        x = np.array(result.x)
+        z = np.array(result.z)
         return self.make_solution(x, z, str(result.status), result.iterations)

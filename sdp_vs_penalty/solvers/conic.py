@@ -70,7 +70,8 @@ class Solution:
         iterations: int = 0,
     ) -> Solution:
         """What a solver that gave up returned."""
-        x, z = np.full(len(problem.q), np.nan), np.full(len(problem.b), np.nan)
+        x = np.full(len(problem.q), np.nan)
+        z = np.full(len(problem.b), np.nan)
         return cls(x, z, claims, status, iterations)
 
 
@@ -125,13 +126,15 @@ def sdpa_text(problem: ConicProblem) -> str:
 def cbf_text(problem: ConicProblem) -> str:
     """CBF: free variables x, affine cones by rows of (h - G x), psd cones by HCOORD and
     DCOORD."""
-    m, starts = len(problem.q), np.cumsum([0, *(c.rows for c in problem.cones)])
+    m = len(problem.q)
+    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     lines = ["VER", "3", "", "OBJSENSE", "MIN", "", "VAR", f"{m} 1", f"F {m}", ""]
     psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
     if psd.any():
         sizes = [str(cone.size) for cone in problem.cones if cone.kind == "psd"]
         lines += ["PSDCON", str(len(sizes)), *sizes, ""]
-    rows, cones = [np.zeros(0, np.intp)], []
+    rows = [np.zeros(0, np.intp)]
+    cones = []
     for start, cone in zip(starts, problem.cones, strict=False):
         if cone.kind != "psd":
             row_numbers = np.arange(start, start + cone.rows)
@@ -143,10 +146,12 @@ def cbf_text(problem: ConicProblem) -> str:
     if cones:
         lines += ["CON", f"{len(order)} {len(cones)}", *cones, ""]
     block, i, j, factor = svec_entries(problem.cones)
-    number, matrix = np.cumsum(psd) - 1, sparse.csr_matrix(-problem.A)
+    number = np.cumsum(psd) - 1
+    matrix = sparse.csr_matrix(-problem.A)
     matrices = np.flatnonzero(psd[block])
     part = matrix[matrices].tocoo()
-    at, values = matrices[part.row], part.data * factor[matrices[part.row]]
+    at = matrices[part.row]
+    values = part.data * factor[matrices[part.row]]
     lines += _section("OBJACOORD", *_nonzero(problem.q))
     lines += _section("HCOORD", number[block[at]], part.col, j[at], i[at], values)
     entries = matrix[order].tocoo()

@@ -64,7 +64,9 @@ class Fit:
         """A rigorous lower bound on the optimum, from any multipliers: as they are,
         and, unless that is tight, also from polished ones."""
         assert self.bound is not None
-        objective, entries, bound = self.objective, self.constraints.entries, self.bound
+        objective = self.objective
+        entries = self.constraints.entries
+        bound = self.bound
         lower = rigorous_bounds.lower_bound(
             objective, entries, dual_evidence(self, polished=False), bound
         )
@@ -86,8 +88,11 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     they go with, at theta: the closer to the optimum, the tighter the bound."""
     assert fit.multipliers is not None
     assert fit.bound is not None
-    objective, theta, bound = fit.objective, fit.theta, fit.bound
-    data, slopes = objective.least_squares, fit.entropy_slopes
+    objective = fit.objective
+    theta = fit.theta
+    bound = fit.bound
+    data = objective.least_squares
+    slopes = fit.entropy_slopes
     if objective.entropy is not None and (polished or slopes is None):
         entropy_slopes = (
             np.zeros_like(objective.entropy.nominal) if slopes is None else slopes
@@ -127,8 +132,11 @@ def _polished(
     """What data cannot take up of a leftover slope goes into the multipliers of each
     link's 4x4 matrix, which can hold any of it; projecting them back onto the cone
     leaves less."""
-    data, entries = objective.least_squares, constraints.entries
-    p, slope, pull = len(bound), objective.linear, 2.0 * data.R.T
+    data = objective.least_squares
+    entries = constraints.entries
+    p = len(bound)
+    slope = objective.linear
+    pull = 2.0 * data.R.T
     if (entropy := objective.entropy) is not None:
         pulls = entropy.weight * (entropy.nominal_terms[0] - e.entropy_slopes)
         slope = slope + entropy.entries.adjoint(pulls.ravel(), p)
@@ -147,7 +155,9 @@ def _polished(
         unit_diagonals(x) if g.cone == "psd" else np.ones_like(g.constant)
         for g, x in terms
     ]
-    dual, multipliers, best = entries.split(e.multipliers), e.multipliers, -np.inf
+    dual = entries.split(e.multipliers)
+    multipliers = e.multipliers
+    best = -np.inf
     for _ in range(_DUAL_ROUNDS):
         dual = [
             t * project(g.cone, s / t)
@@ -165,7 +175,8 @@ def _polished(
             - float(y @ y)
             - cost
         )
-        gained, best = value - best, max(best, value)
+        gained = value - best
+        best = max(best, value)
         if gained > 0.0:
             multipliers = flat
         if gained <= _WORTHWHILE * cost:
@@ -195,10 +206,12 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
 #: Directions below this share of the data's energy, or of the strongest, are left alone
 #: where a slope is pushed into y: by a Cholesky factor first, which is quick, by
 #: singular values then.
-_RIDGE, _CUT = 1e-9, 1e-8
+_RIDGE = 1e-9
+_CUT = 1e-8
 #: Most rounds of pushing the leftover slope into the multipliers, and the share of what
 #: it costs that a round has to gain.
-_DUAL_ROUNDS, _WORTHWHILE = 50, 0.02
+_DUAL_ROUNDS = 50
+_WORTHWHILE = 0.02
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:

@@ -78,11 +78,9 @@ class SdpProblem:
         """The dual matrix or vector of each constraint, in the units of loss per F."""
         out = {}
         for item in self.placed:
-            c, T, part = (
-                item.constraint,
-                item.scale,
-                solution.z[item.rows] * self.loss_scale**2,
-            )
+            c = item.constraint
+            T = item.scale
+            part = solution.z[item.rows] * self.loss_scale**2
             out[c] = (
                 T.T @ unsvec(part, len(c.constant)) @ T if c.cone == "psd" else T * part
             )
@@ -122,7 +120,8 @@ def least_squares_sdp(
     least_loss : what the loss at the optimum is at least about, where the constraints cost far more
         than the unconstrained residual: the objective is a number of size one in that unit.
     """
-    data, entropy = objective.least_squares, objective.entropy
+    data = objective.least_squares
+    entropy = objective.entropy
     p = len(bound)
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)
@@ -135,7 +134,8 @@ def least_squares_sdp(
     rows, rho, out_of_reach = _independent_rows(
         data.R * unit, data.rho - data.R @ centre
     )
-    r, offset = len(rho), data.residual_norm**2 + out_of_reach
+    r = len(rho)
+    offset = data.residual_norm**2 + out_of_reach
     loss_scale = (
         float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
     )
@@ -145,7 +145,9 @@ def least_squares_sdp(
     residual = np.hstack([rows * (scale / unit) / loss_scale, -np.eye(r)])
     scaled_constraints, placed = scaled(constraints, centre, scale, reference, first=r)
     groups = [plain_rows("zero", residual, -rho / loss_scale), *scaled_constraints]
-    quadratic, linear, start = np.repeat([0.0, 2.0], [p, r]), np.zeros(p + r), 0
+    quadratic = np.repeat([0.0, 2.0], [p, r])
+    linear = np.zeros(p + r)
+    start = 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
         more, logs, links = _log_det(entropy, centre, scale, p + r)
@@ -153,9 +155,8 @@ def least_squares_sdp(
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
         linear[:p] = weight * scale * entropy.entries.adjoint(inverse.ravel(), p)
-        quadratic, linear = (
-            np.pad(x, (0, logs.size + 10 * len(inverse))) for x in (quadratic, linear)
-        )
+        quadratic = np.pad(quadratic, (0, logs.size + 10 * len(inverse)))
+        linear = np.pad(linear, (0, logs.size + 10 * len(inverse)))
         linear[logs] = -weight
         # Of the divergence the conic problem leaves out the trace at the centre, log
         # det and scaling.
@@ -189,7 +190,8 @@ def conic_problem(
 ) -> ConicProblem:
     """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its
     cone; matrices are svec's there, constant (g, rows), coefficients (g, k, rows)."""
-    stacked, m = StackedCones.from_groups(groups), len(linear)
+    stacked = StackedCones.from_groups(groups)
+    m = len(linear)
     A = sparse.csc_matrix(
         (-stacked.value, (stacked.row, stacked.column)), (len(stacked.constant), m)
     )
@@ -228,14 +230,14 @@ def scaled(
     reference (p,) : from where matrices are seen; None: cones as they are. slack : of F
     - t e, t the entry of x behind theta's; matrices are not turned then.
     """
-    groups, placed = list[ConeGroup](), dict[int, Placed]()
+    groups = list[ConeGroup]()
+    placed = dict[int, Placed]()
     for group in group_cones(constraints):
-        local, psd = theta_scale[group.indices][:, :, None], group.cone == "psd"
-        d, indices, middle = (
-            group.constant.shape[1],
-            group.indices,
-            group.values(centre),
-        )
+        local = theta_scale[group.indices][:, :, None]
+        psd = group.cone == "psd"
+        d = group.constant.shape[1]
+        indices = group.indices
+        middle = group.values(centre)
         if psd:
             T = np.broadcast_to(np.eye(d), group.constant.shape)
             if reference is not None:
@@ -243,7 +245,8 @@ def scaled(
                 T = _sizes(at)[:, :, None] * T if slack else _whitening(at)
             turned = np.swapaxes(T, 1, 2)
             columns = svec(T[:, None] @ group.coefficients @ turned[:, None]) * local
-            constant, scale = svec(T @ middle @ turned), T
+            constant = svec(T @ middle @ turned)
+            scale = T
         else:
             scale = np.ones_like(group.constant)
             if reference is not None:
@@ -254,10 +257,8 @@ def scaled(
                 scale = 1.0 / nonzero_or_one(
                     np.maximum(size, size.max(axis=1, keepdims=True)) if soc else size
                 )
-            constant, columns = (
-                middle * scale,
-                group.coefficients * scale[:, None] * local,
-            )
+            constant = middle * scale
+            columns = group.coefficients * scale[:, None] * local
         if slack:
             unit = constraints[group.places[0]].identity
             unit = np.broadcast_to(svec(unit) if psd else unit, constant.shape)
@@ -287,8 +288,10 @@ def _log_det(
     """
     (links,) = group_cones(entropy.links)
     n, (i, j) = len(links.places), np.tril_indices(4)
-    twice, z = unit_diagonals(entropy.nominal), 10 + np.arange(10)
-    blocks, constant = np.zeros((n, 20, 8, 8)), np.zeros((n, 8, 8))
+    twice = unit_diagonals(entropy.nominal)
+    z = 10 + np.arange(10)
+    blocks = np.zeros((n, 20, 8, 8))
+    constant = np.zeros((n, 8, 8))
     local = theta_scale[links.indices][:, :, None, None]
     blocks[:, :10, :4, :4] = links.coefficients * twice[:, None] * local
     blocks[:, z, i, 4 + j] = blocks[:, z, 4 + j, i] = 1.0
@@ -296,14 +299,13 @@ def _log_det(
     blocks[:, z[diagonal], 4 + np.arange(4), 4 + np.arange(4)] = 1.0
     constant[:, :4, :4] = links.values(centre) * twice
     new = width + np.arange(14 * n).reshape(n, 14)
-    indices, logs = np.column_stack([links.indices, new[:, :10]]), new[:, 10:].ravel()
+    indices = np.column_stack([links.indices, new[:, :10]])
+    logs = new[:, 10:].ravel()
     matrices = ConeGroup("psd", links.places, indices, svec(constant), svec(blocks))
     # exp(t) <= Z_dd
     pairs = np.column_stack([logs, new[:, diagonal].ravel()])
-    one, both = (
-        np.tile(np.eye(3)[1], (4 * n, 1)),
-        np.tile(np.eye(3)[::2], (4 * n, 1, 1)),
-    )
+    one = np.tile(np.eye(3)[1], (4 * n, 1))
+    both = np.tile(np.eye(3)[::2], (4 * n, 1, 1))
     return [matrices, ConeGroup("exp", np.arange(4 * n), pairs, one, both)], logs, links
 
 

@@ -45,7 +45,8 @@ class Entropy:
 
     def value(self, theta: Array) -> float:
         """At theta (p,); infinite outside of its domain."""
-        matrices, roots = self.entries.at(theta)[0].reshape(-1, 4, 4), self._roots
+        matrices = self.entries.at(theta)[0].reshape(-1, 4, 4)
+        roots = self._roots
         ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
         if (
             ratios.min() <= 0.0

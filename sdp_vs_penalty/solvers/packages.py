@@ -26,7 +26,8 @@ class Cvxopt(Solver):
     extra = "solvers"
     requires = "package", "cvxopt"
     cones = frozenset({"zero", "nonnegative", "soc", "psd"})
-    order, full_matrices = KINDS, True
+    order = KINDS
+    full_matrices = True
     finest = 1e-7
     default_options = {
         **dict.fromkeys(("abstol", "reltol", "feastol"), ACCURACY),
@@ -42,12 +43,13 @@ class Cvxopt(Solver):
         import cvxopt
         from cvxopt import solvers
 
-        dims, coo = sizes(problem.cones), problem.A.tocoo()
-        equal, rows, columns = dims["z"], coo.row.astype(int), coo.col.astype(int)
-        A, b = (
-            cvxopt.spmatrix(coo.data, rows, columns, coo.shape),
-            cvxopt.matrix(problem.b),
-        )
+        dims = sizes(problem.cones)
+        coo = problem.A.tocoo()
+        equal = dims["z"]
+        rows = coo.row.astype(int)
+        columns = coo.col.astype(int)
+        A = cvxopt.spmatrix(coo.data, rows, columns, coo.shape)
+        b = cvxopt.matrix(problem.b)
         parts = (
             A[equal:, :],
             b[equal:],
@@ -77,7 +79,8 @@ class Qics(Solver):
     extra = "solvers"
     requires = "package", "qics"
     cones = EVERYTHING - {"quadratic"}
-    order, full_matrices = KINDS, True
+    order = KINDS
+    full_matrices = True
     # Iterative refinement and third-order adjustments are on by default, as its manual
     # recommends.
     default_options = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
@@ -101,15 +104,15 @@ class Qics(Solver):
             for cone in problem.cones
             if cone.kind != "zero"
         ]
-        dims, rows = sizes(problem.cones), len(problem.b)
+        dims = sizes(problem.cones)
+        rows = len(problem.b)
         # y exp(x / y) <= z exactly if -x >= y log(y / z): of three rows the first with
         # another sign.
-        signs, equal = np.ones(rows), dims["z"]
+        signs = np.ones(rows)
+        equal = dims["z"]
         signs[rows - 3 * dims["ep"] :: 3] = -1.0
-        A, b = (
-            sparse.csr_matrix(sparse.diags(signs) @ problem.A),
-            (signs * problem.b)[:, None],
-        )
+        A = sparse.csr_matrix(sparse.diags(signs) @ problem.A)
+        b = (signs * problem.b)[:, None]
         parts = {"A": A[:equal], "b": b[:equal], "G": A[equal:], "h": b[equal:]}
         model = qics.Model(problem.q[:, None], **parts, cones=cones)
         info = qics.Solver(model, verbose=0, **options).solve()
@@ -118,7 +121,8 @@ class Qics(Solver):
             getattr(info["z_opt"], "vec", info["z_opt"]),
         )  # as versions have it
         z = signs * np.concatenate([np.asarray(dual, float).ravel() for dual in duals])
-        x, more = np.asarray(info["x_opt"]).ravel(), f"({info['exit_status']})"
+        x = np.asarray(info["x_opt"]).ravel()
+        more = f"({info['exit_status']})"
         return self.make_solution(x, z, info["sol_status"], info["num_iter"], more)
 
     def warm_up(self) -> None:
@@ -155,7 +159,8 @@ class Scs(Solver):
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         import scs
 
-        rows, start = [np.zeros(0, np.intp)], 0
+        rows = [np.zeros(0, np.intp)]
+        start = 0
         for cone in problem.cones:
             i, j = np.triu_indices(
                 cone.size
@@ -169,7 +174,8 @@ class Scs(Solver):
         A = problem.A.tocsr()[lower].tocsc()
         data = {"P": problem.P, "A": A, "b": problem.b[lower], "c": problem.q}
         result = scs.SCS(data, sizes(problem.cones), verbose=False, **options).solve()
-        z, info = np.empty(len(lower)), result["info"]
+        z = np.empty(len(lower))
+        info = result["info"]
         z[lower] = result["y"]
         # The first word of its status; what follows says that it is inaccurate.
         word, _, more = info["status"].partition(" ")
@@ -190,7 +196,8 @@ class Sdpa(Solver):
     extra = "solvers"
     requires = "package", "sdpap"
     cones = frozenset({"nonnegative", "psd"})
-    order, full_matrices = KINDS, True
+    order = KINDS
+    full_matrices = True
     default_options = {
         "epsilonStar": ACCURACY,
         "epsilonDash": ACCURACY,
@@ -209,7 +216,8 @@ class Sdpa(Solver):
         x, y, info, _, more = sdpap.solve(
             -problem.A, -problem.b, problem.q, free, cones, settings
         )
-        x, z = (np.asarray(v.todense()).ravel() for v in (x, y))
+        x = np.asarray(x.todense()).ravel()
+        z = np.asarray(y.todense()).ravel()
         return self.make_solution(
             x, z, str(info.get("phasevalue")), more.get("iteration", 0)
         )

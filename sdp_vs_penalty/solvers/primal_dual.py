@@ -83,7 +83,8 @@ class _InteriorPoint:
         self, cones: SmallCones, data: LeastSquares, start: Array | Iterate
     ) -> None:
         """Raises LinAlgError where the start is not strictly inside."""
-        self.cones, self.data = cones, data
+        self.cones = cones
+        self.data = data
         self.theta = start.theta if isinstance(start, Iterate) else start
         self.both = np.empty((2, len(cones.constant)))
         self.rows, self.mats = self._views(self.both)
@@ -116,7 +117,8 @@ class _InteriorPoint:
 
     def evaluate(self) -> None:
         """Loss, value and slope of the part without logarithms."""
-        data, linear = self.data, self.cones.linear
+        data = self.data
+        linear = self.cones.linear
         residual = data.R @ self.theta - data.rho
         self.loss = float(residual @ residual) + data.residual_norm**2
         self.value = self.loss + float(linear @ self.theta)
@@ -153,7 +155,8 @@ class _InteriorPoint:
         self.inverse = self.turned[0] @ self.roots[0]
         self.evaluate()
         np.divide(self.rows[1], self.rows[0], out=self.products[: cones.rows])
-        inverse, Z = self.inverse[:, :, :, None, None], self.mats[1][:, None, None]
+        inverse = self.inverse[:, :, :, None, None]
+        Z = self.mats[1][:, None, None]
         np.multiply(inverse, Z, out=self.kronecker)
         H = self.data.curvature.copy()
         flat = H.ravel()
@@ -196,7 +199,8 @@ class _InteriorPoint:
         """change : changes of S and Z for a step (p,) of theta; returns how far they
         stay inside."""
         self.change[0] = self.cones.slack_map @ step
-        Z, dS = self.mats[1], self.change_mats[0]
+        Z = self.mats[1]
+        dS = self.change_mats[0]
         self.change[1] = self.target - self.both[1] - second
         self.change[1] -= self.scaled(self.change_rows[0], Z, dS, self.rows[1])
         inward = float((self.change_rows / self.rows).min(initial=-1e-12))

@@ -87,7 +87,8 @@ class Program(Solver):
             try:
                 x, z = self.read(folder, problem)
             except (OSError, ValueError, IndexError):
-                x, z = np.zeros(0), np.zeros(0)
+                x = np.zeros(0)
+                z = np.zeros(0)
         if (len(x), len(z)) == (len(problem.q), len(problem.b)):
             return Solution(x, z, claims, status, iterations)
         claims = "failed" if claims in ("optimal", "inaccurate") else claims
@@ -188,7 +189,8 @@ class SdpaProgram(Program):
         text = (folder / "answer").read_text()
         x = _numbers(text.split("xVec =")[1].split("xMat =")[0])
         values = _numbers(text.split("yMat =")[1].split("main loop time")[0])
-        z, at = list[Array](), 0
+        z = list[Array]()
+        at = 0
         for cone in problem.cones:
             d = cone.size
             entries = values[at : at + (d * d if cone.kind == "psd" else d)]

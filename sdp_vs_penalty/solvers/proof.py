@@ -97,13 +97,13 @@ def stated(
 ) -> Proof:
     """The problem as a proof states it: every field but multipliers, interval and
     hashes."""
-    data, entropy = objective.least_squares, objective.entropy
-    weight, held = 0.0, list[tuple[Constraint, Array, float]]()
+    data = objective.least_squares
+    entropy = objective.entropy
+    weight = 0.0
+    held = list[tuple[Constraint, Array, float]]()
     if entropy is not None:
-        weight, held = (
-            entropy.weight,
-            [*zip(entropy.links, *entropy.nominal_terms, strict=True)],
-        )
+        weight = entropy.weight
+        held = [*zip(entropy.links, *entropy.nominal_terms, strict=True)]
     return {
         "parameters": list(parameters) or [f"x{k}" for k in range(len(bound))],
         "R": _texts(data.R),
@@ -184,9 +184,9 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
             yield f"{field} of {_title(c)}", (x := _array(c[field])), itself(x)
         parts = [(np.zeros(0), np.zeros(0))]
         for e in c["entropy"]:
-            weight, log_det, inverse = (
-                _array(x) for x in ([e["weight"]], [e["log_det"]], e["inverse"])
-            )
+            weight = _array([e["weight"]])
+            log_det = _array([e["log_det"]])
+            inverse = _array(e["inverse"])
             # Of a logarithm the error is a relative one of the determinant.
             parts += [(weight, itself(weight)), (log_det, np.ones(1))]
             parts += [(inverse, squares(inverse.reshape(4, 4)).ravel())]
@@ -236,16 +236,15 @@ def _proof(
 
 def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
     """Of the constraints as they are, each inside its cone exactly: V V^T for a matrix."""
-    out, multipliers = [], constraints.entries.each(evidence.multipliers)
+    out = []
+    multipliers = constraints.entries.each(evidence.multipliers)
     for c, multiplier in zip(constraints.convex, multipliers, strict=True):
         if c.cone == "psd":
             out.append(_gram(factor(0.5 * (multiplier + multiplier.T)[None])[0]))
         elif c.cone == "soc":
             across = [Fraction(float(x)) for x in multiplier[1:]]
-            axis, square = (
-                Fraction(float(multiplier[0])),
-                sum((x * x for x in across), Fraction(0)),
-            )
+            axis = Fraction(float(multiplier[0]))
+            square = sum((x * x for x in across), Fraction(0))
             while axis < 0 or axis * axis < square:
                 axis = Fraction(
                     math.nextafter(max(float(axis), math.sqrt(float(square))), math.inf)

@@ -106,7 +106,8 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     starts = list(range(0, rows, size))
     columns = len(starts)
     blocks: list[list[Any]] = [[problem.A, None]]
-    constants, cones = [problem.b], list(problem.cones)
+    constants = [problem.b]
+    cones = list(problem.cones)
     for k, start in enumerate(starts):
         part = factor[start : start + size]
         top = sparse.csr_matrix(([-1.0], ([0], [k])), (1, columns))
@@ -137,15 +138,19 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     if not equal.any():
         return unchanged(problem)
     A = sparse.csr_matrix(problem.A)
-    E, e, inequalities = sparse.csc_matrix(A[equal]), problem.b[equal], A[~equal]
+    E = sparse.csc_matrix(A[equal])
+    e = problem.b[equal]
+    inequalities = A[~equal]
     lonely = np.flatnonzero(np.diff(E.indptr) == 1)
-    row_of, value = E.indices[E.indptr[lonely]], E.data[E.indptr[lonely]]
+    row_of = E.indices[E.indptr[lonely]]
+    value = E.data[E.indptr[lonely]]
     # The largest coefficient of each row; the residual variables' are all -1.
     order = np.lexsort((-np.abs(value), row_of))
     rows, first = np.unique(row_of[order], return_index=True)
     if len(rows) != E.shape[0]:
         raise NotApplicableError("an equality holds no variable of its own")
-    pivots, size = lonely[order][first], value[order][first]
+    pivots = lonely[order][first]
+    size = value[order][first]
     free_columns = np.setdiff1d(np.arange(A.shape[1]), pivots)
     # x_pivot = offset - slope x_kept
     slope = sparse.diags(1.0 / size) @ E[:, free_columns]
@@ -162,7 +167,8 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     )
 
     def back(x: Array, z: Array) -> tuple[Array, Array]:
-        full_x, full_z = np.zeros(A.shape[1]), np.zeros(len(equal))
+        full_x = np.zeros(A.shape[1])
+        full_z = np.zeros(len(equal))
         full_x[free_columns] = x
         full_x[pivots] = offset - slope @ x
         full_z[~equal] = z
@@ -178,7 +184,8 @@ def arrows(problem: ConicProblem) -> Rewritten:
     back."""
     if not any(c.kind == "soc" for c in problem.cones):
         return unchanged(problem)
-    maps, cones = [], []
+    maps = []
+    cones = []
     for cone in problem.cones:
         d = cone.size
         if cone.kind != "soc":
@@ -186,11 +193,10 @@ def arrows(problem: ConicProblem) -> Rewritten:
             cones.append(cone)
             continue
         j = np.arange(d)
-        diagonal, border = j * (j + 1) // 2 + j, j[1:] * (j[1:] + 1) // 2
-        rows, columns = (
-            np.concatenate([diagonal, border]),
-            np.concatenate([np.zeros(d, int), j[1:]]),
-        )
+        diagonal = j * (j + 1) // 2 + j
+        border = j[1:] * (j[1:] + 1) // 2
+        rows = np.concatenate([diagonal, border])
+        columns = np.concatenate([np.zeros(d, int), j[1:]])
         values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
         maps.append(sparse.csr_matrix((values, (rows, columns)), (d * (d + 1) // 2, d)))
         cones.append(Cone("psd", d))
@@ -212,7 +218,8 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
     """The cones sorted by kind, in the order given; nonnegative and zero cones are
     merged."""
     starts = np.cumsum([0, *(c.rows for c in problem.cones)])
-    order, cones = [np.zeros(0, np.intp)], []
+    order = [np.zeros(0, np.intp)]
+    cones = []
     for kind in kinds:
         mine = [k for k, c in enumerate(problem.cones) if c.kind == kind]
         order += [np.arange(starts[k], starts[k + 1]) for k in mine]
@@ -246,7 +253,8 @@ def full_matrices(problem: ConicProblem) -> Rewritten:
     """
     both = []
     for cone in problem.cones:
-        d, rows = cone.size, cone.rows
+        d = cone.size
+        rows = cone.rows
         out = home = sparse.identity(rows, format="csr")
         if cone.kind == "psd":
             # Entries stand column by column: (row j, column i) of the lower triangle at

@@ -75,7 +75,8 @@ def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array
 
 def _square(v: Array) -> tuple[Extended, Array]:
     """V V^T (g, d, d) and |V| |V|^T, whose own rounding gamma holds as well."""
-    exact, size = np.asarray(v, Long), np.abs(v)
+    exact = np.asarray(v, Long)
+    size = np.abs(v)
     return exact @ np.swapaxes(exact, 1, 2), size @ np.swapaxes(size, 1, 2)
 
 
@@ -83,7 +84,8 @@ def factor(matrices: Array) -> Array:
     """V (g, d, d) with V V^T near symmetric matrices; near their projections where one
     is indefinite, seen with a diagonal of size one: what is near does not depend on
     units."""
-    out, used = np.zeros_like(matrices), matrices.any(axis=(1, 2))
+    out = np.zeros_like(matrices)
+    used = matrices.any(axis=(1, 2))
     try:
         out[used] = np.linalg.cholesky(
             matrices[used]
@@ -163,11 +165,13 @@ def lower_bound(
     bound. y is shifted, in extended precision from the second time on, until that no
     longer matters.
     """
-    data, signs = objective.least_squares, np.array([-1, 1])
+    data = objective.least_squares
+    signs = np.array([-1, 1])
     slope, constant = _against(
         constraints, *in_cones(constraints, evidence.multipliers), len(bound)
     )
-    slope, constant = signs[:, None] * slope, signs * constant
+    slope = signs[:, None] * slope
+    constant = signs * constant
     slope += np.array([objective.linear, np.abs(objective.linear)]).reshape(2, -1)
     operations = len(evidence.y) + len(constraints.constant)
     if objective.entropy is not None:
@@ -178,10 +182,15 @@ def lower_bound(
             )
         except np.linalg.LinAlgError:
             return -np.inf
-        slope, constant = slope + tangent[0], constant + tangent[1]
-    near, push = evidence.y, evidence.push
+        slope = slope + tangent[0]
+        constant = constant + tangent[1]
+    near = evidence.y
+    push = evidence.push
     near = near - push(bound * (np.asarray(slope[0], float) + 2.0 * (near @ data.R)))
-    R, rho, limit, y = (np.asarray(x, Long) for x in (data.R, data.rho, bound, near))
+    R = np.asarray(data.R, Long)
+    rho = np.asarray(data.rho, Long)
+    limit = np.asarray(bound, Long)
+    y = np.asarray(near, Long)
     floor = Long(data.residual_norm) ** 2
     left = slope[0] + 2 * (y @ R)
     for _ in range(CORRECTIONS):
@@ -219,10 +228,8 @@ def proves_infeasible(
     0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas).
     It is the lower bound of the objective zero: positive exactly if the set is empty.
     """
-    evidence, nothing = (
-        DualEvidence(multipliers, np.zeros(0)),
-        Objective.without_data(len(bound)),
-    )
+    evidence = DualEvidence(multipliers, np.zeros(0))
+    nothing = Objective.without_data(len(bound))
     return lower_bound(nothing, constraints.entries, evidence, bound) > 0.0
 
 

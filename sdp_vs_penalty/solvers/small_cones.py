@@ -45,9 +45,12 @@ class SmallCones:
             for c in constraints.essential
             if (c.family, *c.indices.tolist()) not in barred
         }
-        groups, start, parts = (*constraints.groups, *group_cones(links)), 0, []
+        groups = (*constraints.groups, *group_cones(links))
+        start = 0
+        parts = []
         for number, group in enumerate(groups):
-            members, turn = np.arange(len(group.places)), 1
+            members = np.arange(len(group.places))
+            turn = 1
             if number < len(constraints.groups):
                 members = np.flatnonzero(
                     [constraints.convex[k] in place_by_size for k in group.places]
@@ -57,8 +60,11 @@ class SmallCones:
             parts.append((turn, image, ones, start + image.shape[1] * members))
             start += group.constant.size
         parts.sort(key=lambda part: part[0])  # rows, links, others
-        none, first = np.zeros(0, np.intp), 0
-        row, column, value = [none], [none], [np.zeros(0)]
+        none = np.zeros(0, np.intp)
+        first = 0
+        row = [none]
+        column = [none]
+        value = [np.zeros(0)]
         for _, image, _, begins in parts:
             entry, of = np.nonzero(image)
             row.append(
@@ -137,7 +143,8 @@ def _image(cone: str, d: int) -> tuple[Array, Array]:
         return np.eye(d), np.zeros(d)
     if d > ORDER:
         raise NotApplicableError(f"no matrices and cones of order {d}")
-    at, entry = np.arange(ORDER**2).reshape(ORDER, ORDER), np.arange(d)
+    at = np.arange(ORDER**2).reshape(ORDER, ORDER)
+    entry = np.arange(d)
     image = np.zeros((ORDER**2, d * d if cone == "psd" else d))
     if cone == "psd":
         image[at[:d, :d].ravel(), np.arange(d * d)] = 1.0
@@ -152,16 +159,19 @@ def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
     """(p^2, rows + 256 blocks): of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d]
     (S^-1)[a, c] Z[d, b] with which factor each product of S^-1 and Z counts at (j, i),
     i >= j."""
-    part, p = slack_map.tocoo(), slack_map.shape[1]
+    part = slack_map.tocoo()
+    p = slack_map.shape[1]
     block, entry = np.divmod(part.row - rows, ORDER**2)
     block, entry = np.where(
         part.row < rows, [part.row, 0 * entry], [rows + block, entry]
     )
-    count, begins = np.bincount(block)[block], np.searchsorted(block, block)
+    count = np.bincount(block)[block]
+    begins = np.searchsorted(block, block)
     one = np.repeat(np.arange(len(block)), count)
     other = np.arange(len(one)) - np.repeat(np.cumsum(count) - count - begins, count)
     used = part.col[one] >= part.col[other]
-    one, other = one[used], other[used]
+    one = one[used]
+    other = other[used]
     (a, b), (c, d) = np.divmod(entry[one], ORDER), np.divmod(entry[other], ORDER)
     product = block[one] + (ORDER**4 - 1) * np.maximum(block[one] - rows, 0)
     product = product + ((a * ORDER + c) * ORDER + d) * ORDER + b

@@ -58,11 +58,13 @@ class ThroughCvxpy(Solver):
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         import cvxpy as cp
 
-        x, A = cp.Variable(len(problem.q)), sparse.csr_matrix(problem.A)
+        x = cp.Variable(len(problem.q))
+        A = sparse.csr_matrix(problem.A)
         objective = problem.q @ x
         if problem.P.nnz:
             objective = objective + 0.5 * cp.sum_squares(quadratic_factor(problem) @ x)
-        constraints, at = [], 0
+        constraints = []
+        at = 0
         for cone in problem.cones:
             rows = slice(at, at + (cone.size**2 if cone.kind == "psd" else cone.rows))
             at = rows.stop

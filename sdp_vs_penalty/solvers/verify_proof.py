@@ -23,11 +23,16 @@ from decimal import Context, Decimal
 from fractions import Fraction
 
 FORMAT = "sdp-vs-penalty proof 2"
-MAX_BYTES, MAX_DIGITS, MAX_ROWS, LARGEST = 2**25, 4000, 100, 10**308
+MAX_BYTES = 2**25
+MAX_DIGITS = 4000
+MAX_ROWS = 100
+LARGEST = 10**308
 NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][-+]?[0-9]{1,3})?|-?[0-9]+/[1-9][0-9]*")
 # What is where: one of some types, a number, or [n, what], a list; a letter stands for
 # one length.
-VECTOR, TEXT, CONES = ["s", NUMBER], (str,), ("psd", "soc", "nonnegative")
+VECTOR = ["s", NUMBER]
+TEXT = (str,)
+CONES = ("psd", "soc", "nonnegative")
 ENTROPY: dict = {"weight": NUMBER, "dual": VECTOR, "inverse": VECTOR, "log_det": NUMBER}
 CONSTRAINT: dict = {
     "family": TEXT,
@@ -104,7 +109,8 @@ def typed(value, kind, sizes):
         type(value) is str and len(value) <= MAX_DIGITS and NUMBER.fullmatch(value),
         "no number",
     )
-    x, power = Fraction(value), int(value.partition("/")[2] or 1)
+    x = Fraction(value)
+    power = int(value.partition("/")[2] or 1)
     need(
         abs(x) <= LARGEST and not power & (power - 1),
         "a number is too large, or no binary fraction",
@@ -129,7 +135,9 @@ def symmetric(flat):
 def determinant(flat):
     """Of a positive semidefinite matrix, by Bareiss' elimination in integers; None if
     it is not one."""
-    scale, last, sign = math.lcm(*(x.denominator for x in flat)), 1, 1
+    scale = math.lcm(*(x.denominator for x in flat))
+    last = 1
+    sign = 1
     rows = [[int(x * scale) for x in row] for row in symmetric(flat)]
     for k, row in enumerate(rows):
         if row[k] < 0 or (row[k] == 0 and any(row[k:])):
@@ -155,9 +163,8 @@ def inside(cone, value):
 def log_below(x):
     """ln x less at most 1e-49: a Decimal's logarithm is correctly rounded."""
     need(x, "a singular matrix has no finite entropy, and proves nothing")
-    top, bottom = (
-        Decimal(n).ln(Context(prec=80)) for n in (x.numerator, x.denominator)
-    )
+    top = Decimal(x.numerator).ln(Context(prec=80))
+    bottom = Decimal(x.denominator).ln(Context(prec=80))
     return Fraction(top) - Fraction(bottom) - Fraction(1, 10**50)
 
 
@@ -258,7 +265,8 @@ def relative_gap(proof):
     is zero and the interval is not."""
     p = typed(proof, OPTIMUM, {})
     torque = dot(p["rho"], p["rho"]) + p["floor"] ** 2
-    scale, width = max(loss(p), torque / 10**12), p["upper"] - p["lower"]
+    scale = max(loss(p), torque / 10**12)
+    width = p["upper"] - p["lower"]
     return width / scale if scale else Fraction(0) if not width else None
 
 

@@ -276,11 +276,14 @@ def test_short_runs_are_findings(samples, simulated):
 def test_the_verb(tmp_path, two_link, capsys):
     """A fact: exit code 1, and a mended copy that is clean; the original stays as it
     was."""
-    good, bad, mended = (tmp_path / f"{x}.csv" for x in ("good", "bad", "mended"))
+    good = tmp_path / f"{'good'}.csv"
+    bad = tmp_path / f"{'bad'}.csv"
+    mended = tmp_path / f"{'mended'}.csv"
     run = experiment(two_link).training_run(0)
     save(run, good)
     save(spiked(run), bad)
-    before, two = bad.read_bytes(), ("--problem", "two_link")
+    before = bad.read_bytes()
+    two = ("--problem", "two_link")
     assert run_cli("check", good, *two) == 0
     assert run_cli("check", bad, *two, "--fix", mended) == 1
     shown = capsys.readouterr().out
@@ -312,7 +315,9 @@ def spiked(run: Measurements) -> Measurements:
 
 def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys):
     """What a model says of a log is said, and neither refused nor written."""
-    bad, mended, out = (tmp_path / x for x in ("bad.csv", "mended.csv", "out.json"))
+    bad = tmp_path / "bad.csv"
+    mended = tmp_path / "mended.csv"
+    out = tmp_path / "out.json"
     run = experiment(two_link).training_run(0)
     save(FLIPPED(run), bad)
     two = "--problem", "two_link"
@@ -337,7 +342,8 @@ def test_an_explanation_is_never_an_error():
 
 def test_identify_goes_on_where_an_explanation_is_given(tmp_path, two_link, capsys):
     """It says so in one line that names what it looks like."""
-    bad, model = tmp_path / "bad.csv", tmp_path / "model.json"
+    bad = tmp_path / "bad.csv"
+    model = tmp_path / "model.json"
     save(FLIPPED(experiment(two_link).training_run(0)), bad)
     to = ("--method", "ols", "--out", model)
     assert run_cli("identify", "two_link", "--data", bad, *to) == 0
@@ -350,7 +356,8 @@ def test_identify_goes_on_where_an_explanation_is_given(tmp_path, two_link, caps
 
 def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys):
     """In one sentence and without a model, unless it is told not to check."""
-    bad, good = tmp_path / "bad.csv", tmp_path / "good.csv"
+    bad = tmp_path / "bad.csv"
+    good = tmp_path / "good.csv"
     model = tmp_path / "model.json"
     run = experiment(two_link).training_run(0)
     save(spiked(run), bad)

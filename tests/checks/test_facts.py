@@ -196,7 +196,8 @@ def test_a_sign_of_the_logger_is_said_of_all_runs():
 
 
 def test_the_weight_alone_is_a_model_and_no_torque():
-    robot, links = PROBLEM.robot, PROBLEM.nominal_links.ravel()
+    robot = PROBLEM.robot
+    links = PROBLEM.nominal_links.ravel()
     zero = np.zeros_like(RUN.q)
     log = replace(RUN, tau=robot.inverse_dynamics(links, RUN.q, zero, zero), dq=None)
     (report,) = check(PROBLEM, log, thorough=False)

@@ -17,7 +17,10 @@ from sdp_vs_penalty.checks.channels import torques
 from sdp_vs_penalty.checks.facts import RULES
 from sdp_vs_penalty.checks.glance import RunSummary
 
-ROBOT, RATE, PERIOD, STANDSTILL = load_problem("two_link").robot, 250, 8.0, 0.02
+ROBOT = load_problem("two_link").robot
+RATE = 250
+PERIOD = 8.0
+STANDSTILL = 0.02
 
 
 def stepped(x: np.ndarray, step: float) -> np.ndarray:
@@ -122,7 +125,8 @@ def test_a_motion_that_repeats_under_a_coarse_encoder_is_no_copy(velocity):
 def test_a_coarse_torque_keeps_its_value_until_dry_friction_turns(seed, step):
     """A slow load and Coulomb's friction, in steps of so much: at one level for long,
     then a jump."""
-    clean, rng = motion(2), np.random.default_rng(seed)
+    clean = motion(2)
+    rng = np.random.default_rng(seed)
     load = 1.5 * np.sin(2.6 * np.pi * clean.t / clean.t[-1] + seed)[:, None]
     tau = (
         2.4 * np.sign(clean.dq)
@@ -151,7 +155,8 @@ def test_packets_that_froze_for_a_few_rows_are_no_rows_lost():
 def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(follows):
     """A sine of .9 rad through a range of .7: the position stays there, or the range is
     a wrong one."""
-    run, range_ = motion(), 0.7
+    run = motion()
+    range_ = 0.7
     narrow = replace(
         ROBOT,
         joints=(replace(ROBOT.joints[0], lower=-range_, upper=range_), ROBOT.joints[1]),
@@ -179,7 +184,8 @@ def test_a_joint_that_is_told_to_go_beyond_its_range_lies_against_its_end_stop(f
 
 
 def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
-    clean, rng = motion(), np.random.default_rng(2)
+    clean = motion()
+    rng = np.random.default_rng(2)
     even = clean.t
     jittered = even + rng.uniform(-0.4, 0.4, len(even)) / RATE
     issues, whole, _ = mended(
@@ -203,8 +209,10 @@ def test_stamps_that_jitter_over_even_samples_are_spaced_evenly():
 
 @pytest.mark.parametrize("back", [3.0, 40.0])
 def test_behind_a_clock_that_was_set_back_another_motion_is_another_run(back):
-    clean, late = motion(), (np.arange(6000) > 2500)[:, None]
-    q, t = clean.q + 0.4 * late, clean.t - back * late[:, 0]
+    clean = motion()
+    late = (np.arange(6000) > 2500)[:, None]
+    q = clean.q + 0.4 * late
+    t = clean.t - back * late[:, 0]
     (issue, *_), fixed = told(replace(clean, t=t, q=q))
     assert issue.figures["seconds"] == pytest.approx(back - 1.0 / RATE, abs=1e-6)
     assert issue.figures["rows"] == [2503]  # header and first row are 1 and 2
@@ -238,7 +246,8 @@ def silent_about_zeros(run: Measurements) -> bool:
 @pytest.mark.parametrize("noise", [0.0, 0.02, 0.3])
 def test_a_torque_in_steps_of_its_drive_passes_zero_exactly(step, noise):
     """Coulomb's friction changes its sign within a sample or two."""
-    clean, rng = replace(motion(), dq=None), np.random.default_rng(5)
+    clean = replace(motion(), dq=None)
+    rng = np.random.default_rng(5)
     friction = 2.4 * np.sign(np.gradient(clean.q, axis=0))
     friction[::7] *= 0.5
     tau = friction + noise * rng.normal(size=friction.shape)
@@ -247,7 +256,8 @@ def test_a_torque_in_steps_of_its_drive_passes_zero_exactly(step, noise):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_noisy_torque_in_few_steps_returns_to_zero_as_to_others(seed):
-    clean, rng = replace(motion(), dq=None), np.random.default_rng(seed)
+    clean = replace(motion(), dq=None)
+    rng = np.random.default_rng(seed)
     tau = clean.tau + 0.6 * rng.standard_t(3, size=clean.tau.shape)
     assert silent_about_zeros(replace(clean, tau=stepped(tau, 0.4)))
 

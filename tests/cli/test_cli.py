@@ -62,7 +62,8 @@ def test_help_answers_at_once():
 
 def test_simulate_never_overwrites_runs_of_the_users_own(run, tmp_path):
     """A folder that it wrote itself, with its truth.json, is written again."""
-    own, folder = tmp_path / "own", tmp_path / "made"
+    own = tmp_path / "own"
+    folder = tmp_path / "made"
     own.mkdir()
     (own / "run2.csv").write_text("mine")
     hide = ("simulate", "two_link", "--hide", "joint_spring:1", "--out")

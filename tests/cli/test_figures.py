@@ -53,10 +53,8 @@ def write_files(folder: Path) -> None:
     )
     runs = dict(zip(("run1.csv", "run2.csv", "test.csv"), hidden.runs, strict=False))
     runs["flipped.csv"] = replace(hidden.runs[0], tau=hidden.runs[0].tau * [1.0, -1.0])
-    problem, links = (
-        load_problem(write_urdf(folder / "arm.urdf", "arm", THREE)),
-        np.zeros((3, 10)),
-    )
+    problem = load_problem(write_urdf(folder / "arm.urdf", "arm", THREE))
+    links = np.zeros((3, 10))
     links[-1] = 1.5 * np.array([1.0, 0.05, -0.02, 0.1, 0.013, 0, 0.013, 0, 0, 0.005])
     runs["run.csv"], heavy = (
         replace(small_run(problem, 16.0, k), dq=None) for k in (0, 1)

@@ -67,7 +67,8 @@ def test_values_that_a_verb_begins_with_are_those_of_its_function():
 
 
 def test_a_flag_is_given_by_its_name_and_taken_back_where_it_holds_by_itself():
-    page, export = PARSERS["page"], PARSERS["export"]
+    page = PARSERS["page"]
+    export = PARSERS["export"]
     assert [page.given(words)["browser"] for words in ([], ["--no-browser"])] == [
         True,
         False,

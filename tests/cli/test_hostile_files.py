@@ -22,7 +22,8 @@ from sdp_vs_penalty.cli import main as cli
 from sdp_vs_penalty.data import save
 
 #: Seconds and bytes that a refusal may take.
-SECONDS, MEMORY = 10, 650e6
+SECONDS = 10
+MEMORY = 650e6
 
 #: Commands by the kind of the file that stands for @; RUN, MODEL and PROOF are good
 #: ones.
@@ -156,7 +157,8 @@ CASES = [(kind, command) for kind, commands in COMMANDS.items() for command in c
 def test_no_file_crashes_hangs_or_bursts(
     kind, command, good, tmp_path, monkeypatch, capsys
 ):
-    given, work = tmp_path / "given", tmp_path / "work"
+    given = tmp_path / "given"
+    work = tmp_path / "work"
     given.mkdir()
     work.mkdir()
     monkeypatch.chdir(work)

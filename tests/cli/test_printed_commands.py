@@ -252,9 +252,8 @@ def test_what_a_held_model_misses_is_added_to_it_held(twelve_found, run, panda):
         f"{PROGRAM} add model.json --from held.json --only 8,9 --data run.csv --out"
         " model2.json"
     )
-    before, after = (
-        load_estimate(Path(name)) for name in ("model.json", "model2.json")
-    )
+    before = load_estimate(Path("model.json"))
+    after = load_estimate(Path("model2.json"))
     np.testing.assert_array_equal(after.theta[: len(before.theta)], before.theta)
     assert after.certificate.held == [e.text for e in before.model.effects]
 
@@ -306,9 +305,7 @@ def test_the_pages_commands_make_the_pages_models(kind, sessions, run, tmp_path)
     for command in commands:
         run(command)
     for k, model in enumerate(s.history, start=1):
-        theirs, ours = (
-            load_estimate(model.file),
-            load_estimate(tmp_path / f"model{k}.json"),
-        )
+        theirs = load_estimate(model.file)
+        ours = load_estimate(tmp_path / f"model{k}.json")
         np.testing.assert_array_equal(ours.theta, theirs.theta)
         assert ours.to_dict()["problem"] == theirs.to_dict()["problem"]

@@ -64,7 +64,8 @@ def test_a_good_csv_with_spreadsheet_habits_is_read(tmp_path):
 )
 def test_other_columns_are_left_out_with_a_remark(more, said, tmp_path):
     """Logs hold accelerations, currents, states: the run is the same without them."""
-    plain, path = tmp_path / "plain.csv", tmp_path / "run.csv"
+    plain = tmp_path / "plain.csv"
+    path = tmp_path / "run.csv"
     plain.write_text(GOOD)
     path.write_text(
         "\n".join(
@@ -321,7 +322,8 @@ def places(data: Any, *keys: Any) -> Iterator[tuple[Any, ...]]:
 def test_a_part_of_a_model_of_another_kind_is_refused_or_does_not_matter(
     value, model, tmp_path
 ):
-    path, said = tmp_path / "bad.json", dict[str, str]()
+    path = tmp_path / "bad.json"
+    said = dict[str, str]()
     for keys in places(json.loads(model.read_text())):
         try:
             sdp.load_estimate(changed(model, path, setter(*keys, value=value)))
@@ -362,7 +364,8 @@ def test_files_that_are_no_models(content, words, tmp_path):
 
 
 def test_an_archive_of_a_later_version_is_refused(tmp_path):
-    box, path = np.ones((3, 2)), tmp_path / "box.npz"
+    box = np.ones((3, 2))
+    path = tmp_path / "box.npz"
     np.savez(path, q=box, gravity=box, mass_matrix=np.ones((3, 2, 2)))
     content = path.read_bytes()
     at = content.index(b"PK\x01\x02") + 6  # "version needed" of the central directory

@@ -15,7 +15,8 @@ from sdp_vs_penalty.errors import Remark
 T = np.arange(60) * 0.01
 Q, DQ, TAU = np.random.default_rng(5).normal(size=(3, 60, 3))
 JOINTS = ("a", "b", "c")
-STATES, TORQUES = "/joint_states", "/joint_torques"
+STATES = "/joint_states"
+TORQUES = "/joint_torques"
 
 
 def read_bag(path: Path, messages: Any, **how: Any) -> Any:

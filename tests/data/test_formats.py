@@ -75,7 +75,9 @@ def test_a_sample_is_named_as_its_file_counts(tmp_path):
 def test_what_is_called_otherwise_is_said_with_the_verb_that_helps(tmp_path, capsys):
     """By the verbs that have no --rename themselves too; the command works as it is
     written. MATLAB's variables lie along or across."""
-    path, out, run = tmp_path / "axis.mat", tmp_path / "run.csv", some_run(1)
+    path = tmp_path / "axis.mat"
+    out = tmp_path / "run.csv"
+    run = some_run(1)
     savemat(
         path,
         {
@@ -137,10 +139,12 @@ def test_ros_bags_by_joint_names(mcap, velocity, tmp_path):
 def test_verbs_take_the_joints_of_a_bag_by_the_names_of_the_model(two_link, tmp_path):
     """A driver's order is its own (alphabetic, often): taken as it is, torques change
     places."""
-    run, names = small_run(two_link, seconds=12.0), two_link.robot.joint_names
-    bag, file, model, out = (
-        tmp_path / name for name in ("bag", "run.csv", "model.json", "out.json")
-    )
+    run = small_run(two_link, seconds=12.0)
+    names = two_link.robot.joint_names
+    bag = tmp_path / "bag"
+    file = tmp_path / "run.csv"
+    model = tmp_path / "model.json"
+    out = tmp_path / "out.json"
     write_bag(bag, run, names=names[::-1])
     save(run, file)
     assert (
@@ -197,7 +201,8 @@ def test_bags_that_cannot_be_used(tmp_path):
 def test_where_one_reader_of_numbers_stops_the_other_goes_on(tmp_path):
     """Arrow takes no plus sign: from its piece on rows are read, and counted, by the
     careful reader."""
-    path, rows = tmp_path / "run.csv", np.random.default_rng(0).normal(size=(30_000, 3))
+    path = tmp_path / "run.csv"
+    rows = np.random.default_rng(0).normal(size=(30_000, 3))
     rows[:, 0] = np.arange(len(rows))
     lines = ["t,q1,tau1", *(",".join(map(repr, row)) for row in rows.tolist())]
     rows[20_000, 1:] = 0.5
@@ -225,7 +230,8 @@ def test_texts_of_a_parquet_file_are_not_read(tmp_path):
     import pyarrow as arrow
     from pyarrow import parquet
 
-    path, run = tmp_path / "run.parquet", some_run(1, samples=5000)
+    path = tmp_path / "run.parquet"
+    run = some_run(1, samples=5000)
     note = arrow.DictionaryArray.from_arrays(np.zeros(5000, np.int8), ["x" * 100_000])
     columns = {"t": run.t, "q1": run.q[:, 0], "tau1": run.tau[:, 0], "note": note}
     parquet.write_table(arrow.table(columns), path, store_schema=False)
@@ -260,7 +266,8 @@ LAYOUTS = json.loads(Path(__file__).with_name("layouts.json").read_text())
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_a_file_of_a_layout_is_read_as_identify_reads_it(name, tmp_path):
     """Each joint's columns go to that joint, whatever their order in the file."""
-    path, columns_ = tmp_path / "log.csv", LAYOUTS[name]
+    path = tmp_path / "log.csv"
+    columns_ = LAYOUTS[name]
     values = np.random.default_rng(2).normal(size=(12, len(columns_)))
     values[:, 0] = np.arange(12.0)
     lines = [",".join(columns_), *(",".join(map(repr, row)) for row in values.tolist())]
@@ -303,7 +310,8 @@ def test_a_log_is_read_and_converted(tmp_path):
 
 
 def test_runs_stay_apart_and_in_order(tmp_path):
-    first, second = some_run(name="a.csv"), some_run(samples=25, name="b.csv", seed=1)
+    first = some_run(name="a.csv")
+    second = some_run(samples=25, name="b.csv", seed=1)
     save(first, tmp_path / "a.csv")
     save(second, tmp_path / "b.csv")
     both = load_measurements(tmp_path / "a.csv", tmp_path / "b.csv")
@@ -324,7 +332,8 @@ def test_windows_count_from_the_start_of_each_run(tmp_path):
     for run, start in zip(both.runs(), (100.0, 0.0), strict=True):
         np.testing.assert_allclose(run.t[[0, -1]], [start + 2.0, start + 4.9])
         np.testing.assert_allclose(run.q[:, 0], run.t - start)
-    left, right = early.window(0.0, 5.0), early.window(5.0, np.inf)
+    left = early.window(0.0, 5.0)
+    right = early.window(5.0, np.inf)
     joined = concatenate([left, right])
     same(early, Measurements(joined.t, joined.q, joined.tau))
     save(early, tmp_path / "early.csv")

@@ -27,7 +27,8 @@ CLOCKS = ("t", "time", "timestamp", "time_ms", "%time", None)
 @st.composite
 def tables(draw: Any) -> tuple[str, int, float]:
     """A text table, how many joints it has, and whether units are degrees."""
-    joints, first = draw(st.integers(1, 4)), draw(st.integers(0, 1))
+    joints = draw(st.integers(1, 4))
+    first = draw(st.integers(0, 1))
     style = {group: draw(st.sampled_from(words)) for group, words in WORDS.items()}
     unit = draw(st.sampled_from(["", "_deg", " [rad]"]))
     clock = draw(st.sampled_from(CLOCKS))

@@ -69,7 +69,8 @@ def test_no_room_for_a_temporary_file(monkeypatch):
 def test_a_long_run_costs_no_more_memory_than_a_short_one(tmp_path):
     """What lies in memory when it is read, written, checked for numbers; the rest is
     mapped."""
-    problem, peaks = load_problem("two_link"), []
+    problem = load_problem("two_link")
+    peaks = []
     run = small_run(problem, seconds=20.0)
     for times in (4, 16):
         q, tau = np.tile(run.q, (100 * times, 1)), np.tile(run.tau, (100 * times, 1))

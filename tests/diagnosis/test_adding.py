@@ -98,7 +98,8 @@ def test_a_width_that_took_the_new_effects_torque_gives_it_back(width):
     t = np.arange(0.0, 20.0, 0.005)
     q, dq, ddq = trajectory.states(t)
     tau = problem.robot.inverse_dynamics(problem.nominal_links, q, dq, ddq)
-    size, noise = 0.6 * tau[:, 1].std(), 0.05 * tau.std(axis=0)
+    size = 0.6 * tau[:, 1].std()
+    noise = 0.05 * tau.std(axis=0)
     tau += 0.4 * dq + 0.8 * np.tanh(dq / width) + 0.3
     tau[:, 1] += size * np.tanh(dq[:, 1] / width) * np.exp(-((dq[:, 1] / 0.07) ** 2))
     data = sdp.Measurements(

@@ -82,7 +82,8 @@ def test_models_are_judged_in_one_band(two_link, estimate):
 
 def test_a_model_keeps_the_noise_of_its_own_runs(two_link, estimate, tmp_path):
     """And of no others, nor behind other filters; a damaged one is refused."""
-    run, other = run_of(two_link, 0), Preprocessing(6.0, 9.0)
+    run = run_of(two_link, 0)
+    other = Preprocessing(6.0, 9.0)
     forgetful = replace(estimate, provenance=dict(estimate.provenance))
     del forgetful.provenance["noise"]
     estimate.save(tmp_path / "model.json")

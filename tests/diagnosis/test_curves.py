@@ -30,7 +30,8 @@ from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.simulation.worlds import TrueMotion, at_joint
 
-JOINT, SIZE = 1, 0.4
+JOINT = 1
+SIZE = 0.4
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,8 @@ def test_a_curve_stands_instead_of_terms_that_are_worth_less(
     worth, size, beside, least
 ):
     terms: Any = [SimpleNamespace(form=SimpleNamespace(n_coefficients=1, constants=2))]
-    law, named = size and SimpleNamespace(size=size), max(worth, 0.0) + (beside or 0.0)
+    law = size and SimpleNamespace(size=size)
+    named = max(worth, 0.0) + (beside or 0.0)
     for more in (0.1, -0.1):
         alone: Any = (named + least + more, None, law)
         other: Any = None if beside is None else (beside, None, None)
@@ -190,9 +192,8 @@ def test_a_law_is_found_as_one_and_added(law, of, constants):
     assert constants or "tanh((q1-q2) / 0." in curve.formula
     assert len(of) == 2 or not made.found.beside_curves
     bigger = add(made.estimate, made.found, made.data)
-    before, after = (
-        compare(e, made.test)[0].rmse[JOINT] for e in (made.estimate, bigger)
-    )
+    before = compare(made.estimate, made.test)[0].rmse[JOINT]
+    after = compare(bigger, made.test)[0].rmse[JOINT]
     assert after < 0.3 * before
 
 

@@ -56,7 +56,8 @@ def found(stribeck: HiddenRuns) -> Diagnosis:
 
 def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
     made = hidden_runs(two_link, [("presliding_hysteresis", [0])], "medium", seed=1)
-    run, settings = made.runs[0], two_link.preprocessing
+    run = made.runs[0]
+    settings = two_link.preprocessing
     estimate = identify(
         two_link, run, "ols", effects=made.truth["model_effects"], check=False
     )
@@ -68,17 +69,16 @@ def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_li
 
 
 def test_the_hidden_effect_is_named_with_joint_size_and_shape(stribeck, found):
-    first, hidden = found.effects[0], stribeck.hidden[0]
+    first = found.effects[0]
+    hidden = stribeck.hidden[0]
     assert found.verdict == "effect_missing"
     assert (first.effect, first.joints) == ("stribeck_friction", (3,))
     assert first.size == pytest.approx(hidden.size, rel=0.1)
     assert first.shape["vs"] == pytest.approx(hidden.shape["vs"], rel=0.2)
     assert first.std < 0.1 * first.size
     assert first.unit == "N*m"
-    before, after = (
-        np.array(first.held_out_rmse_before),
-        np.array(first.held_out_rmse_after),
-    )
+    before = np.array(first.held_out_rmse_before)
+    after = np.array(first.held_out_rmse_after)
     assert after[2] < 0.8 * before[2]
     assert found.held_out_rmse[2] < 1.25 * found.noise_floor[2]
     np.testing.assert_allclose(np.delete(after, 2), np.delete(before, 2), rtol=0.1)
@@ -303,11 +303,15 @@ def test_what_would_hide_nothing_is_said(panda):
 def test_how_friction_was_bent_when_the_log_began_is_no_evidence(two_link):
     """A joint that creeps before it moves, on bristles that are bent the other way than
     it creeps."""
-    t, travel, size = np.arange(0.0, 24.0, 0.01), 0.004, 0.6
-    w, begun = np.array([1.1, 1.7]) * t[:, None], np.clip(t[:, None] - 2.0, 0.0, 1.0)
+    t = np.arange(0.0, 24.0, 0.01)
+    travel = 0.004
+    size = 0.6
+    w = np.array([1.1, 1.7]) * t[:, None]
+    begun = np.clip(t[:, None] - 2.0, 0.0, 1.0)
     q = begun**3 * (10.0 - 15.0 * begun + 6.0 * begun**2)
     q = q * (0.5 * np.sin(w) + 0.2 * np.sin(2.3 * w + 1.0)) - 3e-4 * t[:, None]
-    dq, z = np.gradient(q, t, axis=0), np.full(2, 0.9)
+    dq = np.gradient(q, t, axis=0)
+    z = np.full(2, 0.9)
     theta = two_link.nominal(model := two_link.model())
     theta[len(model.rigid_indices) :] = 0.5
     tau = model.torque(theta, Motion(t, q, dq, np.gradient(dq, t, axis=0)))
@@ -330,7 +334,8 @@ def test_a_rotor_is_weighed_where_motor_and_link_have_encoders(tmp_path):
     """By what the gear yields beside the links' motion; nothing of the kind is found in
     a log of one side, and it survives being added and a run without it."""
     run = small_run(problem := load_problem("two_link"), 30.0)
-    w, tau = 2.0 * np.pi * 1.3, run.tau.copy()
+    w = 2.0 * np.pi * 1.3
+    tau = run.tau.copy()
     yielded = 0.02 * np.sin(w * run.t)
     tau[:, 1] -= 0.4 * w**2 * yielded
     both = replace(

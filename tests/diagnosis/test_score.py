@@ -71,7 +71,8 @@ def plain(
         own = np.zeros((n, M, z.shape[1]))
         own[0] = z
         A = np.concatenate([A, own], axis=2)
-    A, y = A / fit.level[:, None, None], data.y / fit.level[:, None]
+    A = A / fit.level[:, None, None]
+    y = data.y / fit.level[:, None]
     flat = A.reshape(n * M, -1)
     return y - (flat @ np.linalg.lstsq(flat, y.ravel(), rcond=None)[0]).reshape(n, M)
 
@@ -177,7 +178,8 @@ def test_a_misfit_is_noise_that_its_columns_make(joints):
     D = np.zeros((n * M, 4))
     d = np.array([0.05, 0.2, 0.02, 0.3])
     D[: joints * M] = rng.normal(size=(joints * M, 4)) + np.tile(z, (joints, 1))
-    score, z = EvidenceScorer(data, 10), np.vstack([z, 0.0 * z])
+    score = EvidenceScorer(data, 10)
+    z = np.vstack([z, 0.0 * z])
     fit = score.fit(
         [Nuisance("misfit", dict(enumerate(D[: joints * M].reshape(joints, M, 4))), d)]
     )
@@ -300,10 +302,8 @@ def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch):
         for f in b.forms
         if not f.replaces_own_constant
     ]
-    here, other = (
-        replace(search.evidence_of(search.fit, f), drop=drop)
-        for f, drop in ((forms[0], 1e5), (forms[-1], 1e6))
-    )
+    here = replace(search.evidence_of(search.fit, forms[0]), drop=100000.0)
+    other = replace(search.evidence_of(search.fit, forms[-1]), drop=1000000.0)
     monkeypatch.setattr(search, "score_jointly", lambda group, _: group)
     monkeypatch.setattr(search, "top_candidates", lambda *_, **__: [other])
     for settled in ([], [other]):
@@ -410,7 +410,8 @@ def test_rows_that_err_together_are_worth_less_unless_it_is_not_asked():
 
 def test_a_curve_without_a_fold_is_that_of_the_other_rows():
     data, z = made()
-    z, fold = z + data.X[0, :, :1], np.arange(M) % 2
+    z = z + data.X[0, :, :1]
+    fold = np.arange(M) % 2
     data.y[0] += 30.0 * (1.0 + fold) * z[:, 0]
     columns = CurveColumns.of(score := EvidenceScorer(data, 10), score.fit(()), z, 0)
     found = columns.without_fold(fold, np.zeros((1, 1)))

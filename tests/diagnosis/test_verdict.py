@@ -20,13 +20,15 @@ CASES = json.loads((Path(__file__).parents[1] / "data" / "verdicts.json").read_t
 def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     """Data, fit, residual and events of two joints; on joint 1 a wave of this size
     beyond the noise."""
-    rng, M = np.random.default_rng(seed), 1200
+    rng = np.random.default_rng(seed)
+    M = 1200
     white = rng.normal(size=(M, 2))
     white[:, 0] += size * np.sin(0.1 * np.arange(M))
     level = np.array([0.7, 1.4])
     Q = np.linalg.qr(rng.normal(size=(2 * M, 7)))[0].reshape(2, M, 7)
     fit = SimpleNamespace(residual=(white / level).T, level=level, basis=Q)
-    keep, none = np.ones((M, 2), bool), np.zeros((M, 2))
+    keep = np.ones((M, 2), bool)
+    none = np.zeros((M, 2))
     rows = SimpleNamespace(
         keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white
     )
@@ -68,7 +70,8 @@ def test_what_is_beyond_the_noise_matters(size, change, matters):
 
 
 def test_an_error_of_standstill_is_said_to_be_one():
-    error, moving = np.zeros((100, 2)), np.arange(100) < 40
+    error = np.zeros((100, 2))
+    moving = np.arange(100) < 40
     error[:, 0] = np.where(moving, 0.3, 2.0)
     still = np.column_stack([1.0 - moving, np.zeros(100)])
     data: Any = SimpleNamespace(
@@ -164,10 +167,12 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
             form=form, joints={0}, evidence=case.J, rivals=case.rivals, key=("made", 0)
         )
 
-    own, other = term(), term()
+    own = term()
+    other = term()
     block = SimpleNamespace(joint=0, parameters=[0], columns=np.ones((5, 1)))
     rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
-    rows.blocks, rows.seen = lambda effect: [block], lambda joint: None
+    rows.blocks = lambda effect: [block]
+    rows.seen = lambda joint: None
     fit = lambda others, _: SimpleNamespace(  # noqa: E731
         energy=lambda _: case.beside if others else 10.0
     )

@@ -83,7 +83,8 @@ def test_as_mujoco_with_armature_and_damping(name):
         others=(),
     )
     model = mujoco.MjModel.from_xml_string(make_mjcf(p.robot, content).decode())
-    model.opt.timestep, model.opt.integrator = h, mujoco.mjtIntegrator.mjINT_RK4
+    model.opt.timestep = h
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.jnt_limited[:] = 0
     data = mujoco.MjData(model)
     data.qpos[:] = 0.3

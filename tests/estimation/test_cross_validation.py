@@ -44,9 +44,11 @@ def test_a_torque_of_the_judged_phase_does_not_reach_its_model(two_link):
     changed = replace(run, tau=tau)
     effects = ["rigid_body", "viscous_friction", "torque_gain"]
     for names in (None, effects):
-        before, after = (
-            cross_validate(two_link, r, "ols", effects=names, folds=4, weighting="none")
-            for r in (run, changed)
+        before = cross_validate(
+            two_link, run, "ols", effects=names, folds=4, weighting="none"
+        )
+        after = cross_validate(
+            two_link, changed, "ols", effects=names, folds=4, weighting="none"
         )
         np.testing.assert_allclose(
             after.folds[1].theta, before.folds[1].theta, rtol=1e-7, atol=1e-9
@@ -64,12 +66,15 @@ def test_shape_constants_are_each_folds_own(two_link):
         + np.tanh(np.gradient(run.q, run.t, axis=0) / 0.025)
     )
     effects = "rigid_body,viscous_friction,torque_offset,coulomb_friction"
-    found, told, declared = (
-        cross_validate(
-            two_link, replace(run, tau=tau), "ols", effects=effects + how, folds=4
-        ).rmse
-        for how in ("", "@v_s=0.025", "@v_s=0.01")
-    )
+    found = cross_validate(
+        two_link, replace(run, tau=tau), "ols", effects=effects + "", folds=4
+    ).rmse
+    told = cross_validate(
+        two_link, replace(run, tau=tau), "ols", effects=effects + "@v_s=0.025", folds=4
+    ).rmse
+    declared = cross_validate(
+        two_link, replace(run, tau=tau), "ols", effects=effects + "@v_s=0.01", folds=4
+    ).rmse
     assert np.all(found < 1.05 * told)
     assert np.all(declared > 1.1 * told)
 

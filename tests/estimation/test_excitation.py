@@ -165,11 +165,9 @@ def test_the_stated_length_decides_rightly_as_often_as_stated(small):
     seconds = hypotheses.needed(float(value) * rows, 10.0)
     delta = np.sqrt(float(value) * rows * seconds / 10.0)
     strength = delta / np.sqrt(float(value))
-    rng, price, right = (
-        np.random.default_rng(1),
-        np.log(hypotheses.row_rate * seconds),
-        0,
-    )
+    rng = np.random.default_rng(1)
+    price = np.log(hypotheses.row_rate * seconds)
+    right = 0
     for _ in range(300):
         y = strength * (A @ direction) + rng.normal(size=len(A))
         squares = {k: float(y @ y - np.sum((q.T @ y) ** 2)) for k, q in Q.items()}

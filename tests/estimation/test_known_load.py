@@ -51,16 +51,19 @@ def measured(
 
 
 def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_path):
-    bare, loaded = measured(arm, 1, 0.0), measured(arm, 2, 1.0)
+    bare = measured(arm, 1, 0.0)
+    loaded = measured(arm, 2, 1.0)
     other = measured(arm, 3, 0.6)  # 0.9 kg
     estimate = identify(arm, bare, "ols", known_loads=[(loaded, 1.5)])
-    gain, std = (np.array(estimate.details["gains"][key]) for key in ("gain", "std"))
+    gain = np.array(estimate.details["gains"]["gain"])
+    std = np.array(estimate.details["gains"]["std"])
     assert np.all(np.abs(gain - GAIN) < 4.0 * std)
     assert np.all(std < 0.1 * GAIN)
     twice = identify(
         arm, bare, "ols", known_loads=[(loaded, 1.5), (measured(arm, 4, 2.0), 3.0)]
     )
-    both, finer = (np.array(twice.details["gains"][key]) for key in ("gain", "std"))
+    both = np.array(twice.details["gains"]["gain"])
+    finer = np.array(twice.details["gains"]["std"])
     assert np.all(np.abs(both - GAIN) < 4.0 * finer)
     assert np.all(finer < 0.8 * std)
     truth = arm.nominal_links.ravel()
@@ -92,9 +95,8 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     independent ones."""
     loaded = measured(arm, 3, 1.0, np.ones(3))
     estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols")
-    plain, wide = (
-        add(estimate, "payload", loaded, gain_uncertainty=u) for u in (0.0, 0.01)
-    )
+    plain = add(estimate, "payload", loaded, gain_uncertainty=0.0)
+    wide = add(estimate, "payload", loaded, gain_uncertainty=0.01)
     k = len(estimate.theta)
     added = np.sqrt(
         wide.uncertainty.standard[k].std ** 2 - plain.uncertainty.standard[k].std ** 2

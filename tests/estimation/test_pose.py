@@ -53,7 +53,8 @@ def _same(
     file = tmp_path / "a.dat-s"
     about = write_posed(problem, run, file, options=options)
     estimate = identify(problem, run, SDPA_METHOD, check=False, **told)
-    lower, upper = estimate.certificate.lower, estimate.certificate.upper
+    lower = estimate.certificate.lower
+    upper = estimate.certificate.upper
     assert about["method"] == SDPA_METHOD
     assert about["effects"] == [effect.text for effect in estimate.model.effects]
     np.testing.assert_allclose(

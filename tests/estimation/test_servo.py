@@ -69,7 +69,8 @@ def test_what_sets_the_scale(arm, known, load, times, said):
     loads = [(log(seed=5, load=load), load)] if load else []
     found = sdp.identify(arm, log(), effects=EFFECTS, known=known, known_loads=loads)
     assert found.details["servo"]["scale"].startswith(said)
-    gain, mass = value(found, "kp1"), value(found, "m1")
+    gain = value(found, "kp1")
+    mass = value(found, "m1")
     assert gain / mass == pytest.approx(KP / MASS, rel=0.02)
     assert times is None or mass == pytest.approx(times * MASS, rel=0.03)
     sources = dict(
@@ -137,7 +138,8 @@ def test_instruments_take_the_bias_of_noise_away(arm, torque):
                 value(sdp.identify(arm, run, effects=EFFECTS, **asked), "m1") / MASS
                 - 1.0
             )
-    with_them, without = (np.abs(np.mean(errors[how])) for how in ("command", "none"))
+    with_them = np.abs(np.mean(errors["command"]))
+    without = np.abs(np.mean(errors["none"]))
     assert with_them < (0.02 if torque else 0.05)
     assert without > 3.0 * with_them
 
@@ -192,7 +194,8 @@ def test_beside_a_torque_the_loop_is_told_and_the_load_does_not_feel_it(arm, cap
 )
 def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
     """The law, its delay and the instruments are found again from what was asked."""
-    path, run = tmp_path / "proof.json", log(1e-3, delay=0.02, torque=scale == "torque")
+    path = tmp_path / "proof.json"
+    run = log(1e-3, delay=0.02, torque=scale == "torque")
     sdp.identify(
         arm,
         run,
@@ -220,7 +223,8 @@ def test_a_proof_of_servos_is_made_of_its_log(arm, tmp_path, scale):
 
 
 def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
-    test, truth = log(seed=3), log(seed=3, torque=True)
+    test = log(seed=3)
+    truth = log(seed=3, torque=True)
     both = concatenate([log(), test])
     given = Runs(log(), test, both, both)
     asked = type("AskedOfRuns", (JobRequest,), {"runs": given})(
@@ -231,7 +235,9 @@ def test_the_page_shows_the_torque_that_the_servos_make(found, tmp_path):
     assert shown["servo"]
     assert shown["on_bounds"] == ["mass of link 1"]
     with np.load(tmp_path / "model-1.npz") as read:  # the second of its runs
-        t, torque, modelled = read["t"], read["torque"][:, 0], read["modelled"][:, 0]
+        t = read["t"]
+        torque = read["torque"][:, 0]
+        modelled = read["modelled"][:, 0]
     plant = truth.tau[:, 0] - VISCOUS * np.gradient(
         truth.q[:, 0], truth.t
     )  # kd holds both

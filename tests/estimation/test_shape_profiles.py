@@ -86,10 +86,8 @@ def test_a_unit_of_a_constant_is_what_the_effect_itself_changes_by(two_link, nam
     kind = effect_types()[name]
     joints = None if kind.whole_robot else [1]
     effect = kind(two_link.robot, joints)
-    motion, theta = (
-        to_and_fro(two_link.robot),
-        np.linspace(0.5, 1.5, len(effect.parameters)),
-    )
+    motion = to_and_fro(two_link.robot)
+    theta = np.linspace(0.5, 1.5, len(effect.parameters))
     sensitive = ShapeSensitivity(effect, theta)
     assert len(sensitive.parameters) == len(free_constants(effect))
     for k, key in enumerate(free_constants(effect)):

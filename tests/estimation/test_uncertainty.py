@@ -30,7 +30,8 @@ EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 
 
 def truth_of(problem: Problem, model: Model) -> np.ndarray:
-    theta, links = problem.nominal(model), len(model.rigid_indices)
+    theta = problem.nominal(model)
+    links = len(model.rigid_indices)
     theta[links:] = np.linspace(0.4, 1.1, len(theta) - links)
     return theta
 
@@ -62,8 +63,10 @@ def test_a_draw_of_the_bootstrap_is_the_certified_fit_of_its_rows(two_link):
     model = two_link.model(EFFECTS)
     run = measured(two_link, model, 0, 20.0)
     method = LmiSdp(joint_prior=0.0, total_spread=0.0)  # priors are no rows
-    found, posed = bootstrap(two_link, run, 3, method), build_problem(two_link, run)
-    theta, task = found.drop(columns="gap").to_numpy(), posed.task
+    found = bootstrap(two_link, run, 3, method)
+    posed = build_problem(two_link, run)
+    theta = found.drop(columns="gap").to_numpy()
+    task = posed.task
     assert found["gap"].max() <= TIGHT
     assert [*found] == [*(q.name for q in task.model.parameters), "gap"]
     assert np.ptp(theta, axis=0).max() > 0.0
@@ -86,7 +89,8 @@ def test_intervals_hold_the_truth(two_link):
     about 95 %."""
     model = two_link.model(EFFECTS)
     theta = truth_of(two_link, model)
-    shares, spreads = [], []
+    shares = []
+    spreads = []
     for seed in range(15):
         run = measured(two_link, model, seed, 40.0)
         known = told(two_link, model, run)
@@ -117,7 +121,8 @@ def test_white_intervals_are_those_of_a_gaussian_posterior(two_link):
         np.isin(np.arange(len(model.parameters)), model.rigid_indices), np.inf, 0.02
     )
     found = Sandwich(data, weights, scale, taken_white=True)
-    R, rows = data.least_squares(weights).R, base_rows(two_link, model).rows
+    R = data.least_squares(weights).R
+    rows = base_rows(two_link, model).rows
     unit = 1.0 / np.maximum(np.linalg.norm(R, axis=0), 1e-9)
     information = (R * unit).T @ (R * unit) + found.white * np.diag((unit / scale) ** 2)
     expected = (
@@ -141,7 +146,9 @@ def test_intervals_end_where_what_is_possible_does(two_link):
     theta = LmiSdp().fit(task).theta
     task.box[:, 0, 0] = 0.3
     known = of_regression(task, data, base, theta, constrained=True)
-    low, high, names = -task.bound, task.bound, [p.name for p in model.parameters]
+    low = -task.bound
+    high = task.bound
+    names = [p.name for p in model.parameters]
     positive = [
         k for k, n in enumerate(names) if n[:3] in ("Ixx", "Iyy", "Izz", "f_v", "f_c")
     ]
@@ -151,7 +158,9 @@ def test_intervals_end_where_what_is_possible_does(two_link):
             np.sort([base.rows * low, base.rows * high], axis=0), axis=2
         )
     for i, row, *ends in zip(known.base, base.rows, *corners, strict=True):
-        least, half, value = row @ task.ols, NORMAL_95 * i.std, row @ theta
+        least = row @ task.ols
+        half = NORMAL_95 * i.std
+        value = row @ theta
         assert i.lower == pytest.approx(
             min(max(least - half, ends[0]), value), abs=1e-9
         )

@@ -9,7 +9,8 @@ import pytest
 from sdp_vs_penalty.estimation import Certificate, Verdict, judge
 from sdp_vs_penalty.estimation.verdict import GRADES, MISSING
 
-RMSE, R2 = np.array([0.1, 0.2]), np.array([0.99, 0.98])
+RMSE = np.array([0.1, 0.2])
+R2 = np.array([0.99, 0.98])
 MASSES = np.array([3.0, 1.0])
 SOUND = Certificate({"pseudo-inertia": 0.0}, 1.0)
 

@@ -109,7 +109,8 @@ def sprung(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for run, file in zip(runs, files, strict=True):
         save(run, file)
     data = ["--data", files[0], files[1]]
-    model, better = folder / "model.json", folder / "better.json"
+    model = folder / "model.json"
+    better = folder / "better.json"
     assert run_cli("identify", "two_link", *data, "--out", model) == 0
     add = ["add", model, "joint_spring:2", *data, "--test", files[2]]
     assert run_cli(*add, "--out", better) == 0

@@ -89,7 +89,8 @@ def test_a_users_urdf_is_edited_byte_for_byte(tmp_path):
     estimate = estimate_of(robots()["tree"], FULL, 3)
     export(estimate, out, urdf=TREE_FILE)
     check_parity(out, estimate)
-    before, after = TREE_FILE.read_bytes(), out.read_bytes()
+    before = TREE_FILE.read_bytes()
+    after = out.read_bytes()
     only_numbers_of_inertials_changed(before, after)
     # Where bytes differ, only inside inertials and dynamics; odd quotes and spaces
     # stay.
@@ -125,7 +126,8 @@ def test_a_model_from_dh_goes_into_a_urdf_with_other_frames(tmp_path):
     draw it."""
     robot = load_problem("two_link").robot
     estimate = estimate_of(robot, "rigid_body", 4)
-    theirs, out = tmp_path / "vendor.urdf", tmp_path / "out.urdf"
+    theirs = tmp_path / "vendor.urdf"
+    out = tmp_path / "out.urdf"
     theirs.write_text(
         '<robot name="vendor"><link name="floor"/><link name="post"/><link'
         ' name="arm"/><joint name="first" type="continuous"><parent'
@@ -164,11 +166,9 @@ def test_a_payload_for_the_makers_controllers(tmp_path):
     """Mass, centre from the flange, inertia about the centre: the body's own, whoever
     writes it."""
     robot = load_problem("panda").robot
-    mass, com, tensor = (
-        1.3,
-        np.array([0.01, -0.02, 0.15]),
-        np.diag([0.004, 0.005, 0.003]),
-    )
+    mass = 1.3
+    com = np.array([0.01, -0.02, 0.15])
+    tensor = np.diag([0.004, 0.005, 0.003])
     moments = tensor[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
     estimate = estimate_of(robot, "rigid_body,payload", 3)
     theta = estimate.theta.copy()
@@ -253,7 +253,8 @@ def test_other_refusals(tmp_path):
 
 
 def test_check_urdf_names_the_link_and_mends_it(tmp_path):
-    path, fixed = tmp_path / "bad.urdf", tmp_path / "fixed.urdf"
+    path = tmp_path / "bad.urdf"
+    fixed = tmp_path / "fixed.urdf"
     path.write_bytes(
         TREE.replace(
             'izz="0.01"/>\n    </inertial>', 'izz="0.05"/>\n    </inertial>'
@@ -333,7 +334,8 @@ def test_any_tree_survives_being_written_and_edited(
     """
     rng = np.random.default_rng(seed)
     robot = random_robots.tree(rng, joints, link_frames=frames)
-    made, edited = tmp_path / "made.urdf", tmp_path / "edited.urdf"
+    made = tmp_path / "made.urdf"
+    edited = tmp_path / "edited.urdf"
     export(
         estimate_of(robot, "rigid_body,viscous_friction,coulomb_friction", seed), made
     )
@@ -349,7 +351,8 @@ def test_any_tree_survives_being_written_and_edited(
 
 @pytest.mark.parametrize("ending", formats())
 def test_an_export_is_twice_the_same_and_says_what_it_leaves_out(ending, tmp_path):
-    estimate, home = estimate_with_everything(), formats()[ending]
+    estimate = estimate_with_everything()
+    home = formats()[ending]
     assert home.FILE.endswith(ending)
     assert home.ABOUT
     left_out = export(estimate, tmp_path / home.FILE)

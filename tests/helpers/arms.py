@@ -90,7 +90,8 @@ def write_urdf(
 ) -> Path:
     """A chain of these axes as a robot of that name; limits : of a slide, of a turn, of
     velocity."""
-    links, joints = ['<link name="link0"/>'], []
+    links = ['<link name="link0"/>']
+    joints = []
     for k, a in enumerate(axes, start=1):
         ball = 0.4 * a.mass * 0.08**2
         six = zip(
@@ -150,10 +151,8 @@ def random_arm(folder: Path, seed: int) -> Path:
             if rng.random() < 0.7
             else None
         )
-        turn, origin = (
-            rng.normal(size=3) if square is None else square,
-            reach * rng.normal(size=3),
-        )
+        turn = rng.normal(size=3) if square is None else square
+        origin = reach * rng.normal(size=3)
         axis = axis / np.linalg.norm(axis)
         axes.append(Axis(kind, axis, origin, mass, body[1:4], tuple(body[4:]), turn))
     return write_urdf(folder / f"arm{seed}.urdf", f"arm{seed}", axes, LIMITS)
@@ -217,7 +216,9 @@ def urdfdom_torque(path: Path, robot: Robot, q: Array, dq: Array, ddq: Array) ->
     data = model.createData()
     out = np.empty_like(q)
     for k in range(len(q)):
-        configuration, v, a = np.zeros(model.nq), np.zeros(model.nv), np.zeros(model.nv)
+        configuration = np.zeros(model.nq)
+        v = np.zeros(model.nv)
+        a = np.zeros(model.nv)
         for i, joint in enumerate(robot.joints):
             theirs = model.joints[model.getJointId(joint.name)]
             angle = [q[k, i]] if theirs.nq == 1 else [np.cos(q[k, i]), np.sin(q[k, i])]

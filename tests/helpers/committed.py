@@ -56,10 +56,10 @@ def keyed(name: str, rows: Iterable[Row]) -> dict[tuple[str, ...], Row]:
 def differences(table: Table, folder: Path) -> list[tuple[Any, ...]]:
     """Where a table made again is not the committed one: row, column, both cells; or
     the row alone, if it is missing and not for want of the real run."""
-    name, text = table.name, (folder / f"table_{table.name}.csv").read_text()
-    old, new = (
-        keyed(name, csv.DictReader(x.splitlines())) for x in (text, table.csv())
-    )
+    name = table.name
+    text = (folder / f"table_{table.name}.csv").read_text()
+    old = keyed(name, csv.DictReader(text.splitlines()))
+    new = keyed(name, csv.DictReader(table.csv().splitlines()))
     out: list[tuple[Any, ...]] = [
         x for x in old.keys() - new.keys() if "measured" not in " ".join(x)
     ]
@@ -159,6 +159,7 @@ def as_kept(name: str, text: str) -> None:
         path.write_text(text)
     kept = path.read_text()
     assert NUMBER.sub("#", text) == NUMBER.sub("#", kept)
-    new, old = (np.array(NUMBER.findall(x), float) for x in (text, kept))
+    new = np.array(NUMBER.findall(text), float)
+    old = np.array(NUMBER.findall(kept), float)
     off = np.abs(new - old) > 1e-2 * np.abs(old) + 1e-6
     assert not off.any(), (new[off], old[off])

@@ -90,7 +90,8 @@ class Link:
     = m c (3,), J and sigma (3, 3), the second moment of the mass."""
 
     def __init__(self, theta: Any) -> None:
-        self.mass, self.h = theta[0], theta[1:4]
+        self.mass = theta[0]
+        self.h = theta[1:4]
         xx, xy, yy, xz, yz, zz = (theta[k] for k in range(4, 10))
         self.J = cp.bmat([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         self.sigma = 0.5 * cp.trace(self.J) * np.eye(3) - self.J

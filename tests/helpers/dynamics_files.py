@@ -28,7 +28,8 @@ Torques = Callable[[Path, Robot, Rows, Rows, Rows], Rows]
 def of_the_file(path: Path, robot: Robot, dq: Rows, ddq: Rows) -> Rows:
     """Damping, dry friction and (Drake's) rotors that a URDF writes."""
     root = etree.parse(str(path)).getroot()
-    joints, rotors = root.findall("joint"), np.zeros(robot.n)
+    joints = root.findall("joint")
+    rotors = np.zeros(robot.n)
     for own in root.findall("transmission"):
         at = robot.joint_names.index(own.find("joint").get("name"))
         rotors[at] = float(
@@ -65,7 +66,8 @@ def by_mujoco(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
         if np.isfinite(j.effort):
             assert model.actuator(j.name).ctrlrange.tolist() == [-j.effort, j.effort]
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    data, made = mujoco.MjData(model), np.empty_like(q)
+    data = mujoco.MjData(model)
+    made = np.empty_like(q)
     for k in range(len(q)):
         data.qpos[at], data.qvel[at], data.qacc[at] = q[k], dq[k], ddq[k]
         mujoco.mj_inverse(model, data)
@@ -78,14 +80,16 @@ def by_c(path: Path, robot: Robot, q: Rows, dq: Rows, ddq: Rows) -> Rows:
         pytest.skip("no C compiler")
     (function,) = re.findall(r"static inline void (\w+_torque)\(", path.read_text())
     assert function == f"{re.sub(r'[^a-zA-Z0-9]', '_', robot.name)}_torque"
-    source, library = path.with_suffix(".c"), path.with_suffix(".so")
+    source = path.with_suffix(".c")
+    library = path.with_suffix(".so")
     source.write_text(
         f'#include "{path.name}"\nvoid torque(double *q, double *v, double *a, double'
         f" *t) {{ {function}(q, v, a, t); }}"
     )
     strict = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-O2", "-shared", "-fPIC"]
     subprocess.run(["cc", *strict, str(source), "-o", str(library), "-lm"], check=True)
-    loaded, out = ctypes.CDLL(str(library)), np.zeros_like(q)
+    loaded = ctypes.CDLL(str(library))
+    out = np.zeros_like(q)
     for row in zip(q, dq, ddq, out, strict=True):
         loaded.torque(
             *(np.ascontiguousarray(x).ctypes.data_as(ctypes.c_void_p) for x in row)
@@ -119,14 +123,13 @@ def estimate_of(
     theta[model.rigid_indices] = links.ravel()[: len(model.rigid_indices)]
     if model.needs_reference:
         model = Model(robot, model.effects, theta)
-    p, n, pairs = (
-        len(theta),
-        robot.n,
-        zip(model.parameters, theta.tolist(), strict=True),
-    )
+    p = len(theta)
+    n = robot.n
+    pairs = zip(model.parameters, theta.tolist(), strict=True)
     intervals = tuple(Interval(q.name, q.unit, x) for q, x in pairs)
     nothing = np.zeros((p, 0)), np.zeros((p, n)), np.zeros(n), np.zeros((n, 0))
-    unknown, made = Uncertainty(intervals, (), *nothing), Certificate({}, 0.0)
+    unknown = Uncertainty(intervals, (), *nothing)
+    made = Certificate({}, 0.0)
     settings = (Preprocessing(), {}, {}, {})
     return Estimate(
         random_robots.bare(robot), model, theta, unknown, "by hand", made, *settings

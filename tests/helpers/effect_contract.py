@@ -70,7 +70,8 @@ def steady_motion(robot: Robot, rows: int = 60, seed: int = 0) -> Motion:
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 0.01 * (rows - 1), rows)
     v = (0.8 + 0.7 * np.arange(robot.n)) * rng.choice([-1.0, 1.0], robot.n)
-    a, phase = rng.uniform(-0.2, 0.2, robot.n), rng.uniform(0, 6, robot.n)
+    a = rng.uniform(-0.2, 0.2, robot.n)
+    phase = rng.uniform(0, 6, robot.n)
     wave = 3.0 * t[:, None] + phase
     q = rng.normal(size=robot.n) + np.outer(t, v) + a * np.sin(wave) / 3.0
     dq, ddq = v + a * np.cos(wave), -3.0 * a * np.sin(wave)
@@ -186,10 +187,8 @@ def check_units_are_those_of_the_columns(name: str) -> None:
     converted by their own unit."""
     for base in ({"kg": 1.0, "m": 1.0, "s": 0.7}, {"kg": 1.9, "m": 1.6, "s": 1.3}):
         for which, robot in robots().items():
-            position, torque = (
-                np.array([unit_scale(u, base, {}) for u in units])
-                for units in (robot.position_units, robot.torque_units)
-            )
+            position = np.array([unit_scale(u, base, {}) for u in robot.position_units])
+            torque = np.array([unit_scale(u, base, {}) for u in robot.torque_units])
             motion = steady_motion(robot)
             new = _rewritten(
                 motion, in_other_units(robot, base), base, position, torque
@@ -235,7 +234,9 @@ def check_units_are_those_of_the_columns(name: str) -> None:
 def _rewritten(
     motion: Motion, robot: Robot, base: dict[str, float], position: Array, torque: Array
 ) -> Motion:
-    s, m, kg = base["s"], base["m"], base["kg"]
+    s = base["s"]
+    m = base["m"]
+    kg = base["kg"]
     links = motion.model_links * kg * np.array([1, m, m, m, *[m * m] * 6])
 
     def moved(x: Motion | Command) -> tuple[Array, Array, Array, Array]:
@@ -266,10 +267,12 @@ DRAWS = 3
 SIZES = {"torque_filter": 5.0}
 #: Flanks yield a little in the worlds; sharp forms stand below, one with rates of what
 #: changes within a sample.
-YIELDS, STEPS = 0.25, 0.02
+YIELDS = 0.25
+STEPS = 0.02
 #: Seconds of the motion that are compared: bristles have settled, and the way back to
 #: rest is left out.
-BEGIN, END = 2.0, 15.5
+BEGIN = 2.0
+END = 15.5
 
 
 @cache
@@ -317,7 +320,8 @@ def hidden_cases(name: str) -> tuple[Case, ...]:
     kind = effect_types()[name]
     cases = []
     for which, (problem, world, links) in worlds().items():
-        robot, width = problem.robot, _width(name)
+        robot = problem.robot
+        width = _width(name)
         sharp = replace(world, dry=DryFriction(np.full(robot.n, width)))
         trajectory = random_trajectory(robot, 5, 17.0, frequency=2.0 * np.pi / 13.3)
         if name == "transmission_friction" and which == "slide_arm":
@@ -361,10 +365,8 @@ def _case(
     )
     t = np.arange(0.0, 17.0, 1.0 / fine)
     true = TrueMotion(t, *trajectory.states(t))
-    rows, seen = (
-        slice(None, None, int(fine / rate)),
-        slice(int(BEGIN * rate), int(END * rate)),
-    )
+    rows = slice(None, None, int(fine / rate))
+    seen = slice(int(BEGIN * rate), int(END * rate))
     torque = hidden.torque(sharp, true)[rows][seen]
     motion = Motion(
         true.t[rows],
@@ -399,7 +401,9 @@ def check_columns_are_the_hidden_torque(name: str) -> None:
     """In amount and sign: torque less columns times parameters is next to nothing, and
     where one number says how large the effect is, that of the parameters is the true
     one. On both kinds of joints, of every form: shape constants that are choices."""
-    kind, met, forms = effect_types()[name], set(), set()
+    kind = effect_types()[name]
+    met = set()
+    forms = set()
     choices = {k: len(s.choices) for k, s in kind.shapes.items() if s.choices}
     for case in hidden_cases(name):
         forms.add(tuple(case.effect.shape[k] for k in choices))
@@ -450,7 +454,8 @@ def _laws(
 
 
 def _transmission(w: World, j: int) -> list[Hidden]:
-    first, ratio = min(j, w.arm.n - 2), -2.0
+    first = min(j, w.arm.n - 2)
+    ratio = -2.0
     if not w.arm.rotary[first : first + 2].all():
         return []
 
@@ -532,7 +537,8 @@ def _rise(
 
 
 def _even_slip(m: TrueMotion, j: int) -> Array:
-    out, z = np.zeros(len(m.t)), np.zeros(3)
+    out = np.zeros(len(m.t))
+    z = np.zeros(3)
     for k, step in enumerate(np.diff(m.q[:, j]), start=1):
         z = np.clip(z + step / (0.002 * np.array([1.0, 4.0, 16.0])), -1.0, 1.0)
         out[k] = z.mean()

@@ -66,11 +66,13 @@ def two_link_with(
 def effects_of(which: str) -> dict[str, Any]:
     """Of each effect how it is searched, what it makes of a motion, and what is said of
     it."""
-    robot, out = robots()[which], {}
+    robot = robots()[which]
+    out = {}
     moved = to_and_fro(robot)
     for name in effect_types():
         every = variants(name, robot)
-        first, few = every[0], every[:: 1 + len(every) // 9]
+        first = every[0]
+        few = every[:: 1 + len(every) // 9]
         seen = [
             JointCoverage(),
             JointCoverage(0.5, 0.01, 0.5),
@@ -104,15 +106,11 @@ def effects_of(which: str) -> dict[str, Any]:
 
 
 def identified(folder: Path) -> dict[str, Any]:
-    two, run, heard = (
-        sdp.load_problem("two_link"),
-        two_link_with(lambda r: 0.0),
-        list[str](),
-    )
-    plain, told = (
-        sdp.identify(two, run),
-        {"effects": "rigid_body", "progress": heard.append},
-    )
+    two = sdp.load_problem("two_link")
+    run = two_link_with(lambda r: 0.0)
+    heard = list[str]()
+    plain = sdp.identify(two, run)
+    told = {"effects": "rigid_body", "progress": heard.append}
     problem = sdp.load_problem(scara(folder))
     widths = run_of_widths(problem, (0.02, 0.003, 0.001, 0.08), 12.0)
     return {
@@ -131,11 +129,9 @@ def identified(folder: Path) -> dict[str, Any]:
 
 
 def of_servos(folder: Path) -> dict[str, Any]:
-    arm, run, heard = (
-        write_slide(folder),
-        log(1e-4, ki=700.0, delay=0.02, torque=True),
-        list[str](),
-    )
+    arm = write_slide(folder)
+    run = log(1e-4, ki=700.0, delay=0.02, torque=True)
+    heard = list[str]()
     noise = 20.0 * np.random.default_rng(3).normal(
         size=run.tau.shape
     )  # a part that no loop makes
@@ -169,7 +165,8 @@ def of_servos(folder: Path) -> dict[str, Any]:
 
 def of_loads(folder: Path) -> dict[str, Any]:
     problem = sdp.load_problem(write_urdf(folder / "arm.urdf", "arm", THREE))
-    run, heavy = (small_run(problem, 16.0, seed) for seed in (0, 1))
+    run = small_run(problem, 16.0, 0)
+    heavy = small_run(problem, 16.0, 1)
     links = np.zeros((3, 10))
     links[-1] = 1.5 * np.array([1.0, 0.05, -0.02, 0.1, 0.013, 0, 0.013, 0, 0, 0.005])
     t = heavy.t
@@ -190,7 +187,8 @@ def of_loads(folder: Path) -> dict[str, Any]:
 
 
 def motions() -> dict[str, Any]:
-    two, heard = sdp.load_problem("two_link"), list[str]()
+    two = sdp.load_problem("two_link")
+    heard = list[str]()
     estimate = sdp.identify(two, two_link_with(lambda r: 0.0), "ols")
     known: dict[str, Any] = {"duration": 6.0, "progress": heard.append}
     found = [

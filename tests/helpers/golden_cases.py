@@ -211,7 +211,8 @@ def diagnosed(inputs: Inputs) -> Quantities:
     made = hidden_runs(
         sdp.load_problem("two_link"), hidden, "strong", seed=inputs["seed"]
     )
-    train, test = concatenate(made.runs[:2]), made.runs[3]
+    train = concatenate(made.runs[:2])
+    test = made.runs[3]
     effects = made.truth["model_effects"]
     before = sdp.identify(made.problem, train, "ols", effects=effects, check=False)
     findings = sdp.diagnose(before, train, test, check=False)

@@ -73,14 +73,16 @@ def _change_lines(content: bytes, rng: np.random.Generator) -> bytes:
 
 def _change_records(content: bytes, rng: np.random.Generator) -> bytes:
     """One record (opcode, length, content) of an MCAP lost, doubled, cut or swapped."""
-    records, place = list[bytes](), len(_MCAP)
+    records = list[bytes]()
+    place = len(_MCAP)
     while place + 9 <= len(content) - len(_MCAP):
         (size,) = struct.unpack_from("<Q", content, place + 1)
         records.append(content[place : place + 9 + size])
         place += 9 + size
     if not records:
         return content
-    k, way = int(rng.integers(len(records))), int(rng.integers(5))
+    k = int(rng.integers(len(records)))
+    way = int(rng.integers(5))
     if way == 0:
         del records[k]
     elif way == 1:

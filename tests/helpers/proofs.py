@@ -114,7 +114,9 @@ def genuine(rng: np.random.Generator) -> Proof:
     y = short(rng, m) / 4.0
     floor = float(rng.integers(0, 9)) / 4.0
     unit = float(rng.choice([1.0, 1.0, 1.0, 2.0**-300, 2.0**300]))
-    R, y, floor = unit * R, unit * y, unit * floor
+    R = unit * R
+    y = unit * y
+    floor = unit * floor
     rho = R @ theta + unit * short(rng, m) / 8.0
     constant = floor**2 - 2 * y @ rho - y @ y
     slope = 2 * y @ R
@@ -332,7 +334,8 @@ _OTHERS: list[Any] = [1, 0.5, None, True, [], {}, ["1"], "one", -1, 10**30]
 def malformed(p: Proof, rng: np.random.Generator) -> Proof | None:
     """One field lost, added, of another type or range, an index that is none, a list
     too long."""
-    p, pick = copy.deepcopy(p), random.Random(int(rng.integers(0, 2**31)))
+    p = copy.deepcopy(p)
+    pick = random.Random(int(rng.integers(0, 2**31)))
     parent = pick.choice([p, p, *p["constraints"]])
     key = pick.choice([k for k in parent if k != "format"])
     indices = pick.choice([c["indices"] for c in p["constraints"]])

@@ -98,7 +98,8 @@ def sines(
     w = 2.0 * np.pi * base_hz * np.arange(1, harmonics + 1)
     a, b = rng.normal(size=(2, n, harmonics)) * 1.0 / np.sqrt(harmonics)
     wt = t[:, None] * w
-    s, c = np.sin(wt), np.cos(wt)
+    s = np.sin(wt)
+    c = np.cos(wt)
     q = s @ (a / w).T - c @ (b / w).T + rng.uniform(-1, 1, n)
     return Motion(t, q, c @ a.T + s @ b.T, -s @ (a * w).T + c @ (b * w).T)
 

@@ -26,7 +26,8 @@ _NUMBER = r"\d+\.?\d*"
 
 def changed(name: str, found: Mapping[str, Any]) -> list[str]:
     """Where figures are not what they were; none after they were written."""
-    made, path = json.loads(json.dumps(brief(found))), HOME / f"{name}.json"
+    made = json.loads(json.dumps(brief(found)))
+    path = HOME / f"{name}.json"
     if WRITES:
         path.write_text(_lines(made) + "\n")
     return differences(json.loads(path.read_text()), made)[:20]
@@ -143,10 +144,8 @@ def differences(
     ):
         return [d for k in kept for d in differences(kept[k], found[k], f"{where}.{k}")]
     if isinstance(kept, list) and isinstance(found, list) and len(kept) == len(found):
-        pairs, first = (
-            enumerate(zip(kept, found, strict=True)),
-            found[0] if found else 0.0,
-        )
+        pairs = enumerate(zip(kept, found, strict=True))
+        first = found[0] if found else 0.0
         least = 3e-4 * abs(first) + 1e-7 if isinstance(first, float) else 1e-7
         return [
             d for k, both in pairs for d in differences(*both, f"{where}[{k}]", least)

@@ -13,7 +13,12 @@ URDF = """<robot name="slide"><link name="base"/><link name="cart"><inertial><ma
 <joint name="x" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
 <limit lower="-2" upper="2" effort="500" velocity="9"/></joint></robot>"""
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction@v_s=0.05,torque_offset"
-MASS, KP, KD, VISCOUS, COULOMB, OFFSET = 3.0, 500.0, 40.0, 4.0, 2.0, 1.0
+MASS = 3.0
+KP = 500.0
+KD = 40.0
+VISCOUS = 4.0
+COULOMB = 2.0
+OFFSET = 1.0
 
 
 def command(t: np.ndarray, seed: int) -> np.ndarray:
@@ -38,9 +43,13 @@ def log(
     """20 s at 100 Hz; steps of 0.5 ms; load [kg]."""
     h = 5e-4
     t = np.arange(0.0, 20.0, h)
-    told, late = command(t, seed), command(np.maximum(t - delay, 0.0), seed)
+    told = command(t, seed)
+    late = command(np.maximum(t - delay, 0.0), seed)
     q, tau = np.empty((2, len(t)))
-    x, v, sums, start = told[0], 0.0, OFFSET / ki if ki else 0.0, told[0]
+    x = told[0]
+    v = 0.0
+    sums = OFFSET / ki if ki else 0.0
+    start = told[0]
     for k in range(len(t)):
         q[k] = x
         sums += h * (late[k] - x)

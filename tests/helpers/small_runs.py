@@ -24,7 +24,8 @@ def small_run(
     t = np.arange(0.0, seconds, 1.0 / rate)
     q, dq, ddq = (np.zeros((len(t), n)) for _ in range(3))
     for frequency in (0.3, 0.5, 0.8):
-        amplitude, phase = rng.uniform(0.1, 0.3, n), rng.uniform(-np.pi, np.pi, n)
+        amplitude = rng.uniform(0.1, 0.3, n)
+        phase = rng.uniform(-np.pi, np.pi, n)
         w = 2.0 * np.pi * frequency
         q += amplitude * np.sin(w * t[:, None] + phase)
         dq += amplitude * w * np.cos(w * t[:, None] + phase)
@@ -54,14 +55,9 @@ def write_bag(
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     kinds = store.types
-    state, header, stamp = (
-        kinds[f"{name}"]
-        for name in (
-            "sensor_msgs/msg/JointState",
-            "std_msgs/msg/Header",
-            "builtin_interfaces/msg/Time",
-        )
-    )
+    state = kinds[f"{'sensor_msgs/msg/JointState'}"]
+    header = kinds[f"{'std_msgs/msg/Header'}"]
+    stamp = kinds[f"{'builtin_interfaces/msg/Time'}"]
     plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
     names = change.get("names", ["c", "a", "b"])
     with Writer(path, version=9, storage_plugin=plugin) as writer:
@@ -192,12 +188,11 @@ def write_joint_states(path: Path, messages: Any) -> None:
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore
 
-    store, kind = get_typestore(Stores.ROS2_HUMBLE), "sensor_msgs/msg/JointState"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = "sensor_msgs/msg/JointState"
     state = store.types[kind]
-    header, stamp = (
-        store.types[name]
-        for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
+    header = store.types["std_msgs/msg/Header"]
+    stamp = store.types["builtin_interfaces/msg/Time"]
     with Writer(path, version=9) as writer:
         connections: dict[str, Any] = {}
         for topic, t, names, *fields in messages:

@@ -43,7 +43,8 @@ def test_the_columns_are_the_payloads_effect(name):
 
 
 def test_gains_scale_torque_and_columns():
-    plain, scaled = arm("two_link", EFFECTS), arm("two_link", EFFECTS, (0.9, 1.2))
+    plain = arm("two_link", EFFECTS)
+    scaled = arm("two_link", EFFECTS, (0.9, 1.2))
     q, dq, ddq = np.random.default_rng(1).normal(size=(3, 2))
     plain.update(q, dq, ddq)
     scaled.update(q, dq, ddq)

@@ -211,7 +211,8 @@ def test_torques_of_mujoco_are_weighed_as_well(exact: Estimate, tmp_path):
     t = np.arange(0.0, 6.0, 1.0 / RATE)
     states = random_trajectory(exact.robot, 11, 6.0).states(t)
     bare = mujoco_torque(path, exact, states)
-    mass, com = 1.2, np.array([0.02, -0.03, 0.15])
+    mass = 1.2
+    com = np.array([0.02, -0.03, 0.15])
     with_ball(path, mass, com, 0.05)
     added = mujoco_torque(path, exact, states) - bare
     noise = ResidualNoise(
@@ -252,7 +253,8 @@ def test_the_real_load_is_picked_up(ur10e, ur10e_runs):
     intervals half a second later hold the mass at least eight times."""
     from pick_runs import splice
 
-    bare, loaded = ur10e_runs["19_15harm50sec"], ur10e_runs["19_15harm50secLoad"]
+    bare = ur10e_runs["19_15harm50sec"]
+    loaded = ur10e_runs["19_15harm50secLoad"]
     n_within = 0
     for at in range(6, 46, 4):
         estimator = ur10e()

@@ -65,8 +65,10 @@ def _by_commands(folder: Path, files: dict[str, Path]) -> dict[str, str]:
     import contextlib
     import io
 
-    model, better = folder / "model.json", folder / "better.json"
-    found, test = folder / "findings.json", files["test.csv"]
+    model = folder / "model.json"
+    better = folder / "better.json"
+    found = folder / "findings.json"
+    test = files["test.csv"]
     data = ["--data", files["a.csv"], files["b.csv"]]
     commands: dict[str, list[Any]] = {
         "identify": ["identify", "two_link", *data, "--out", model],

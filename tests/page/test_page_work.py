@@ -135,10 +135,8 @@ def test_bad_robots_are_refused_and_names_are_no_paths(here):
         said = asyncio.run(drop(name, content))
         assert ".urdf: " in said
         assert "/" not in said.split(":")[0]
-    link, joint = (
-        '<link name="{0}"/>',
-        '<joint name="j" type="continuous"><parent link="a"/>',
-    )
+    link = '<link name="{0}"/>'
+    joint = '<joint name="j" type="continuous"><parent link="a"/>'
     arm = (
         f'<robot name="r">{link.format("a")}{link.format("b")}{joint}<child'
         ' link="b"/></joint></robot>'
@@ -313,7 +311,8 @@ def answer(
     headers: dict[str, str], error: Exception | None = None, **scope: Any
 ) -> tuple[bool, list[Any]]:
     """Whether a request with these headers reaches the page, and what is answered."""
-    reached, sent = [], []
+    reached = []
+    sent = []
     kind = scope.pop("kind", "http")
 
     async def app(asked: Any, receive: Any, send: Any) -> None:
@@ -392,7 +391,8 @@ def test_jobs_of_all_tabs_wait_for_each_other():
     sessions = Sessions(pool)
 
     async def story() -> None:
-        first, second = sessions.new(), sessions.new()
+        first = sessions.new()
+        second = sessions.new()
         for s in (first, second):
             await finish(s, partial(s.choose_robot, "panda"))
         first.start(first.simulate, "joint_spring", [3], "strong", 0)
@@ -430,7 +430,8 @@ class Tab:
 def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     monkeypatch.setattr(tabs, "SILENCE", 0.0)  # no tab is about to come back
     sessions = Sessions(pool)
-    first, second = sessions.new(), sessions.new()
+    first = sessions.new()
+    second = sessions.new()
     assert first.token != second.token
     assert len(first.token) >= 32
     assert first.folder.stat().st_mode & 0o077 == 0

@@ -48,10 +48,13 @@ def traces(chart: dict[str, Any]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     """From files to a model with what it missed, each step once; what the page said on
     the way."""
-    folder, sessions = tmp_path_factory.mktemp("runs"), Sessions(Here())
+    folder = tmp_path_factory.mktemp("runs")
+    sessions = Sessions(Here())
     files = saved(folder, [hidden.runs[k] for k in (0, 1, 3)], *NAMES)
     session = sessions.new()
-    screen, said, figures = Screen(session), dict[str, Any](), dict[str, Any]()
+    screen = Screen(session)
+    said = dict[str, Any]()
+    figures = dict[str, Any]()
     shown: dict[str, Any] = {}
 
     def look(name: str) -> None:
@@ -98,7 +101,8 @@ def story(hidden, tmp_path_factory) -> Iterator[SimpleNamespace]:
     screen.hear(chart, "plotly_relayout", {"xaxis.autorange": True})
     screen.set("shown-run", "test.csv")
     models = [load_estimate(step.file) for step in session.history]
-    runs, test = load_measurements(folder / "a.csv", folder / "b.csv"), hidden.runs[3]
+    runs = load_measurements(folder / "a.csv", folder / "b.csv")
+    test = hidden.runs[3]
     judged = compare(dict(zip("ab", models, strict=True)), test)
     known = {
         "figures": figures,
@@ -157,13 +161,15 @@ def test_fit_is_that_of_the_models(story):
         == -band["y0"]
         == pytest.approx(1.96 * after.noise_floor[1], rel=1e-4)
     )
-    t, labels = signals.t - signals.t[0], [step.label for step in story.session.history]
+    t = signals.t - signals.t[0]
+    labels = [step.label for step in story.session.history]
     modelled = dict(
         zip(labels, (before.signals.modelled, signals.modelled), strict=True)
     )
     curves = {"measured": signals.measured, **modelled}
     curves |= {f"{k}-": signals.measured - x for k, x in modelled.items()}
-    drawn, points = traces(torque), traces(error)
+    drawn = traces(torque)
+    points = traces(error)
     assert set(drawn) == set(curves)
     for name, (x, y) in drawn.items():
         np.testing.assert_allclose(y, np.interp(x, t, curves[name][:, 1]), atol=3e-3)
@@ -174,7 +180,8 @@ def test_fit_is_that_of_the_models(story):
 
 
 def test_what_was_answered_is_of_the_model_that_was_asked(story):
-    screen, session = story.screen, story.session
+    screen = story.screen
+    session = story.session
     made: list[str] = []
     screen.do(session.start, session.take, "run-3.csv", made.append)
     assert made == ["run-3.csv"]
@@ -222,12 +229,11 @@ def test_the_arm_fills_its_picture_and_moves_as_measured(story, part):
     (scene,) = (e for e in screen.part(part) if hasattr(e, "camera"))
     loads = [code for code in screen.scripts if code.startswith(f"(arms[{scene.id}]")]
     moves = json.loads(re.search(r"\.load\((.*)\)$", loads[-1])[1])
-    poses, robot = np.array(moves["poses"]), story.models[-1].robot
+    poses = np.array(moves["poses"])
+    robot = story.models[-1].robot
     camera = scene.camera
-    eye, to = (
-        np.array([getattr(camera, f"{at}{c}") for c in "xyz"])
-        for at in ("", "look_at_")
-    )
+    eye = np.array([getattr(camera, f"{''}{c}") for c in "xyz"])
+    to = np.array([getattr(camera, f"{'look_at_'}{c}") for c in "xyz"])
     away = poses[:, : robot.n, :3].reshape(-1, 3) - eye
     depth = away @ (to - eye) / np.linalg.norm(to - eye)
     angle = np.degrees(np.arccos(depth / np.linalg.norm(away, axis=1)))
@@ -259,7 +265,9 @@ def recorded(screen: Screen, monkeypatch: pytest.MonkeyPatch) -> list[tuple[Any,
 
 
 def test_everything_is_offered_and_every_control_does_what_it_says(story, monkeypatch):
-    screen, session, view = story.screen, story.session, story.screen.view
+    screen = story.screen
+    session = story.session
+    view = story.screen.view
     keys = set(story.said["compared"]["keys"])
     searched = {name for name, kind in effect_types().items() if not kind.frozen_only}
     offered = {key.removeprefix("effect-") for key in keys if key.startswith("effect-")}
@@ -346,8 +354,10 @@ def test_everything_is_offered_and_every_control_does_what_it_says(story, monkey
 def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     """Show rivals and the run that would tell, a weak finding, a curve, a constant, and
     what the check finds."""
-    screen, session = story.screen, story.session
-    steps, runs = list(session.history), list(session.runs)
+    screen = story.screen
+    session = story.session
+    steps = list(session.history)
+    runs = list(session.runs)
     found = steps[0].findings
     (one,) = found.effects
     weak = {
@@ -382,7 +392,8 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
 @pytest.mark.nightly
 def test_figures_are_what_they_were_in_findings(story):
     session = story.session
-    history, runs = list(session.history), list(session.runs)
+    history = list(session.history)
+    runs = list(session.runs)
     show_every_kind(story)
     drawn = story.screen.drawn()
     session.history[:], session.runs = history, runs
@@ -391,13 +402,17 @@ def test_figures_are_what_they_were_in_findings(story):
 
 
 def test_findings_of_every_kind_are_told(story, monkeypatch):
-    screen, session = story.screen, story.session
+    screen = story.screen
+    session = story.session
     shown = show_every_kind(story)
-    rival, one = shown.rival, shown.first
-    curve, width = shown.curve, shown.width
+    rival = shown.rival
+    one = shown.first
+    curve = shown.curve
+    width = shown.width
     assert curve.sentence(["N*m", "N*m"]) in screen.text("diagnose")
     assert "✓ a.csv" not in screen.text("check")
-    called, first = recorded(screen, monkeypatch), session.runs[0]["file"]
+    called = recorded(screen, monkeypatch)
+    first = session.runs[0]["file"]
     styles = [screen.at(key).classes for key in ("add-0", "add-1")]
     assert ["primary" in style for style in styles] == [True, False]
     screen.click(

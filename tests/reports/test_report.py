@@ -141,9 +141,9 @@ def test_the_verb_and_short_runs(two_link, tmp_path):
     run = experiment(two_link).training_run(0)
     save(run.window(2.0, 3.8), tmp_path / "short.csv")
     identify(two_link, run, "ols").save(tmp_path / "model.json")
-    model, data, out = (
-        tmp_path / name for name in ("model.json", "short.csv", "short.html")
-    )
+    model = tmp_path / "model.json"
+    data = tmp_path / "short.csv"
+    out = tmp_path / "short.html"
     assert run_cli("report", model, "--data", data, "--out", out) == 0
     assert "from the runs that it was identified" in out.read_text()
 

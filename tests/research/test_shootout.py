@@ -65,7 +65,8 @@ def best(two_link: Instance) -> Answer:
 def test_instances_are_what_they_were():
     """Their hashes are of problems to six digits: of the 2R and of arms of two links
     every one."""
-    said, own = [], catalogue()
+    said = []
+    own = catalogue()
     for e in everything():
         if e.name.startswith(("two_link", "chain of 2 ")):
             where = (
@@ -81,9 +82,8 @@ def test_instances_are_what_they_were():
 
 
 def test_a_short_part_is_of_so_many_seconds_of_rows_however_far_the_filters_reach():
-    one, three = (
-        instance(f"panda simulated {s} s one-step plain").data.rows for s in (1, 3)
-    )
+    one = instance(f"panda simulated {1} s one-step plain").data.rows
+    three = instance(f"panda simulated {3} s one-step plain").data.rows
     assert 3 * one == pytest.approx(three, rel=0.03)
 
 
@@ -141,15 +141,14 @@ def test_planted_wrong_answers_are_found(two_link, proved, best):
 def test_a_chart_of_links_begins_inside_and_knows_its_slope():
     """By central differences, of every variable."""
     made = instance("two_link simulated one-step cones")
-    inside, rng = made.interior, np.random.default_rng(0)
+    inside = made.interior
+    rng = np.random.default_rng(0)
     chart = Chart(made.sent, inside)
     np.testing.assert_allclose(
         chart.theta(chart.start)[0], inside, rtol=1e-9, atol=1e-12
     )
-    x, gradient = (
-        chart.start + 0.3 * rng.normal(size=len(inside)),
-        rng.normal(size=len(inside)),
-    )
+    x = chart.start + 0.3 * rng.normal(size=len(inside))
+    gradient = rng.normal(size=len(inside))
     steps = 1e-6 * np.eye(len(x))
     moved = [
         (chart.theta(x + s)[0] - chart.theta(x - s)[0]) @ gradient / 2e-6 for s in steps
@@ -209,7 +208,9 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
         assert verdict.own_gap <= 0.01
         sdp = posed.sdp  # what the file says of its optimum is the loss there
         solution = solver("clarabel").solve(sdp.conic, 1e-9)
-        x, P = solution.x, sdp.conic.P  # the upper triangle
+        # the upper triangle
+        x = solution.x
+        P = sdp.conic.P
         square = x @ (P @ x) - 0.5 * x @ (P.diagonal() * x)
         optimum = sdp.offset + sdp.loss_scale**2 * (square + sdp.conic.q @ x)
         assert optimum == pytest.approx(
@@ -225,7 +226,9 @@ def test_the_forms_users_write_have_the_same_optimum(two_link):
 def test_violations_are_in_units_of_their_own_cones():
     """Rows: the largest term that they can hold; a cone: its largest row; a matrix: its
     diagonal."""
-    x, inside, bound = np.array([3.0, 0.0]), np.zeros(2), np.array([10.0, 10.0])
+    x = np.array([3.0, 0.0])
+    inside = np.zeros(2)
+    bound = np.array([10.0, 10.0])
     rows = Constraint(
         "a", "", "nonnegative", [0], np.array([1.0, 40.0]), np.array([[-1.0, -20.0]])
     )

@@ -327,7 +327,8 @@ def links_slice(problem: Problem, links: np.ndarray) -> Slice:
 )
 def test_wrenches_are_those_of_recursive_newton_euler(name, column):
     problem = load_problem(name)
-    robot, links = problem.robot, published_links(problem, column)
+    robot = problem.robot
+    links = published_links(problem, column)
     q, dq, ddq = states(robot, 5)
     made = wrenches.wrench_regressor(robot, q, dq, ddq) @ links.ravel()
     model = robot._with_inertias(links)
@@ -341,10 +342,8 @@ def test_wrenches_are_those_of_recursive_newton_euler(name, column):
 def test_interval_contains_the_truth_and_is_certified(two_link):
     real = published_links(two_link, "p_real")
     Y = wrenches.wrench_regressor(two_link.robot, *states(two_link.robot, 3))
-    intervals, true = (
-        wrenches.wrench_intervals(links_slice(two_link, real), Y),
-        Y @ real.ravel(),
-    )
+    intervals = wrenches.wrench_intervals(links_slice(two_link, real), Y)
+    true = Y @ real.ravel()
     assert np.all(intervals.lower_bound <= true)
     assert np.all(true <= intervals.upper_bound)
     assert np.all(intervals.lower_bound <= intervals.lower)

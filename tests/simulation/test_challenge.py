@@ -83,7 +83,8 @@ def test_clean_robots_are_judged_by_what_was_stated_beforehand():
 
 def test_findings_are_judged_beside_the_truth():
     truth = {"effect": "joint_spring", "joints": [2], "size": 0.8, "shape": {}}
-    spring, other = found("joint_spring", 2), found("torque_delay", 1)
+    spring = found("joint_spring", 2)
+    other = found("torque_delay", 1)
     right = record(spring, other, truth=[truth], energy=[100.0], deviation=[0.0])
     assert judge.first_right(right)
     assert judge.counted(right)

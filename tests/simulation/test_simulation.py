@@ -89,11 +89,11 @@ def test_the_log_is_jittered_held_and_quantised_as_the_real_one(panda):
 
 def test_misplaced_joints_are_off_by_errors_of_the_size_told(panda):
     """About and along every axis, normal and independent of each other."""
-    model, rng = (
-        true_world(panda, experiment(panda), 0).arm.model,
-        np.random.default_rng(0),
-    )
-    metres, degrees, off = 2e-4, 0.03, []
+    model = true_world(panda, experiment(panda), 0).arm.model
+    rng = np.random.default_rng(0)
+    metres = 2e-4
+    degrees = 0.03
+    off = []
     for _ in range(300):
         built = misplaced(model, metres, degrees, rng)
         pairs = zip(model.jointPlacements[1:], built.jointPlacements[1:], strict=True)
@@ -195,13 +195,12 @@ def test_a_loop_adds_the_torque_that_a_model_lacks(known):
     estimate, moved = known
     rows = np.r_[np.zeros(250, int), 0 : len(moved.t)]
     run = Measurements(np.arange(len(rows)) / 250.0, moved.q[rows], moved.tau[rows])
-    links, theta = estimate.model.rigid_indices, estimate.theta.copy()
+    links = estimate.model.rigid_indices
+    theta = estimate.theta.copy()
     theta[links] *= 1.1
     heavy = replace(estimate, theta=theta)
-    true, more = (
-        follow(e, run, drive="pd", steps=800, windows=1).free[0]
-        for e in (estimate, heavy)
-    )
+    true = follow(estimate, run, drive="pd", steps=800, windows=1).free[0]
+    more = follow(heavy, run, drive="pd", steps=800, windows=1).free[0]
     assert more.simulated.t[0] == pytest.approx(1.0, abs=0.25)
     states = random_trajectory(estimate.robot, 1, 6.0).states(more.simulated.t - 1.0)
     lacks = estimate.robot.inverse_dynamics(0.1 * estimate.theta[links], *states)

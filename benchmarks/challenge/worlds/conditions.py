@@ -143,7 +143,8 @@ class FrictionLaw(DryFriction):
         def level(v: Array) -> Array:
             return 1.0 + self.rise * np.exp(-((v / self.speed) ** 2))
 
-        z, side = bristles(t, dq, self.travel, level), np.sign(dq)
+        z = bristles(t, dq, self.travel, level)
+        side = np.sign(dq)
         return z + 0.02 * side * (
             1.0 - side * z / level(dq)
         )  # and what bends the bristles is damped

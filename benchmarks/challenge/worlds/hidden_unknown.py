@@ -18,7 +18,8 @@ Law = tuple[Callable[[TrueMotion], Array], tuple[str, ...]]
 
 def _of_states(w: World, j: int, i: int, c: float, k: float) -> dict[str, Law]:
     """Of joint j, and of another one i with it; k waves in a turn."""
-    s, ti = w.arm.unit_speed, 1.0 if w.arm.rotary[i] else 5.0
+    s = w.arm.unit_speed
+    ti = 1.0 if w.arm.rotary[i] else 5.0
     (q, dq, ddq), (qi, dqi) = (
         (f"{x}{j + 1}" for x in ("q", "dq", "ddq")),
         (f"q{i + 1}", f"dq{i + 1}"),
@@ -67,10 +68,8 @@ def nameless(w: Site, j: int, rng: Generator) -> Hidden:
     details : "of", its variables as findings.json writes them.
     """
     i, c = _other(w, j, rng)
-    s, k = (
-        w.arm.unit_speed,
-        float(rng.uniform(2.0, 4.0)) * (1.0 if w.arm.rotary[j] else 8.0),
-    )
+    s = w.arm.unit_speed
+    k = float(rng.uniform(2.0, 4.0)) * (1.0 if w.arm.rotary[j] else 8.0)
     v = float(rng.uniform(0.2, 0.5)) * s[j]
     q, dq, ddq, tau = (f"{name}{j + 1}" for name in ("q", "dq", "ddq", "tau"))
     load = 1e-2 / max(w.arm.noise[j], 1e-9)
@@ -96,15 +95,12 @@ def _of_turns(w: World, j: int, rng: Generator) -> Mapping[str, Law]:
     a = max(j - 1, 0)
     if not w.arm.rotary[a : a + 2].all():
         return {}
-    ratio, k = float(rng.choice([-2.0, -1.0, 1.0, 2.0])), float(rng.integers(5, 13))
-    c, wide = (
-        float(rng.uniform(-3.0, 3.0)),
-        0.2 * float(w.arm.unit_speed[a : a + 2].sum()),
-    )
-    sign, size = (
-        "-" if ratio < 0.0 else "+",
-        "" if abs(ratio) == 1.0 else f"{abs(ratio):g}",
-    )
+    ratio = float(rng.choice([-2.0, -1.0, 1.0, 2.0]))
+    k = float(rng.integers(5, 13))
+    c = float(rng.uniform(-3.0, 3.0))
+    wide = 0.2 * float(w.arm.unit_speed[a : a + 2].sum())
+    sign = "-" if ratio < 0.0 else "+"
+    size = "" if abs(ratio) == 1.0 else f"{abs(ratio):g}"
     both = f"q{a + 1}{sign}{size}q{a + 2}"
     return {
         "tanh of q_i + c q_j": (
@@ -130,10 +126,8 @@ def disturbance(w: Site, j: int, rng: Generator) -> Hidden:
         "hum": 0.0,
     }
     length = float(lengths[kind])
-    frequency, phase = (
-        float(rng.uniform(1.0, 7.0)),
-        float(rng.uniform(0.0, 2.0 * np.pi)),
-    )
+    frequency = float(rng.uniform(1.0, 7.0))
+    phase = float(rng.uniform(0.0, 2.0 * np.pi))
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
     def change(w: World, m: TrueMotion, size: float) -> Array:

@@ -22,7 +22,9 @@ States = tuple[Array, Array, Array]
 
 #: Shares of the position and velocity limits that a motion uses; the farthest from its
 #: centre [rad].
-REACH, SPEED, SWING = 0.75, 0.5, 1.6
+REACH = 0.75
+SPEED = 0.5
+SWING = 1.6
 
 
 def plan(
@@ -31,7 +33,8 @@ def plan(
     """A random motion, periodic, aperiodic or from point to point ("points"), as a
     function of time [s] from its beginning."""
     reach = 0.5 * REACH * (arm.upper - arm.lower)
-    half, fastest = np.minimum(reach, SWING), SPEED * arm.speed
+    half = np.minimum(reach, SWING)
+    fastest = SPEED * arm.speed
 
     def centre() -> Array:
         """Somewhere in the room that the half range leaves, drawn."""
@@ -48,7 +51,8 @@ def plan(
         frequencies = rng.uniform(0.05, 0.5, (8, arm.n))
     w = 2.0 * np.pi * frequencies
     phase = rng.uniform(0.0, 2.0 * np.pi, w.shape)
-    size, about = rng.uniform(0.3, 1.0, w.shape) / np.sqrt(w), centre()
+    size = rng.uniform(0.3, 1.0, w.shape) / np.sqrt(w)
+    about = centre()
     q, dq, _ = waves(size, w, phase)(np.arange(0.0, duration, 0.02))
     middle = 0.5 * (q.max(axis=0) + q.min(axis=0))
     # As large as position and velocity limits let them be.
@@ -84,7 +88,9 @@ def _points(
     smooth step 35 s^4 - 84 s^5 + 70 s^6 - 20 s^7, whose first three derivatives vanish
     at both ends."""
     again = int(rng.integers(4, 7)) if rng.random() < 0.5 else 10_000
-    targets, times = [centre], [0.0]  # where it pauses, and until when
+    # where it pauses, and until when
+    targets = [centre]
+    times = [0.0]
     arrivals: list[float] = []
     while times[-1] < duration:
         k = len(targets)
@@ -124,13 +130,16 @@ def _points(
 #: Travel of a friction that has none [rad or m].
 NONE = 1e-7
 #: Velocity to which a step is solved [rad/s or m/s], and in how many rounds at most.
-TOLERANCE, ROUNDS = 1e-8, 30
+TOLERANCE = 1e-8
+ROUNDS = 30
 #: A good industrial controller: bandwidth of its position loop [Hz], or by how much it
 #: yields to dry friction at most [rad].
-BANDWIDTH, YIELDS = 4.0, 0.01
+BANDWIDTH = 4.0
+YIELDS = 0.01
 #: The share of dry friction that its feed-forward knows, and over which velocity that
 #: turns [rad/s].
-KNOWN, TURNS = 0.7, 0.05
+KNOWN = 0.7
+TURNS = 0.05
 
 
 def driven(
@@ -150,9 +159,11 @@ def driven(
     through: with v' alone all torques would be half a step late. ``share`` is what
     friction did then.
     """
-    arm, n = world.arm, world.arm.n
+    arm = world.arm
+    n = world.arm.n
     h = float(plan.t[1] - plan.t[0])
-    pull, jitter = (np.broadcast_to(x, plan.q.shape) for x in (pull, jitter))
+    pull = np.broadcast_to(pull, plan.q.shape)
+    jitter = np.broadcast_to(jitter, plan.q.shape)
     coulomb = np.where(world.coulomb > 0.0, world.coulomb, arm.coulomb)
     forward = (
         inverse_dynamics(arm.model, plan.q, plan.dq, plan.ddq) + world.viscous * plan.dq
@@ -160,7 +171,10 @@ def driven(
     forward += world.rotor * plan.ddq + world.offset
     forward += KNOWN * coulomb * np.tanh(plan.dq / (TURNS * arm.unit_speed))
     data = world.built.createData()
-    q, v, z, wound = plan.q[0].copy(), np.zeros(n), np.zeros(n), np.zeros(n)
+    q = plan.q[0].copy()
+    v = np.zeros(n)
+    z = np.zeros(n)
+    wound = np.zeros(n)
     alone = pin.crba(arm.model, arm.model.createData(), q) + np.diag(world.rotor)
     inertia = 1.0 / np.diag(
         np.linalg.inv(alone)
@@ -168,7 +182,8 @@ def driven(
     gain = np.maximum(
         (2.0 * np.pi * BANDWIDTH) ** 2 * inertia, coulomb / (YIELDS * arm.unit_speed)
     )
-    damp, wind = 2.0 * np.sqrt(gain * inertia), 2.0 * gain
+    damp = 2.0 * np.sqrt(gain * inertia)
+    wind = 2.0 * gain
     rows = []
     for k in range(len(plan.t)):
         seen = world.conditions.channel.position(q + jitter[k], arm.unit_speed)
@@ -187,7 +202,9 @@ def driven(
         after, share = _next(A, push, h * coulomb, z, h, world)
         mean = 0.5 * (v + after)
         rows.append((q + 0.5 * h * mean, mean, (after - v) / h, share))
-        q, v, z = q + h * mean, after, share
+        q = q + h * mean
+        v = after
+        z = share
     return Driven(plan.t, *(np.array(x) for x in zip(*rows, strict=True)))
 
 
@@ -196,9 +213,14 @@ def _next(
 ) -> tuple[Array, Array]:
     """(n,) velocity and share of dry friction that solve A v + dry share(v) = push,
     joint by joint in turn (Gauss and Seidel), from where nothing changes its share."""
-    out, share = np.linalg.solve(A, push - dry * z).tolist(), z.tolist()
-    matrix, target, loads, old = A.tolist(), push.tolist(), dry.tolist(), z.tolist()
-    sharp, travel = world.dry.width.tolist(), world.dry.travel.tolist()
+    out = np.linalg.solve(A, push - dry * z).tolist()
+    share = z.tolist()
+    matrix = A.tolist()
+    target = push.tolist()
+    loads = dry.tolist()
+    old = z.tolist()
+    sharp = world.dry.width.tolist()
+    travel = world.dry.travel.tolist()
     smooth = world.dry.law == "tanh"
     for _ in range(ROUNDS):
         change = 0.0
@@ -219,7 +241,8 @@ def _next(
 def _held(m: float, c: float, r: float, z: float, rate: float) -> tuple[float, float]:
     """v and z' of m v + c z' = r with Dahl's z' = (z + a) / (1 + |a|), a = v / rate."""
     side = 1.0 if r >= c * z else -1.0
-    k, rest = m * rate, side * (r - c * z)
+    k = m * rate
+    rest = side * (r - c * z)
     b = k + c - side * r
     root = sqrt(b * b + 4.0 * k * rest)
     a = 2.0 * rest / (b + root) if b > 0.0 else 0.5 * (root - b) / k
@@ -229,7 +252,8 @@ def _held(m: float, c: float, r: float, z: float, rate: float) -> tuple[float, f
 def _smooth(m: float, c: float, r: float, w: float, v: float) -> tuple[float, float]:
     """v and tanh(v / w) of m v + c tanh(v / w) = r: Newton inside the bracket (r -+ c)
     / m."""
-    low, high = (r - c) / m, (r + c) / m
+    low = (r - c) / m
+    high = (r + c) / m
     v = min(max(v, low), high)
     for _ in range(60):
         t = tanh(v / w)

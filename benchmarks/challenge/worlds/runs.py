@@ -62,11 +62,9 @@ def draw_world(
     )
     unit = arm.unit_speed
     width = spread(*c.width) * (1.0 if c.width[0] == c.width[1] else unit)
-    travel, rise, speed = (
-        unit * spread(0.001, 0.01),
-        rng.uniform(0.0, 0.4, n),
-        unit * spread(0.02, 0.1),
-    )
+    travel = unit * spread(0.001, 0.01)
+    rise = rng.uniform(0.0, 0.4, n)
+    speed = unit * spread(0.02, 0.1)
     dry = FrictionLaw(width, c.law, travel, rise, speed)
     sides = rng.choice([-1.0, 1.0], (2, n)) * c.asymmetry
     middle = 0.5 * (arm.lower + arm.upper)
@@ -133,7 +131,9 @@ def log_run(
     tau, *shares = (
         c.channel.torque(motion.t, x)[inside] for x in (world.torque(motion), *added)
     )
-    t, q, dq = motion.t[inside], motion.q[inside], motion.dq[inside]
+    t = motion.t[inside]
+    q = motion.q[inside]
+    dq = motion.dq[inside]
     tau = tau + sum(shares)
     noisy = tau + c.noise.draw(len(t), world.noise, rng)
     speed = None

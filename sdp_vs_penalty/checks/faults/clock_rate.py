@@ -28,7 +28,8 @@ class Clock(Transformation):
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
-            remedy, without = "reverse q and tau in time", repair.reset("reversed")
+            remedy = "reverse q and tau in time"
+            without = repair.reset("reversed")
             yield Fault(
                 "time reversed",
                 "warning",
@@ -40,13 +41,13 @@ class Clock(Transformation):
                 place="all rows",
             )
         if (x := repair.rate) != 1.0:
-            word, at = "fast" if x < 1.0 else "slow", lambda v: replace(repair, rate=v)
+            word = "fast" if x < 1.0 else "slow"
             what = (
                 f"time runs {max(x, 1.0 / x):.3g} times too {word}: inertia does not"
                 " fit the weight."
             )
             remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
-            number = FaultSize.factor(x, at, (min(_RATES), max(_RATES)))
+            number = FaultSize.factor(x, repair.with_rate, (min(_RATES), max(_RATES)))
             yield Fault(
                 "clock rate", "warning", (), what, remedy, number, place="column t"
             )

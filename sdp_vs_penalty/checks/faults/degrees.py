@@ -29,13 +29,13 @@ class Degrees(Transformation):
             return
         without = repair.times("scale", joints, float(np.degrees(1.0)))
         reach = float(np.abs(without.positions(log.data.motion.q)[:, joints]).max())
-        every, named = (
-            joints == tuple(log.revolute),
-            ", ".join(f"q{j + 1}" for j in joints),
-        )
-        kind, cost = "positions in degrees", c.ODDS
+        every = joints == tuple(log.revolute)
+        named = ", ".join(f"q{j + 1}" for j in joints)
+        kind = "positions in degrees"
+        cost = c.ODDS
         if not every:
-            kind, cost = "position unit", len(joints) * choices(log.n)
+            kind = "position unit"
+            cost = len(joints) * choices(log.n)
         what = (
             f"the position of {joints_text(joints)} is in degrees: it reaches"
             f" {reach:.4g}."

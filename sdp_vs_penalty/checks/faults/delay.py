@@ -38,21 +38,15 @@ class Delay(Transformation):
         for name, joints, x in (
             (k, *found) for k in _LATE for found in repair.changed(k)
         ):
-            place, channel, beside = (
-                "",
-                f"tau{joints[0] + 1}",
-                "the other torques have not",
-            )
-            kind, whole = (
-                f"channel {'delay' if name == 'lead' else 'filter'}",
-                len(joints) == log.n,
-            )
+            place = ""
+            channel = f"tau{joints[0] + 1}"
+            beside = "the other torques have not"
+            kind = f"channel {'delay' if name == 'lead' else 'filter'}"
+            whole = len(joints) == log.n
             if whole:
                 kind = "delay" if name == "lead" else "torque filter"
-                place, channel = (
-                    "all torque channels" if log.n > 1 else "",
-                    "the torques",
-                )
+                place = "all torque channels" if log.n > 1 else ""
+                channel = "the torques"
                 beside = "the positions have not"
             low = f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
             what = f"a causal low-pass of {low} on {channel}; {beside} one."
@@ -69,14 +63,9 @@ class Delay(Transformation):
                 remedy = (
                     f"shift {channel} in time (and log all channels from one source)"
                 )
-            text, at = (
-                lambda v: f"{1e3 * v:.0f} ms",
-                partial(repair.with_entries, name, joints),
-            )
-            number, cost = (
-                FaultSize(x, at, c.USUAL_DELAY, 0.06, text),
-                choices(log.n // len(joints)),
-            )
+            at = partial(repair.with_entries, name, joints)
+            number = FaultSize(x, at, c.USUAL_DELAY, 0.06, in_milliseconds)
+            cost = choices(log.n // len(joints))
             yield Fault(
                 kind,
                 "warning",
@@ -88,3 +77,8 @@ class Delay(Transformation):
                 place,
                 mends=name == "lead",
             )
+
+
+def in_milliseconds(seconds: float) -> str:
+    """A time in words."""
+    return f"{1e3 * seconds:.0f} ms"

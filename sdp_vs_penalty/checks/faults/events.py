@@ -27,8 +27,11 @@ class Beside(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        motion, order, laws = log.data.motion, list(now.order), log.data.laws
-        span, heard = float(np.ptp(motion.t)), log.filter_gain(now)[:, :, None]
+        motion = log.data.motion
+        order = list(now.order)
+        laws = log.data.laws
+        span = float(np.ptp(motion.t))
+        heard = log.filter_gain(now)[:, :, None]
         gains = [
             score.gained(score.rows.rest(heard * x[order])).max(axis=1)
             for x in laws.values()
@@ -52,46 +55,47 @@ class Beside(Transformation):
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for event in repair.events:
-            j, t, without = event.joint, event.at, repair.without(event)
-            name, unit = joints_text([j]), log.problem.robot.torque_units[j]
+            j = event.joint
+            t = event.at
+            without = repair.without(event)
+            name = joints_text([j])
+            unit = log.problem.robot.torque_units[j]
             if isinstance(t, str):
                 what = (
                     f"the torque of {name} holds a law that the model lacks, most like"
                     f" {t}."
                 )
-                remedy, cost = (
-                    "identify, and let `diagnose` name it",
-                    choices(log.n * len(LAWS)),
-                )
+                remedy = "identify, and let `diagnose` name it"
+                cost = choices(log.n * len(LAWS))
                 yield Fault(
                     f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False
                 )
                 continue
             # As far as the fit of its joint needs it.
-            score, lacking, shape = (
-                log.score(repair),
-                log.rows(without),
-                event.shape(log.data.motion.t),
-            )
+            score = log.score(repair)
+            lacking = log.rows(without)
+            shape = event.shape(log.data.motion.t)
             x = lacking.rest(log.filter_gain(repair)[:, :, None] * shape)[j, :, 0]
             away = score.channels[j] - lacking.apart[j] @ score.theta
             size = float(x @ away / max(x @ x, 1e-300))
-            kind, many, place, figures = "torque drift", log.n, "", {"size": size}
+            kind = "torque drift"
+            many = log.n
+            place = ""
+            figures = {"size": size}
             how = f"drifts by {size:+.3g} {unit} from the first row to the last"
             remedy = "let the sensor warm up and set its zero before the run"
             if t is not None:
                 # Moments that a low-passed torque tells apart.
-                kind, many, place = (
-                    "torque step",
-                    log.n * c.ROWS // c.PARTS,
-                    f"{name}, t = {t:.4g} s",
-                )
+                kind = "torque step"
+                many = log.n * c.ROWS // c.PARTS
+                place = f"{name}, t = {t:.4g} s"
                 how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
                 remedy, figures["t"] = (
                     "cut the run there, or find out what touched the arm",
                     t,
                 )
-            what, cost = f"the torque of {name} {how}.", choices(many) + 2.0 * c.ODDS
+            what = f"the torque of {name} {how}."
+            cost = choices(many) + 2.0 * c.ODDS
             yield Fault(
                 kind,
                 "warning",

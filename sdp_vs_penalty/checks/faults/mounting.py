@@ -47,27 +47,26 @@ class Mounting(Transformation):
             yield _under(now, size * turned / np.linalg.norm(turned))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        assumed, g = np.array(log.problem.robot.gravity), np.array(repair.gravity)
+        assumed = np.array(log.problem.robot.gravity)
+        g = np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
             return
         given = float(np.linalg.norm(assumed))
         cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
-        kind, remedy = "gravity direction", f"identify with --gravity {x:g},{y:g},{z:g}"
+        kind = "gravity direction"
+        remedy = f"identify with --gravity {x:g},{y:g},{z:g}"
         of: LogTransform | FaultSize = _under(repair, assumed)
         if not _earthly(given):
-            kind, remedy = (
-                "gravity of the problem",
-                f"{remedy}, or correct the problem's gravity",
-            )
+            kind = "gravity of the problem"
+            remedy = f"{remedy}, or correct the problem's gravity"
         elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
             of = FaultSize(
                 angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees
             )
-        seen, told = (
-            ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g) for g in (g, assumed)
-        )
+        seen = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
+        told = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
         what = (
             f"the weight in the torques points along ({seen}) m/s^2,"
             f" {np.degrees(angle):.0f} degrees away from the assumed ({told})."
@@ -119,7 +118,8 @@ def _as_zero_of_joint_1(log: Likelihood, assumed: Array, g: Array) -> tuple[str,
         return ()
     joint = log.problem.robot.joints[0]
     axis = joint.placement[:3, :3] @ np.asarray(joint.axis)
-    a, b = (v - (v @ axis) * axis for v in (assumed, g))
+    a = assumed - assumed @ axis * axis
+    b = g - g @ axis * axis
     size = float(np.linalg.norm(assumed))
     along = abs((assumed - g) @ axis)
     if along > c.CALIBRATED * size or np.linalg.norm(a) < 0.05 * size:

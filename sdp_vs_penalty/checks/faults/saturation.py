@@ -35,7 +35,8 @@ class Saturation(Transformation):
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for j in np.flatnonzero(repair.bend).tolist():
-            x, k = repair.bend[j], repair.tau_order[j]
+            x = repair.bend[j]
+            k = repair.tau_order[j]
             limit = f"{log.data.largest[k] / x:.3g} {log.problem.robot.torque_units[j]}"
             what = (
                 f"the torque of {joints_text([j])} bends towards its amplifier's limit"

@@ -36,18 +36,15 @@ class Sign(Transformation):
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
         for j in np.flatnonzero(q).tolist():
-            without, k = repair.times("scale", (j,), -1.0), j + 1
-            kind, what = (
-                "position sign",
-                f"the position of joint {k} has the wrong sign.",
-            )
+            without = repair.times("scale", (j,), -1.0)
+            k = j + 1
+            kind = "position sign"
+            what = f"the position of joint {k} has the wrong sign."
             remedy = f"flip the sign of q{k} (and dq{k})"
             if tau[j]:
                 without = without.times("gain", (j,), -1.0)
-                kind, what = (
-                    "joint sign",
-                    f"joint {k} counts the other way, position and torque alike.",
-                )
+                kind = "joint sign"
+                what = f"joint {k} counts the other way, position and torque alike."
                 remedy = f"flip the signs of q{k}, dq{k} and tau{k}"
             yield Fault(kind, "warning", (j,), what, remedy, without, choices(log.n))
         if alone := tuple(np.flatnonzero(tau & ~q).tolist()):

@@ -45,12 +45,14 @@ class Weight(Transformation):
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for joints, x in repair.changed("lacks"):
-            of, how = f"the torque of {joints_text(joints)}", ""
+            of = f"the torque of {joints_text(joints)}"
+            how = ""
             if len(joints) == log.n:
                 left = ",".join(
                     f"{float(round((1.0 - x) * v, 3)) + 0.0:g}" for v in repair.gravity
                 )
-                of, how = "the torques", f", or identify with --gravity {left}"
+                of = "the torques"
+                how = f", or identify with --gravity {left}"
             what = f"{_percent(x)} of the weight is missing from {of}."
             remedy = f"log the torques before gravity compensation{how}"
             at = partial(repair.with_entries, "lacks", joints)

@@ -32,10 +32,8 @@ class Place(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        joints, quarters = (
-            log.problem.robot.joints,
-            self.quarters if score.poor.any() else (),
-        )
+        joints = log.problem.robot.joints
+        quarters = self.quarters if score.poor.any() else ()
         apart = [
             j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()
         ]
@@ -57,9 +55,12 @@ class Place(Transformation):
                 yield ats[k](values[k] + x)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        length, metres, cost = _length(log), "{:.4g} m".format, choices(log.n)
+        length = _length(log)
+        metres = "{:.4g} m".format
+        cost = choices(log.n)
         for j in np.flatnonzero(repair.longer).tolist():
-            x, at = repair.longer[j], partial(repair.with_entries, "longer", (j,))
+            x = repair.longer[j]
+            at = partial(repair.with_entries, "longer", (j,))
             how = (
                 f"{metres(abs(x))} {'farther from' if x > 0.0 else 'nearer to'}"
                 f" joint {j}"
@@ -76,11 +77,9 @@ class Place(Transformation):
                 "link length", "warning", (j,), what, remedy, number, cost, mends=False
             )
         for j in np.flatnonzero(repair.zero).tolist():
-            x, turns, back = (
-                repair.zero[j],
-                j in log.revolute,
-                partial(_shifted, log, repair, j),
-            )
+            x = repair.zero[j]
+            turns = j in log.revolute
+            back = partial(_shifted, log, repair, j)
             unit, text = (1.0, _degrees) if turns else (0.25 * length, metres)
             reach, snaps = (
                 (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())

@@ -13,7 +13,8 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters import inertials
 
-    checks, massless = inertials.check_urdf(urdf), inertials.massless_links(urdf)
+    checks = inertials.check_urdf(urdf)
+    massless = inertials.massless_links(urdf)
     verdict, *remarks = inertials.sentences(checks, massless)
     units = inertials.unit_remarks(urdf, checks)
     if units:

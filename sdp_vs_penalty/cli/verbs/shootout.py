@@ -59,12 +59,14 @@ def verb(
     setup = runner.Shootout(
         out, *chosen, settings, limit, memory, quick, scheduler, jobs
     )
-    absent, left_out = dict[str, str](), list[tuple[str, str, str]]()
+    absent = dict[str, str]()
+    left_out = list[tuple[str, str, str]]()
     is_stopped = False
     with console.progress("proving intervals") as say, _terminated_as_interrupted():
         try:
             outcome = runner.run(setup, say)
-            absent, left_out = outcome.absent, outcome.not_applicable
+            absent = outcome.absent
+            left_out = outcome.not_applicable
             for note in outcome.notes:
                 console.warn(note)
         except KeyboardInterrupt:

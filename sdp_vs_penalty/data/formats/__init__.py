@@ -30,7 +30,8 @@ def suffixes(ability: str = "read") -> tuple[str, ...]:
 def format_of(path: Path) -> ModuleType | None:
     """The format of a file or folder by its suffix or content; None where nothing
     claims it."""
-    suffix, folder = path.suffix.lower(), path.is_dir()
+    suffix = path.suffix.lower()
+    folder = path.is_dir()
     for home in formats():
         holds = getattr(home, "FOLDER", None)
         if (holds and any(path.glob(holds))) if folder else suffix in home.SUFFIXES:

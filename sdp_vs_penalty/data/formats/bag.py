@@ -23,7 +23,8 @@ from sdp_vs_penalty.data.store import (
 from sdp_vs_penalty.errors import InputError, Remark, missing_extra
 from sdp_vs_penalty.robot.arrays import Array
 
-SUFFIXES, FOLDER = (".mcap", ".db3", ".bag"), "metadata.yaml"
+SUFFIXES = (".mcap", ".db3", ".bag")
+FOLDER = "metadata.yaml"
 _TYPE = "sensor_msgs/msg/JointState"
 _FIELDS = ("position", "velocity", "effort")
 
@@ -247,7 +248,8 @@ def _merged(
     stamped = bool(first[0]) or any(s.values[:, 0].any() for s in streams)
     clock = 0 if stamped else 1
     t = leading.values[:, clock]
-    kept, within = np.ones(len(t), bool), half_period(t)
+    kept = np.ones(len(t), bool)
+    within = half_period(t)
     # Of each stream the row that belongs to each of the leading one's.
     rows = {id(leading): np.arange(len(t))}
     sources = {

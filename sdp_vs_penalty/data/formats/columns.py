@@ -275,7 +275,8 @@ class Header:
     def _no_clock(self, groups_read: Mapping[str, Sequence[Array]]) -> InputError:
         """The error of a file without a clock: the rate is proposed where velocities
         tell it."""
-        rate, why = None, "HZ being its samples a second"
+        rate = None
+        why = "HZ being its samples a second"
         if "dq" in groups_read:
             q, dq = (
                 np.column_stack(
@@ -364,10 +365,13 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
 
     Least squares of the steps of q on the mean velocity between them: step = dq / rate.
     """
-    steps, mean = np.diff(q, axis=0), 0.5 * (dq[1:] + dq[:-1])
+    steps = np.diff(q, axis=0)
+    mean = 0.5 * (dq[1:] + dq[:-1])
     usable = np.isfinite(steps).all(axis=1) & np.isfinite(mean).all(axis=1)
-    steps, mean = steps[usable], mean[usable]
-    energy, way = float(np.sum(mean**2)), float(np.sum(steps**2))
+    steps = steps[usable]
+    mean = mean[usable]
+    energy = float(np.sum(mean**2))
+    way = float(np.sum(steps**2))
     common = float(np.sum(steps * mean))
     if not energy * way > 0.0 or common**2 < 0.9 * energy * way or common <= 0.0:
         return None

@@ -93,7 +93,8 @@ def _three_groups(path: Path, names: Sequence[str]) -> list[str]:
 
 def _no_header(table: TextTable) -> InputError:
     """The error of a table whose first row holds numbers."""
-    path, width = table.path, table.width
+    path = table.path
+    width = table.width
     files = [(d.name, Path(f.path).name) for d in DATASETS.values() for f in d.files]
     known = [name for name, file in files if file == path.name]
     remedy = f"put {HEADER} above them"
@@ -136,7 +137,8 @@ def _refuse_texts(
 def _read_columns(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
     """The chosen columns of consecutive pieces, at least one (empty) piece: (N,)
     numbers, or (N, n) where cells hold lists."""
-    first, width = table.first, table.width
+    first = table.first
+    width = table.width
     yield [_no_values(table, k) for k in chosen]
     single_blanks = table.delimiter is not None or _has_single_blanks(table)
     if table.nested or not single_blanks:
@@ -221,9 +223,11 @@ def _read_carefully(
 
     Only at the end rows may be empty.
     """
-    path, empty = table.path, None
+    path = table.path
+    empty = None
     for row, rows in iter_rows(path):
-        rows, row = rows[max(first - row, 0) :], max(row, first)
+        rows = rows[max(first - row, 0) :]
+        row = max(row, first)
         if empty is not None and any(line.strip() for line in rows):
             raise InputError(f"row {empty} is empty", "delete it", path)
         while rows and not rows[-1].strip():
@@ -302,7 +306,8 @@ def _read_sparse(
     different times have: what is nearest in time comes together."""
     columns = list[list[str]]([[] for _ in chosen])
     for row, rows in iter_rows(table.path):
-        rows, row = rows[max(table.first - row, 0) :], max(row, table.first)
+        rows = rows[max(table.first - row, 0) :]
+        row = max(row, table.first)
         lines = [line for line in rows if line.strip()]
         cells = [split_cells(line, table.delimiter) for line in lines]
         _refuse_widths(table, row, lines, cells)

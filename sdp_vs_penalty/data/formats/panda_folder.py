@@ -8,7 +8,8 @@ from sdp_vs_penalty.data.formats.columns import Choice
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 
-SUFFIXES, FOLDER = (), "exciting_traj_*.txt"
+SUFFIXES = ()
+FOLDER = "exciting_traj_*.txt"
 
 
 def read(folder: Path, choice: Choice) -> Measurements:

@@ -32,7 +32,8 @@ WORDS: dict[str, tuple[str, ...]] = {
 }
 #: Words that say nothing about a quantity; those of columns that are something else
 #: than was measured.
-_FILLERS, _OTHERS = set(_TABLE["fillers"]), set(_TABLE["others"])
+_FILLERS = set(_TABLE["fillers"])
+_OTHERS = set(_TABLE["others"])
 #: Loggers that are known by the names of their columns (loggers.toml), and the groups
 #: that an entry can name.
 LOGGERS: list[dict[str, Any]] = tomllib.loads(
@@ -349,7 +350,8 @@ def _units_of_logger(
     logger: Mapping[str, Any], rename: Mapping[str, str], table: CellTable | None
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Factors by our names, and the units in words with the reason for each."""
-    scale, units = dict[str, float](), list[str]()
+    scale = dict[str, float]()
+    units = list[str]()
     for group, unit in logger.get("units", {}).items():
         columns = {o: n for o, n in rename.items() if o.rstrip("0123456789") == group}
         why = f"as {logger['name']} writes it"
@@ -609,7 +611,8 @@ def _by_joint(
 
 def _tail_of(joint: str) -> tuple[str, ...]:
     """What a joint's name adds to a column's: its words and its number."""
-    words, numbers = (re.findall(kind, joint.lower()) for kind in ("[a-z]+", "[0-9]+"))
+    words = re.findall("[a-z]+", joint.lower())
+    numbers = re.findall("[0-9]+", joint.lower())
     return (
         *(w for w in words if w not in _FILLERS),
         str(next(map(int, numbers), None)),

@@ -102,7 +102,10 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
     """The cells of a row, stripped; what is in quotes or brackets is one cell."""
     if '"' not in line and "[" not in line and "(" not in line:
         return [cell.strip() for cell in line.split(delimiter)]
-    cells, cell, depth, in_quotes = list[str](), "", 0, False
+    cells = list[str]()
+    cell = ""
+    depth = 0
+    in_quotes = False
     for c in line:
         if c == '"':
             in_quotes = not in_quotes
@@ -134,21 +137,27 @@ def inspect_table(path: Path) -> TextTable:
     cells = [split(line) for line in lines]
     decimal = _find_decimal(cells, delimiter)
     number = partial(is_number, decimal=decimal)
-    head, first = list[str](), rows[0][0] if rows else 2
+    head = list[str]()
+    first = rows[0][0] if rows else 2
     if comments and (not cells or any(map(number, cells[0]))):
         named = split(comments[-1])
         head = named if not cells or len(named) == len(cells[0]) else []
     has_header = bool(head)
     if not head and cells and _is_header(cells, number):
-        head, has_header, cells = cells[0], True, cells[1:]
+        head = cells[0]
+        has_header = True
+        cells = cells[1:]
         first = rows[1][0] if len(rows) > 1 else rows[0][0] + 1
         if cells and len(rows) > 2 and _is_row_of_units(cells, number):
             head = [_with_unit(name, u) for name, u in zip(head, cells[0], strict=True)]
-            cells, first = cells[1:], rows[2][0]
+            cells = cells[1:]
+            first = rows[2][0]
     width = len(head) if has_header else len(cells[0])
     longer = [row for row in cells if len(row) == width + 1]
     if has_header and len(longer) == len(cells) > 0 and not any(r[-1] for r in longer):
-        head, width = [*head, ""], width + 1  # a separator at the end of each row
+        # a separator at the end of each row
+        head = [*head, ""]
+        width = width + 1
     sample = tuple(tuple(row) for row in cells if any(row))
     full = [row for row in sample if len(row) == width]
     kinds = tuple(
@@ -210,7 +219,8 @@ def _split_comments(
 
 def _find_delimiter(lines: Sequence[str]) -> str | None:
     """The separator by which the first row has as many cells as most others."""
-    head, rows = lines[0], lines[1:21]
+    head = lines[0]
+    rows = lines[1:21]
     several = list[str | None]()
     for delimiter in DELIMITERS:
         width = len(split_cells(head, delimiter))
@@ -248,7 +258,8 @@ def _is_header(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
 
 def _is_row_of_units(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
     """Whether the first of these rows holds units, and numbers follow it."""
-    units, following = cells[0], cells[1] if len(cells) > 1 else []
+    units = cells[0]
+    following = cells[1] if len(cells) > 1 else []
     if not any(units) or len(following) != len(units):
         return False
     are_units = all(
@@ -282,7 +293,8 @@ def _unnamed(kinds: Sequence[str]) -> list[str]:
     texts = [k for k, kind in enumerate(kinds) if kind == "text"]
     n = len(texts)
     if texts[:1] == [2]:  # the frame has a name
-        texts, n = texts[1:], n - 1
+        texts = texts[1:]
+        n = n - 1
     is_message = (
         n > 0 and texts == list(range(3, 3 + n)) and kinds[:2] == ("number", "number")
     )

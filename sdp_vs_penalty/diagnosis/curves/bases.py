@@ -30,7 +30,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 _DEGREE = 3
 #: Splines along one variable, and along each of a pair.
-_ALONE, _PAIR = 32, 9
+_ALONE = 32
+_PAIR = 9
 
 
 @dataclass(frozen=True)
@@ -114,12 +115,12 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
     out = np.zeros((int(np.prod(counts)),) * 2)
     for k, (count, is_sign) in enumerate(axes):
         if not is_sign:
-            first, second = (np.diff(np.eye(count), d, axis=0) for d in (1, 2))
+            first = np.diff(np.eye(count), 1, axis=0)
+            second = np.diff(np.eye(count), 2, axis=0)
             level = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
             penalty = second.T @ second + level * first.T @ first
-            before, after = (
-                np.eye(int(np.prod(c))) for c in (counts[:k], counts[k + 1 :])
-            )
+            before = np.eye(int(np.prod(counts[:k])))
+            after = np.eye(int(np.prod(counts[k + 1 :])))
             rough = np.kron(np.kron(before, penalty), after)
             out += rough / np.trace(rough)
     return out
@@ -169,7 +170,8 @@ class Variables:
     """The values of all variables on the rows, filtered; and bases in their ranges."""
 
     def __init__(self, rows: SegmentedRuns, robot: Robot) -> None:
-        self.rows, self.robot = rows, robot
+        self.rows = rows
+        self.robot = robot
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
         self.warm = all(s.motion.temperature is not None for s in rows.segments)
         self.on_rows, self._splines = (
@@ -193,9 +195,12 @@ class Variables:
         pair = len([v for v in of if v.word != "sign(dq)"]) > 1
         for v in of:
             x = self.on_rows(v)[self.keep]
-            low, high = float(f"{x.min():.6g}"), float(f"{x.max():.6g}")
+            low = float(f"{x.min():.6g}")
+            high = float(f"{x.max():.6g}")
             if v.word == "sign(dq)":
-                low, high, count = -1.0, 1.0, 2
+                low = -1.0
+                high = 1.0
+                count = 2
             else:
                 count = _PAIR if pair else _ALONE
             if not high - low > 1e-6:
@@ -268,8 +273,10 @@ class CurveColumns:
     ) -> CurveColumns:
         z = np.zeros((len(fit.residual[joint]), white.shape[1]))
         z[: len(white)] = white / fit.level[joint]
-        C, raw = fit.basis[joint].T @ z, z.T @ z
-        D, s = raw - C.T @ C, z.T @ fit.residual[joint]
+        C = fit.basis[joint].T @ z
+        raw = z.T @ z
+        D = raw - C.T @ C
+        s = z.T @ fit.residual[joint]
         count = float(fit.degrees[joint])
         v = 1.0
         if robust and len(s):
@@ -285,7 +292,9 @@ class CurveColumns:
     def score(self, drop: Array, freedom: Array, looked: int) -> Array:
         """The score of what takes ``drop`` (...) of the weighted squared error with so
         much freedom (...), of so many looked at."""
-        fit, N, j = self.fit, max(self.count / self.v, 3.0), self.joint
+        fit = self.fit
+        N = max(self.count / self.v, 3.0)
+        j = self.joint
         rss = np.repeat(fit.rss[None], np.size(drop), axis=0).reshape(
             *np.shape(drop), -1
         )
@@ -298,9 +307,12 @@ class CurveColumns:
     def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
         """(F, k) coefficients from the rows outside of each fold (M,), the fit's
         columns refitted there."""
-        Q, y, r = self.fit.basis, self.fit.target, self.fit.basis.shape[2]
+        Q = self.fit.basis
+        y = self.fit.target
+        r = self.fit.basis.shape[2]
         held = 1.0 / self.count  # a prior worth one row
-        out, none = [], np.ones(len(self.z) - len(fold), bool)
+        out = []
+        none = np.ones(len(self.z) - len(fold), bool)
         for f in np.unique(fold):
             train = np.append(fold != f, none)
             q = np.concatenate(Q[:, train])
@@ -367,7 +379,8 @@ def smoothed(basis: Basis, raw: Array, columns: CurveColumns, looked: int) -> Sp
     )
     # In a basis in which all but the data's part of D are diagonal, for any weight.
     values, V = scipy.linalg.eigh(rough, columns.D + gram, check_finite=False)
-    D, s = V.T @ columns.D @ V, V.T @ columns.s
+    D = V.T @ columns.D @ V
+    s = V.T @ columns.s
     weights = _WEIGHTS if rough.any() else np.ones(1)
     w = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
     c = w * s

@@ -48,7 +48,8 @@ class Curve(JsonRecord):
         such name."""
         for name in self.of:
             Variable.parse(name)
-        pair, shape_of_values = (len(self.of),) * (len(self.of) > 1), self.torque.shape
+        pair = (len(self.of),) * (len(self.of) > 1)
+        shape_of_values = self.torque.shape
         if (
             self.x.shape != shape_of_values + pair
             or not shape_of_values == self.lower.shape == self.upper.shape
@@ -73,10 +74,8 @@ class Curve(JsonRecord):
     def effect(self, robot: Robot) -> MeasuredCurve:
         """The curve as an effect that can be added to a model."""
         filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
-        constants, values = (
-            np.vstack([self.points, filled]),
-            np.append(self.torque, self.filled_torque),
-        )
+        constants = np.vstack([self.points, filled])
+        values = np.append(self.torque, self.filled_torque)
         return table_effect(
             robot, self.joint - 1, self.of, constants, values, len(self.torque)
         )
@@ -85,7 +84,8 @@ class Curve(JsonRecord):
         """What was measured, in one or two sentences; torque_units : of all joints."""
         unit = plain_unit(torque_units[self.joint - 1])
         units = [Variable.parse(v).unit(torque_units) for v in self.of]
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        low = self.points.min(axis=0)
+        high = self.points.max(axis=0)
         ranges = " and ".join(
             f"{v} from {a:.3g} to {b:.3g}{'' if u == '-' else ' ' + u}"
             for v, a, b, u in zip(self.of, low, high, units, strict=True)
@@ -116,11 +116,13 @@ def table_effect(
     which some may be missing. joint : from 0; measured : so many of the first were, a
     law says the others."""
     shape: dict[str, float] = {}
-    places, counts = [], []
+    places = []
+    counts = []
     for axis, name, x in zip("xy", of, points.T, strict=False):
         over = Variable.parse(name)
         steps = np.diff(np.unique(x))
-        low, high = float(x.min()), float(x.max())
+        low = float(x.min())
+        high = float(x.max())
         count = round((high - low) / float(steps.min(initial=high - low))) + 1
         shape[axis], shape[f"{axis}j"] = WORDS.index(over.word) + 1.0, over.joint + 1.0
         if over.other >= 0:

@@ -109,7 +109,8 @@ def _of_one(axis: Axis) -> list[Law]:
 
     if axis.is_sign:
         return [plain("{x}")]
-    largest, span = max(abs(axis.low), abs(axis.high)), axis.high - axis.low
+    largest = max(abs(axis.low), abs(axis.high))
+    span = axis.high - axis.low
     widths = np.geomspace(0.01, 3.0, 20) * largest
     wide = widths[widths > 0.05 * largest]
     places = product(
@@ -158,7 +159,8 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
     for k, (axis, other) in enumerate(((first, second), (second, first))):
         out += [waving(k, v) for v in factors(other) if not axis.is_sign]
     if not (first.is_sign or second.is_sign):
-        one, two = (_fastest(axis) for axis in (first, second))
+        one = _fastest(first)
+        two = _fastest(second)
         starts = product(
             np.linspace(0.0, one, _SCAN // 4)[1:], np.linspace(-two, two, _SCAN // 2)
         )
@@ -325,12 +327,11 @@ def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
     """
     visible = np.einsum("smm->sm", gram) > DEPENDENT**2
     known = np.asarray(np.isfinite(gram).all(axis=(1, 2)) & visible.all(axis=1))
-    gram, pull = (
-        np.where(known[:, None, None], gram, 0.0),
-        np.where(known[:, None], pull, 0.0),
-    )
+    gram = np.where(known[:, None, None], gram, 0.0)
+    pull = np.where(known[:, None], pull, 0.0)
     scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
-    gram, pull = gram / (scale[:, :, None] * scale[:, None, :]), pull / scale
+    gram = gram / (scale[:, :, None] * scale[:, None, :])
+    pull = pull / scale
     a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None])[:, :, 0]
     return a / scale, np.sum(a * pull, axis=1)
 

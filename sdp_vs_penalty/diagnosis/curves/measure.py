@@ -57,19 +57,20 @@ class Measured:
 
     def to_curve(self, seed: int, floor: float) -> Curve:
         """For a reader; floor : of its joint's noise, zero where that is not known."""
-        f, robot, before, after = (
-            self.fitted,
-            self.table.robot,
-            self.before,
-            self.errors[self.joint],
-        )
+        f = self.fitted
+        robot = self.table.robot
+        before = self.before
+        after = self.errors[self.joint]
         share = (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
         points = self.variables.supported(f.basis)
         grid = f.basis.at(*points.T)
-        torque, half = grid @ f.coefficients, band(f, grid, seed)
-        filled, beyond = points[:0], np.zeros(0)
+        torque = grid @ f.coefficients
+        half = band(f, grid, seed)
+        filled = points[:0]
+        beyond = np.zeros(0)
         if self.law is not None:
-            torque, filled = self.law.at(points), unmeasured(f.basis, points)
+            torque = self.law.at(points)
+            filled = unmeasured(f.basis, points)
             beyond = self.law.at(filled)
         single = points.shape[1] == 1
         return Curve(
@@ -159,7 +160,8 @@ def _best(
     search: Search, terms: Sequence[ScoredEffect], joint: int, variables: Variables
 ) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
-    data, score = search.data, search.score
+    data = search.data
+    score = search.score
     fit = score.fit(search.with_misfits(terms), search.fit)
     # What is a curve already is no second one of the same variables.
     have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
@@ -215,18 +217,23 @@ def _measured(
     fold: NDArray[np.intp],
     replaced: tuple[ScoredEffect, ...],
 ) -> Measured:
-    robot, points = search.data.estimate.robot, variables.supported(f.basis)
+    robot = search.data.estimate.robot
+    points = variables.supported(f.basis)
     measured = len(points)
     if law is None or law.columns is None:
         values = f.basis.at(*points.T) @ f.coefficients
-        grid, columns, P = f.basis.at(*points.T) @ f.projector, f.columns, f.P
+        grid = f.basis.at(*points.T) @ f.projector
+        columns = f.columns
+        P = f.P
     else:
         points = np.vstack([points, unmeasured(f.basis, points)])
-        values, grid = law.at(points), law.law.columns(points, law.constants)
+        values = law.at(points)
+        grid = law.law.columns(points, law.constants)
         columns = law.columns
         P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
     table = table_effect(robot, f.joint, f.basis.of, points, values, measured)
-    known, by_fold = variables.met(f.basis, variables.keep), []
+    known = variables.met(f.basis, variables.keep)
+    by_fold = []
     for k, c in enumerate(columns.without_fold(fold, P)):
         there = np.ones(len(points), bool)
         if law is None:  # a table knows nothing of where only the fold has been

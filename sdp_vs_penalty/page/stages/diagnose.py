@@ -22,7 +22,8 @@ from sdp_vs_penalty.reports.markup import bars
 def models(view: View) -> None:
     """Each joint's error from model to model, with undo and redo."""
     session = view.session
-    history, units = session.history, session.robot["units"]
+    history = session.history
+    units = session.robot["units"]
     draw.judged(history)
     with draw.tag("div", style="row"):
         if len(history) > 1:
@@ -49,7 +50,8 @@ def models(view: View) -> None:
 )
 def findings(view: View) -> None:
     """What the last diagnosis found, each to be added."""
-    session, diagnosis = view.session, view.session.findings
+    session = view.session
+    diagnosis = view.session.findings
     with draw.tag("div", style="row"):
         again = "Diagnose" if diagnosis is None else "Diagnose again"
         diagnose = partial(session.start, session.diagnose)
@@ -76,11 +78,10 @@ def findings(view: View) -> None:
 
 
 def _card(view: View, diagnosis: Diagnosis, k: int) -> None:
-    session, finding = view.session, diagnosis.effects[k]
-    units, done = (
-        session.robot["units"],
-        " done" if finding.text in session.added else "",
-    )
+    session = view.session
+    finding = diagnosis.effects[k]
+    units = session.robot["units"]
+    done = " done" if finding.text in session.added else ""
     with draw.tag("li", style=f"card finding-card{done}"):
         with draw.tag("div", style="head"):
             draw.tag(
@@ -106,7 +107,8 @@ def _card(view: View, diagnosis: Diagnosis, k: int) -> None:
         if finding.remarks:
             why = "; ".join(finding.remarks)
             draw.note(f"{finding.rating.capitalize()}: {why}.")
-        before, after = finding.held_out_rmse_before, finding.held_out_rmse_after
+        before = finding.held_out_rmse_before
+        after = finding.held_out_rmse_after
         joints_shown = [j - 1 for j in finding.joints[:1]] or range(len(before))
         joint = min(
             joints_shown, key=lambda j: after[j] / before[j] if before[j] else 1.0
@@ -159,7 +161,8 @@ def _constants(session: Session, diagnosis: Diagnosis) -> None:
 
 def _curves(view: View, diagnosis: Diagnosis) -> None:
     """What was measured without a name: curve, band, and a button to add it as a table."""
-    session, units = view.session, view.session.robot["units"]
+    session = view.session
+    units = view.session.robot["units"]
     texts = session.history[session.found_for - 1].curve_texts
     for k, (curve, text) in enumerate(zip(diagnosis.curves, texts, strict=True)):
         with draw.tag("div", style="card finding-card"):
@@ -195,10 +198,8 @@ def _by_hand(view: View) -> None:
 
 def _rest(diagnosis: Diagnosis) -> None:
     """Events, what is left, what can never be seen, and remarks."""
-    lines_in_short, all_lines = (
-        event_lines(diagnosis.events),
-        event_lines(diagnosis.events, show_all=True),
-    )
+    lines_in_short = event_lines(diagnosis.events)
+    all_lines = event_lines(diagnosis.events, show_all=True)
     for line in lines_in_short:
         draw.tag("p", f"{line.capitalize()}.", "finding")
     if len(all_lines) > len(lines_in_short):
@@ -221,7 +222,8 @@ def _rest(diagnosis: Diagnosis) -> None:
 def _diagnosed(session: Session) -> StageVerdict | None:
     """What became of each joint's error, and what the last diagnosis says, where it is
     of this model."""
-    diagnosis, added = session.findings, session.added
+    diagnosis = session.findings
+    added = session.added
     sentence = ""
     if diagnosis is not None:
         texts = [
@@ -236,7 +238,8 @@ def _diagnosed(session: Session) -> StageVerdict | None:
             else diagnosis.headline
         )
     if len(session.history) > 1:
-        first, last = (session.history[k].comparison for k in (0, -1))
+        first = session.history[0].comparison
+        last = session.history[-1].comparison
         floor = None if None in last["noise_floor"] else np.array(last["noise_floor"])
         change_words = changes(np.array(first["rmse"]), np.array(last["rmse"]), floor)
         change_words = change_words or "no joint changed its error by more than 5 %."

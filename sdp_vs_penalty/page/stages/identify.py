@@ -92,10 +92,8 @@ def _form(view: View) -> None:
     def boxes(names: Sequence[str]) -> None:
         with draw.tag("div", style="checks"):
             for name in names:
-                on, label = (
-                    name in map(_name, session.effects),
-                    effects[name].explanation,
-                )
+                on = name in map(_name, session.effects)
+                label = effects[name].explanation
                 draw.check(
                     draw.plain_name(name),
                     on,
@@ -183,8 +181,11 @@ def _name(effect: str) -> str:
 )
 def fit(view: View) -> None:
     """Measured against modelled torque, where it fails and why."""
-    session, model, robot = view.session, view.session.current, view.session.robot
-    comparison, units = model.comparison, robot["units"]
+    session = view.session
+    model = view.session.current
+    robot = view.session.robot
+    comparison = model.comparison
+    units = robot["units"]
     if (
         view.joint is None
     ):  # whose error is the most times its noise; without noise, the largest
@@ -193,7 +194,8 @@ def fit(view: View) -> None:
         view.joint = scaled.index(max(scaled))
     view.joint = min(view.joint, robot["n"] - 1)
     if view.run not in model.runs:
-        view.run, view.span = model.runs[-1], None
+        view.run = model.runs[-1]
+        view.span = None
     steps = [session.history[0], model][-len(session.history) :]
     first = session.history[0].comparison
     after = comparison["rmse"] if len(session.history) > 1 else None
@@ -206,10 +208,8 @@ def fit(view: View) -> None:
         draw.choice(
             "Run", model.runs, view.run, lambda name: view.select(run=name), "shown-run"
         )
-    label, caption = (
-        "Measured and modelled torque, and the residual",
-        "redder: larger torque error",
-    )
+    label = "Measured and modelled torque, and the residual"
+    caption = "redder: larger torque error"
     chart, move = charts.chart_and_arm(view, label, model.about, caption)
     legend = ui.html("", sanitize=False)
     words = draw.tag("p", "", "words")
@@ -231,19 +231,16 @@ def fit(view: View) -> None:
             view.select(span=span)
 
     def follow() -> None:
-        j, reads = (
-            view.joint or 0,
-            [session.recording(step, view.run) for step in steps],
-        )
-        read, noise = reads[-1], comparison["noise_floor"][j]
+        j = view.joint or 0
+        reads = [session.recording(step, view.run) for step in steps]
+        read = reads[-1]
+        noise = comparison["noise_floor"][j]
         modelled = {
             step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)
         }
         failing = _stretches(model, view.run, j, float(read["t"][0]))
-        run, causes = (
-            Curves(read["t"], read["torque"], modelled),
-            {cause for *_, cause in failing},
-        )
+        run = Curves(read["t"], read["torque"], modelled)
+        causes = {cause for *_, cause in failing}
         bars.content = markup.bars(
             first["rmse"], after, comparison["noise_floor"], units, chosen=j
         )
@@ -271,7 +268,8 @@ def _figures(model: ModelStep) -> None:
     """How well the model does: as every table of models says it, and the other lines of
     the verdict."""
     draw.judged([model])
-    comparison, runs = model.comparison, model.judged_on
+    comparison = model.comparison
+    runs = model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     below = f"below {figure(comparison['band_hz'])} Hz"
     new = new_motion(comparison["new_motion_share"])
@@ -289,7 +287,8 @@ def _figures(model: ModelStep) -> None:
 
 def _words(model: ModelStep, j: int, unit: str) -> str:
     """What can be said of a joint's error in a sentence or two."""
-    error, floor = model.comparison["rmse"][j], model.comparison["noise_floor"][j]
+    error = model.comparison["rmse"][j]
+    floor = model.comparison["noise_floor"][j]
     plain = formatting.plain_unit(unit)
     text = f"Joint {j + 1}: the error is {figure(error)} {plain}"
     if floor:
@@ -373,7 +372,8 @@ def parameters(view: View) -> None:
 
 
 def _tables(view: View) -> None:
-    about, robot = view.session.current.about, view.session.robot
+    about = view.session.current.about
+    robot = view.session.robot
     if about["links"]:
         draw.table(
             LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links"
@@ -420,13 +420,15 @@ def _tables(view: View) -> None:
 @requires_model("methods", "Compare methods", lambda s: s.answer("methods"))
 def methods(view: View) -> None:
     """Other methods beside the current model's, on the same runs."""
-    session, chosen = view.session, view.methods
+    session = view.session
+    chosen = view.methods
     names = _methods()
     with draw.tag("fieldset"):
         draw.tag("legend", "With the effects of the current model")
         with draw.tag("div", style="checks"):
             for name, description in names.items():
-                on, put = chosen.get(name, False), partial(chosen.__setitem__, name)
+                on = chosen.get(name, False)
+                put = partial(chosen.__setitem__, name)
                 draw.check(name, on, put, f"method-{name}", description)
 
     def compare() -> None:

@@ -25,7 +25,8 @@ def _robot_now(session: Session) -> Any:
 @partial(PagePart, "robot", "Robot", lambda session: True, _robot_now)
 def robot(view: View) -> None:
     """The robot that is chosen and its gravity; or those to choose from."""
-    session, robot = view.session, view.session.robot
+    session = view.session
+    robot = view.session.robot
     if not robot:
         _choose(view)
         return
@@ -56,7 +57,8 @@ def robot(view: View) -> None:
 
 def _choose(view: View) -> None:
     """The built-in robots, those of the folder, and a place to drop one."""
-    session, robot = view.session, view.session.robot
+    session = view.session
+    robot = view.session.robot
     with draw.tag("div", style="row"):
         show = partial(session.start, session.show_me)
         draw.button("Show me", show, "show-me", "" if robot else "primary")
@@ -149,7 +151,9 @@ def _own(view: View) -> None:
 
 
 def _simulated(view: View) -> None:
-    session, hiding, kinds = view.session, view.hiding, effect_types()
+    session = view.session
+    hiding = view.hiding
+    kinds = effect_types()
     robot = session.robot
     if not 0 < int(hiding["joint"]) <= robot["n"]:
         hiding["joint"] = str(robot["n"])
@@ -199,10 +203,8 @@ def _list(view: View) -> None:
                     draw.tag("td", f"{run['seconds']:.3g} s")
                     draw.tag("td", f"{run['samples']} at {run['rate']:.4g} Hz")
                     with draw.tag("td"):
-                        label, use = (
-                            f"Use of {run['name']}",
-                            partial(session.use, run["file"]),
-                        )
+                        label = f"Use of {run['name']}"
+                        use = partial(session.use, run["file"])
                         uses = [
                             (name, text)
                             for name, text in _USES
@@ -240,7 +242,8 @@ MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 )
 def check(view: View) -> None:
     """What the check says, and the runs as they were measured."""
-    session, units = view.session, view.session.robot["units"]
+    session = view.session
+    units = view.session.robot["units"]
     _findings(session)
     views = {run["name"]: run["view"] for run in session.runs}
     first = next(
@@ -284,10 +287,8 @@ def _findings(session: Session) -> None:
                 )
             if finding_of_run["gravity"]:
                 vector = ",".join(f"{g:g}" for g in finding_of_run["gravity"])
-                apply, key = (
-                    partial(session.start, session.mount, vector),
-                    f"apply-{run['file']}",
-                )
+                apply = partial(session.start, session.mount, vector)
+                key = f"apply-{run['file']}"
                 draw.button(f"Apply: gravity {vector}", apply, key, "primary")
         if any(finding_of_run["can_fix"] for finding_of_run in run["findings"]):
             apply = partial(session.start, session.mend, run["file"])

@@ -113,7 +113,9 @@ def forward(view: View) -> None:
 
 def _replay(view: View, answer: dict[str, Any]) -> None:
     """A free run of one joint as curves, and of the arm in 3D."""
-    session, about, units = view.session, view.session.current.about, answer["units"]
+    session = view.session
+    about = view.session.current.about
+    units = answer["units"]
     shown = {"run": 0}
 
     def follow() -> None:
@@ -135,10 +137,8 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
         if len(answer["runs"]) > 1:
             runs = [(str(k), name) for k, name in enumerate(answer["runs"])]
             draw.choice("Free run", runs, "0", look, "free-run")
-    label, caption = (
-        "Measured and simulated position, and what is left",
-        "grey: measured, blue: simulated",
-    )
+    label = "Measured and simulated position, and what is left"
+    caption = "grey: measured, blue: simulated"
     drawn, move = chart_and_arm(view, label, about, caption, arms=2)
     view.followers["forward"] = follow
     follow()

@@ -43,10 +43,12 @@ def _on_unseen_folds(
     run = data.train
     rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
     t = rows.motion.t - run.t[0]
-    made, starts = dict[str, Array](), list[float]()
+    made = dict[str, Array]()
+    starts = list[float]()
     shown = np.zeros(len(t), bool)
     for name, method in methods.items():
-        torque, folds = np.full_like(rows.torque, np.nan), study.unseen(method).folds
+        torque = np.full_like(rows.torque, np.nan)
+        folds = study.unseen(method).folds
         for fold in folds:
             stretch = (t >= fold.start) & (t < fold.stop)
             torque[stretch] = predicted(rows, fold.theta)[stretch]
@@ -66,8 +68,11 @@ def _on_all_runs(
     """The same of the simulated validation runs, one after the other."""
     data = study.simulated
     assert data.test is not None
-    times, torques, made = list[Array](), list[Array](), dict[str, list[Array]]()
-    starts, begin = list[float](), 0.0
+    times = list[Array]()
+    torques = list[Array]()
+    made = dict[str, list[Array]]()
+    starts = list[float]()
+    begin = 0.0
     for run in data.test.runs():
         rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
         times.append(begin + rows.motion.t - run.t[0])
@@ -263,7 +268,8 @@ def figure_5(study: Study) -> Any:
         moving = np.arange(len(run.t)) >= len(run.t) - len(run.error)
         known = run.torque[moving] - run.error
         for j in range(study.problem.robot.n):
-            axis, values = axes.flat[j], known[:, j]
+            axis = axes.flat[j]
+            values = known[:, j]
             axis.plot(
                 run.t[moving],
                 values,
@@ -311,7 +317,8 @@ def figure_7(study: Study) -> Any:
             for axis, values in zip(axes[:, k], (run.position, run.angle), strict=True):
                 # Errors of position and angle below 1e-16 are rounding and are drawn
                 # there [m, rad].
-                t, shown = run.t + run.t[0], 1e3 * (values + 1e-16)
+                t = run.t + run.t[0]
+                shown = 1e3 * (values + 1e-16)
                 axis.semilogy(t, shown, label=run.engine, **style.LOOKS[run.engine])
         axes[0, k].set_title(name)
         axes[1, k].set_xlabel("time [s]")

@@ -120,7 +120,8 @@ def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> 
     axis.set_xlabel(f"$c_{{{link + 1}{'xyz'[plane[0]]}}}$ [m]")
     axis.set_ylabel(f"$c_{{{link + 1}{'xyz'[plane[1]]}}}$ [m]")
     margin = 0.5 * float(np.ptp(edge, axis=0).max())
-    low, high = edge.min(axis=0) - margin, edge.max(axis=0) + margin
+    low = edge.min(axis=0) - margin
+    high = edge.max(axis=0) + margin
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
 
@@ -141,7 +142,9 @@ def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
 
 def figure_9(study: Study) -> Any:
     """Torques of the 2R, true ones and with parameters retrieved by penalty and by SDP."""
-    robot, x, data = study.problem.robot, study.experiment, study.simulated
+    robot = study.problem.robot
+    x = study.experiment
+    data = study.simulated
     t = np.arange(0.0, x.trajectory.duration, 0.02)
     states = x.trajectory.states(t)
     true = robot.inverse_dynamics(x.links.ravel(), *states)
@@ -181,7 +184,8 @@ def figure_9(study: Study) -> Any:
 def figure_10(study: Study) -> Any:
     """Internal wrenches of the 2R: real, feasible, unfeasible, and all that are
     possible."""
-    w, n = study.once(wrench_study), study.problem.robot.n
+    w = study.once(wrench_study)
+    n = study.problem.robot.n
     figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)
     unfeasible = [*w.boxed[:3], *w.unbounded[:3]]
     possible = {"color": style.SKY, "alpha": 0.45, "linewidth": 0}
@@ -203,7 +207,8 @@ def figure_10(study: Study) -> Any:
         ([w.true], {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}),
     )
     for k, j in np.ndindex(axes.shape):
-        axis, component = axes[k, j], [*COMPONENTS][k]
+        axis = axes[k, j]
+        component = [*COMPONENTS][k]
         i = w.intervals
         axis.fill_between(
             w.t, i.lower_bound[:, j, k], i.upper_bound[:, j, k], **possible
@@ -213,7 +218,8 @@ def figure_10(study: Study) -> Any:
                 axis.plot(w.t, values[:, j, k], **look)
         # Room around the interval; unfeasible wrenches may leave it by orders of
         # magnitude.
-        low, high = i.lower[:, j, k].min(), i.upper[:, j, k].max()
+        low = i.lower[:, j, k].min()
+        high = i.upper[:, j, k].max()
         axis.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
         symbol = f"${component[0]}_{component[1]}$" + (
             " = torque" if component == "nz" else ""

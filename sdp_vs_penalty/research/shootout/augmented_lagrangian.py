@@ -108,25 +108,21 @@ def solve(instance: Instance, accuracy: float) -> Answer:
         return no_answer(instance, "no interior point to start from")
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
     penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
-    chart, scale, size = (
-        Chart(instance.sent, inside),
-        penalty.theta_scale,
-        penalty.loss_scale,
-    )
-    x, shifts = (
-        chart.start,
-        [np.zeros_like(part.values(inside)) for part in penalty.parts],
-    )
+    chart = Chart(instance.sent, inside)
+    scale = penalty.theta_scale
+    size = penalty.loss_scale
+    x = chart.start
+    shifts = [np.zeros_like(part.values(inside)) for part in penalty.parts]
     # Of the demands (100 fails on the Panda); its inverse is the least curvature:
     # smaller ones stretch no variable further.
-    weight, message, claims = 10.0, "", "inaccurate"
+    weight = 10.0
+    message = ""
+    claims = "inaccurate"
 
     def lagrangian(z: Array) -> tuple[float, Array]:
         theta, factors = chart.theta(x + turn @ z)
-        value, slope = (
-            instance.objective.value(theta) / size,
-            instance.objective.gradient(theta) / size,
-        )
+        value = instance.objective.value(theta) / size
+        slope = instance.objective.gradient(theta) / size
         moved = penalty.shifted(theta / scale, shifts, weight)
         for part, shift, push in zip(penalty.parts, shifts, moved, strict=True):
             value += 0.5 * float(np.vdot(push, push) - np.vdot(shift, shift)) / weight
@@ -149,12 +145,14 @@ def solve(instance: Instance, accuracy: float) -> Answer:
             "options": options(accuracy),
         }
         solution = minimize(lagrangian, np.zeros(len(x)), **optimiser_options)
-        x, message = x + turn @ solution.x, str(solution.message)
+        x = x + turn @ solution.x
+        message = str(solution.message)
         moved = penalty.shifted(chart.theta(x)[0] / scale, shifts, weight)
         changes = (
             np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True)
         )
-        worst, shifts = max(changes, default=0.0) / weight, moved
+        worst = max(changes, default=0.0) / weight
+        shifts = moved
         if max(worst, float(np.abs(solution.jac).max())) <= accuracy:
             claims = "optimal"
             break

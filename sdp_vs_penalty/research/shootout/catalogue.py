@@ -84,9 +84,8 @@ def total_mass_at_least(shift: float) -> Change:
 def rounded(instance: Instance) -> Instance:
     """The factor in single precision; what is solved and certified is the problem that
     this leaves."""
-    R, rho = (
-        x.astype(np.float32).astype(float) for x in (instance.data.R, instance.data.rho)
-    )
+    R = instance.data.R.astype(np.float32).astype(float)
+    rho = instance.data.rho.astype(np.float32).astype(float)
     return instance.having(R=R, rho=rho)
 
 

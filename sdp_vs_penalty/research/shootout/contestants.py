@@ -28,7 +28,8 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
     user names."""
     import cvxpy as cp
 
-    data, entropy = instance.data, instance.objective.entropy
+    data = instance.data
+    entropy = instance.objective.entropy
     theta = cp.Variable(data.R.shape[1])
 
     def matrix(c: Any) -> Any:
@@ -136,7 +137,8 @@ def contestants() -> dict[str, Contestant]:
     contestants_found = _baselines()
     for name, kind in solver_types().items():
         conic = kind()
-        conic_contestant, finest = _conic(conic), conic.finest
+        conic_contestant = _conic(conic)
+        finest = conic.finest
         certified = replace(
             conic_contestant,
             name=f"{name} certified",

@@ -112,7 +112,9 @@ class Instance:
         """Sixteen hexadecimal digits of the problem and the form it is posed in: of
         objective and constraints at three points, to the six digits that all libraries
         of linear algebra share."""
-        data, bound, entropy = self.data, self.task.bound, self.objective.entropy
+        data = self.data
+        bound = self.task.bound
+        entropy = self.objective.entropy
         numbers = [data.tau_squared, bound.sum()]
         numbers += [] if entropy is None else [entropy.weight, entropy.nominal.sum()]
         for x in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(bound))) * bound:
@@ -136,13 +138,17 @@ def unscaled_sdp(
     rows   minimise |z|^2 subject to R theta - z = rho
     """
     (r, p), offset = data.R.shape, data.residual_norm**2
-    R, rho, groups = data.R, data.rho, list[ConeGroup]()
+    R = data.R
+    rho = data.rho
+    groups = list[ConeGroup]()
     if formulation == "rows":
         groups = [plain_rows("zero", np.hstack([R, -np.eye(r)]), -rho)]
-        P, q = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc(), np.zeros(p + r)
+        P = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc()
+        q = np.zeros(p + r)
     else:
         single = formulation.endswith("float32")
-        R, rho = (x.astype(np.float32 if single else float) for x in (R, rho))
+        R = R.astype(np.float32 if single else float)
+        rho = rho.astype(np.float32 if single else float)
         offset += float(data.rho @ data.rho)
         P = sparse.csc_matrix(np.triu(2.0 * (R.T @ R).astype(float)))
         q = -2.0 * (R.T @ rho).astype(float)
@@ -160,22 +166,24 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
     Torques become tau / (mass length^2); parameters, bounds and constraint rows follow
     their units.
     """
-    task, data, entropy = instance.task, instance.data, instance.objective.entropy
-    m, l = 1.0 / mass, 1.0 / length  # noqa: E741
-    torque, corner = m * l**2, np.sqrt(m) * np.array([l, l, l, 1.0])
+    task = instance.task
+    data = instance.data
+    entropy = instance.objective.entropy
+    m = 1.0 / mass
+    per_length = 1.0 / length
+    torque = m * per_length**2
+    corner = np.sqrt(m) * np.array([per_length, per_length, per_length, 1.0])
     factor = np.full(len(task.bound), torque)
-    factor[task.links] = [m, *[m * l] * 3, *[m * l**2] * 6]
-    R, rho, left = (
-        torque * data.R / factor,
-        torque * data.rho,
-        torque * data.residual_norm,
-    )
+    factor[task.links] = [m, *[m * per_length] * 3, *[torque] * 6]
+    R = torque * data.R / factor
+    rho = torque * data.rho
+    left = torque * data.residual_norm
     square = torque**2 * data.tau_squared
     changed = replace(data, R=R, rho=rho, residual_norm=left, tau_squared=square)
     row_units = {
-        "centre of mass": m * l,
-        "centre of mass cone": m * l,
-        "trace": m * l**2,
+        "centre of mass": m * per_length,
+        "centre of mass cone": m * per_length,
+        "trace": torque,
     }
     row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid", "body"), m)
 
@@ -218,7 +226,8 @@ def posed(task: Task, step: str, shape: str) -> Instance:
     task = replace(
         task, constraints=ConstraintSet((*task.constraints.convex, *demands))
     )
-    data, entropy = task.data if step == "one-step" else task.base_distance, None
+    data = task.data if step == "one-step" else task.base_distance
+    entropy = None
     if shape == "regulariser":
         spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
@@ -234,7 +243,8 @@ def shape_cones(task: Task) -> list[Constraint]:
     out = []
     for k, indices in enumerate(task.links):
         m, mx, my, mz = task.nominal[indices[:4]]
-        centre, slope = np.array([mx, my, mz]) / m, 0.3
+        centre = np.array([mx, my, mz]) / m
+        slope = 0.3
         radius = 1.2 * float(np.hypot(*centre[:2])) + 0.02 - slope * min(centre[2], 0.0)
         out.append(CentreOfMassCone(k + 1, "z", radius, slope).constraint(indices))
     return out
@@ -242,7 +252,8 @@ def shape_cones(task: Task) -> list[Constraint]:
 
 @lru_cache(maxsize=8)
 def _task(robot: str, source: str, stop: float) -> Task:
-    problem, effects = load_problem(robot), None
+    problem = load_problem(robot)
+    effects = None
     if source == "measured":
         if not (runs := list(measured_runs(robot).values())):
             what = f"The measurements of {robot} are absent"
@@ -250,7 +261,8 @@ def _task(robot: str, source: str, stop: float) -> Task:
         run = replace(runs[0], dq=None)
     else:
         described = experiment(problem)
-        run, effects = described.training_run(seed=0), described.effects
+        run = described.training_run(seed=0)
+        effects = described.effects
     task = build_problem(problem, _part(run, problem, stop), PoseOptions(effects)).task
     return replace(task, constraints=ConstraintSet(task.constraints.convex))
 
@@ -273,11 +285,9 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
 def chain_problem(n: int, draw: int = 0) -> Problem:
     """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
     rng = np.random.default_rng([_CHAIN_SEED, n, *[draw] * (draw > 0)])
-    a, twist, d = (
-        rng.uniform(0.0, 0.3, n),
-        rng.choice([-0.5, 0.0, 0.5], n),
-        rng.uniform(0.05, 0.3, n),
-    )
+    a = rng.uniform(0.0, 0.3, n)
+    twist = rng.choice([-0.5, 0.0, 0.5], n)
+    d = rng.uniform(0.05, 0.3, n)
     robot = Robot.from_dh(
         f"chain{n}", a.tolist(), (np.pi * twist).tolist(), d.tolist(), "modified"
     )
@@ -296,7 +306,8 @@ def chain_task(n: int, draw: int = 0) -> Task:
     draw : another arm of the same size, with another motion.
     """
     rng = np.random.default_rng([_CHAIN_SEED + 1, n, *[draw] * (draw > 0)])
-    problem, samples = chain_problem(n, draw), 60
+    problem = chain_problem(n, draw)
+    samples = 60
     model = problem.model()
     q = problem.robot.random_configurations(samples, _CHAIN_SEED)
     dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))
@@ -313,10 +324,8 @@ def chain_task(n: int, draw: int = 0) -> Task:
     for wide in stack:
         wide /= 0.01 * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
         wide[:, -1] += rng.normal(size=samples)
-    data, convex = (
-        LeastSquares.stacked(stack, n * samples),
-        problem.constraints(model).convex,
-    )
+    data = LeastSquares.stacked(stack, n * samples)
+    convex = problem.constraints(model).convex
     known = problem.parameter_bound(model), problem.nominal(model), problem.box
     return Task(model, data, ConstraintSet(convex), *known)
 

@@ -49,7 +49,8 @@ class Reference:
 
 def proved(instance: Instance) -> tuple[str, Proof | None]:
     """ "optimum proved", "proved infeasible" or "not proved", and the proof in rational arithmetic."""
-    task, constraints = instance.task, instance.constraints
+    task = instance.task
+    constraints = instance.constraints
     names = [p.name for p in task.model.parameters]
     with suppress(InputError, ValueError, np.linalg.LinAlgError):
         # Nothing in between: what the rational checker does not accept is not called
@@ -130,7 +131,8 @@ def classified(
     reference: Reference, claims: str, error: float, violation: float, accuracy: float
 ) -> tuple[str, str]:
     """The class of an answer that claims something, and why it is not right."""
-    allowed, half = SLACK * accuracy, max(SLACK * accuracy, accuracy**0.5)
+    allowed = SLACK * accuracy
+    half = max(SLACK * accuracy, accuracy**0.5)
     if claims in ("infeasible", "unbounded"):
         if reference.verdict == claims:
             return "right", ""
@@ -177,7 +179,8 @@ def _primal(
 
 def _dual(instance: Instance, answer: Answer) -> float:
     """The bound from the contestant's own multipliers, -inf without finite ones."""
-    multipliers, slopes = answer.multipliers, answer.entropy_slopes
+    multipliers = answer.multipliers
+    slopes = answer.entropy_slopes
     numbers = (x for x in (answer.theta, multipliers, slopes) if x is not None)
     if multipliers is None or not all(np.all(np.isfinite(x)) for x in numbers):
         return -np.inf

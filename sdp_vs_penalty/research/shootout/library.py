@@ -62,7 +62,8 @@ def write_library(
 def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
     """The files of one instance; returns its row of the index."""
     status, proof = proved(instance)
-    sdp, interval = instance.sdp, None
+    sdp = instance.sdp
+    interval = None
     if proof is not None:
         write_proof(proof, folder / "proof.json")
         interval = (
@@ -114,7 +115,8 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
 def _npz(problem: ConicProblem) -> bytes:
     """minimise c^T x subject to b - A x in a product of cones, matrices as svec
     (README.md)."""
-    file, A = io.BytesIO(), problem.A.tocoo()
+    file = io.BytesIO()
+    A = problem.A.tocoo()
     arrays = {
         "c": problem.q,
         "b": problem.b,

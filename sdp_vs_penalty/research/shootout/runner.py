@@ -95,7 +95,8 @@ class Results:
     def keep(self, current: dict[str, str]) -> int:
         """Drop runs of instances whose hash (by problem name) has changed; returns how
         many."""
-        before, is_current = len(self.runs), self.runs["problem"].map(current)
+        before = len(self.runs)
+        is_current = self.runs["problem"].map(current)
         self._write(self.runs[is_current.isna() | (is_current == self.runs["hash"])])
         return before - len(self.runs)
 
@@ -172,7 +173,9 @@ def perform(task: Assignment) -> list[Row]:
             }
         ]
     _ = problem_instance.sdp
-    contestant, stopped, rows = contestants()[task.solver], "", list[Row]()
+    contestant = contestants()[task.solver]
+    stopped = ""
+    rows = list[Row]()
     contestant.warm_up()  # what a first use pays for
     for accuracy in task.accuracies:
         rows.append(run_one(task, contestant, problem_instance, accuracy, stopped))
@@ -205,17 +208,14 @@ def run_one(
         ended if stopped else in_child(timed, task.time_limit, task.memory)
     )
     if kind == "ended" and (seconds := outcome[1]) > task.time_limit:
-        kind, outcome = "timeout", f"took {seconds:.2g} s of processor time"
+        kind = "timeout"
+        outcome = f"took {seconds:.2g} s of processor time"
     if kind == "ended":
-        answer, verdict = (
-            outcome[0],
-            judge(problem_instance, task.reference, outcome[0], accuracy),
-        )
+        answer = outcome[0]
+        verdict = judge(problem_instance, task.reference, outcome[0], accuracy)
     else:
-        answer, verdict = (
-            Answer(np.empty(0), "", outcome, attempts=0),
-            Judgement(kind, remark=remark),
-        )
+        answer = Answer(np.empty(0), "", outcome, attempts=0)
+        verdict = Judgement(kind, remark=remark)
     row = {
         "settings": contestant.settings(accuracy),
         "accuracy": accuracy,
@@ -292,7 +292,8 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
     }
     machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     with folder_lock(setup.out):
-        results, notes = Results(setup.out), []
+        results = Results(setup.out)
+        notes = []
         work = partial(
             spread,
             perform,
@@ -310,11 +311,10 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
                 f"{dropped} runs of instances that have changed since were dropped"
             )
         tasks, not_applicable = _pending(setup, entries, competing, references, results)
-        done, total = 0, sum(len(task.accuracies) for task in tasks)
-        groups, versions = (
-            {e.name: e.group for e in entries},
-            {c.name: c.version() for c in competing},
-        )
+        done = 0
+        total = sum(len(task.accuracies) for task in tasks)
+        groups = {e.name: e.group for e in entries}
+        versions = {c.name: c.version() for c in competing}
         say(f"{done} of {total}: runs")
         for place, rows in work(tasks):
             task = tasks[place]
@@ -350,10 +350,8 @@ def _references(
             ) from None
     current = {e.name: instance(e.name).hash for e in entries}
     todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
-    tasks, names = (
-        [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()],
-        [*todo],
-    )
+    tasks = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()]
+    names = [*todo]
     say(f"0 of {len(tasks)}: proving intervals")
     for done, (k, (known[names[k]],)) in enumerate(work(tasks), start=1):
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
@@ -368,11 +366,9 @@ def _pending(
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
-    done, tasks, left_out = (
-        set(results.runs[KEY].itertuples(index=False, name=None)),
-        [],
-        [],
-    )
+    done = set(results.runs[KEY].itertuples(index=False, name=None))
+    tasks = []
+    left_out = []
     for entry, contestant in product(entries, competing):
         reference_found = references[entry.name]
         if reason := contestant.refuses(instance(entry.name)):
@@ -383,10 +379,8 @@ def _pending(
         if new := tuple(
             a for a in accuracies_of if (*what, contestant.settings(a)) not in done
         ):
-            limits, known = (
-                (setup.time_limit, setup.memory),
-                Reference(**reference_found["reference"]),
-            )
+            limits = (setup.time_limit, setup.memory)
+            known = Reference(**reference_found["reference"])
             tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
     return tasks, left_out
 
@@ -401,12 +395,15 @@ def in_child(
     machines are shared; memory : GB beyond what the parent already has.
     """
     reader, writer = Pipe(duplex=False)
-    start, parent = time.monotonic(), os.getpid()
+    start = time.monotonic()
+    parent = os.getpid()
     child = os.fork()
     if child == 0:
         _child(work, writer, limit, memory, parent)
     writer.close()
-    ended, status, answer = 0, 0, None
+    ended = 0
+    status = 0
+    answer = None
     # Not by the pipe's end alone: a child of another thread may hold that open.
     while (
         not ended and not reader.poll(0.05) and time.monotonic() - start < 4.0 * limit

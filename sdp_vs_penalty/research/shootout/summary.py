@@ -48,7 +48,8 @@ def profile(
     runs: pandas.DataFrame, accuracy: float
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Of each solver (ratios, shares): the corners of its step."""
-    runs_at_accuracy, count = at_accuracy(runs, accuracy), runs["problem"].nunique()
+    runs_at_accuracy = at_accuracy(runs, accuracy)
+    count = runs["problem"].nunique()
     right = runs_at_accuracy[reached(runs_at_accuracy, accuracy)]
     seconds = right["seconds"].clip(lower=1e-6)
     ratio = seconds / seconds.groupby(right["problem"]).transform("min")
@@ -117,7 +118,8 @@ def solved_over_time(
 ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Of each solver (seconds, shares, wrong): the share of all problems that it has
     brought to an accuracy by then, and when it gave its silently wrong answers [s]."""
-    asked, count = at_accuracy(runs, accuracy), runs["problem"].nunique()
+    asked = at_accuracy(runs, accuracy)
+    count = runs["problem"].nunique()
     right = reached(asked, accuracy)
     out = {}
     for solver, own in asked.groupby("solver"):
@@ -137,7 +139,8 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
-    asked, longest = accuracies(runs), max(float(runs["seconds"].max()), 1.0)
+    asked = accuracies(runs)
+    longest = max(float(runs["seconds"].max()), 1.0)
     named = {
         "lmi-sdp": "lmi-sdp (ours)",
         "clarabel": "Clarabel",
@@ -310,7 +313,8 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
         return []
     wrong = table["silently wrong"]
     enough = table[(table["right"] >= 0.9 * table["right"].max()) & (wrong == 0)]
-    best, worst = table.iloc[0], table.loc[wrong.idxmax()]
+    best = table.iloc[0]
+    worst = table.loc[wrong.idxmax()]
     quick = (
         best if enough.empty else enough.sort_values("seconds", kind="stable").iloc[0]
     )
@@ -337,7 +341,8 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
 def answer(runs: pandas.DataFrame) -> str:
     """Markdown: which solver for seven links, and why; empty where nothing was run on
     them."""
-    links, accuracy = 7, 1e-6
+    links = 7
+    accuracy = 1e-6
     table = ranking(runs, accuracy, links)
     if not (advice_words := advice(table, f"of {links} links at {accuracy:.0e}")):
         return ""

@@ -127,7 +127,8 @@ def simulated(
     substeps : within a sample of the log.
     """
     mass, viscous, coulomb, offset, asymmetric = constants
-    q, v = float(run.q[0, 0]), 0.0
+    q = float(run.q[0, 0])
+    v = 0.0
     out = np.empty(len(run.t))
     steps = np.diff(run.t, append=2.0 * run.t[-1] - run.t[-2]) / substeps
     for k, (force, h) in enumerate(

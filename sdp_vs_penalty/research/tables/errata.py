@@ -60,15 +60,18 @@ def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
 
 def _panda(problem: Problem) -> dict[int, str]:
     """What shows each of the Panda's errata, by number."""
-    printed, corrected = pi_p_hat(problem, False), pi_p_hat(problem, True)
-    table, values = problem.published["table_III"], published_values(problem, "p_hat")
+    printed = pi_p_hat(problem, False)
+    corrected = pi_p_hat(problem, True)
+    table = problem.published["table_III"]
+    values = published_values(problem, "p_hat")
     c6z = "; ".join(
         f"row {row} is {table[row - 1]['pi_p_hat']} in Table III,"
         f" {printed[row - 1]:.4f} from the printed value, {corrected[row - 1]:.4f} from"
         " the corrected one"
         for row in (21, 25, 39)
     )
-    row_17, published = corrected[16], table[16]["pi_RE"]
+    row_17 = corrected[16]
+    published = table[16]["pi_RE"]
     links = published_links(problem, "delta")
     moments = inertia.inertia_matrix(inertia.barycentric_from_standard(links)[:, 4:])
     eigenvalues = np.linalg.eigvalsh(moments)
@@ -110,11 +113,10 @@ def _panda(problem: Problem) -> dict[int, str]:
 
 def _two_link(problem: Problem) -> dict[int, str]:
     """What shows each of the 2R's errata, by number."""
-    symbol, c = (
-        list(base_parameter_symbols(problem).values())[5],
-        published_values(problem, "p_real"),
-    )
-    printed, corrected = np.hypot(c["c1y"], c["c1z"]), np.hypot(c["c1x"], c["c1z"])
+    symbol = list(base_parameter_symbols(problem).values())[5]
+    c = published_values(problem, "p_real")
+    printed = np.hypot(c["c1y"], c["c1z"])
+    corrected = np.hypot(c["c1x"], c["c1z"])
     return {
         3: (
             f"the kinematics give {symbol}; J2zz - 0.8 m2 adds kg m^2 to kg m and no"

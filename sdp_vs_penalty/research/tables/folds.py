@@ -40,7 +40,8 @@ def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
     """The interval of the mean of values (k,), taken as independent."""
     from scipy import stats
 
-    k, mean = len(values), float(np.mean(values))
+    k = len(values)
+    mean = float(np.mean(values))
     error = float(np.std(values, ddof=1)) / math.sqrt(k)
     half = float(stats.t.ppf(0.5 + 0.5 * coverage, k - 1)) * error
     return FoldInterval(mean, mean - half, mean + half, mean / error if error else 0.0)

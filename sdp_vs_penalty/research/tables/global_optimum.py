@@ -98,7 +98,8 @@ def global_optima(study: Study) -> Table:
     """Global optimum of the published penalised objective over its weight, certified."""
     searched = study.once(penalised_optima)
     rows = [row for found in searched for row in _rows(found)]
-    searches, evaluations = Searches.of(study.budget), _evaluations(study)
+    searches = Searches.of(study.budget)
+    evaluations = _evaluations(study)
     exact = [
         f"{x.label}, {x.name}: {x.exact_by_theory:.5g} by the largest multiplier,"
         f" {x.exact_by_bisection:.5g} by bisection"
@@ -175,7 +176,8 @@ def search_runs(
     """(runs, weights, 3) penalised objective, loss and worst violation where each run
     ends; every weight continues from the last one's answer, the first from a random
     point of the box, with so many evaluations each."""
-    loss, rng = problem.published, np.random.default_rng(problem.task.seed)
+    loss = problem.published
+    rng = np.random.default_rng(problem.task.seed)
     out = np.zeros((runs, len(weights), 3))
     for run in out:
         u = rng.uniform(size=len(loss.free))

@@ -38,7 +38,9 @@ def denavit_hartenberg(study: Study) -> Table:
         study.problem.published["table_VI"], study.problem.robot.joints, strict=True
     ):
         frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
-        a, alpha, d = frame[0, 3], np.arctan2(frame[2, 1], frame[2, 2]), frame[2, 3]
+        a = frame[0, 3]
+        alpha = np.arctan2(frame[2, 1], frame[2, 2])
+        d = frame[2, 3]
         our_values = {
             "a_m_ours": float(a),
             "alpha_rad_ours": float(alpha),

@@ -51,9 +51,12 @@ def _row(study: Study, data: Data, method: str) -> Row:
         )
     else:
         result = study.result(method, data)
-    error, fold, again = data.errors(result.theta)[1], None, None
+    error = data.errors(result.theta)[1]
+    fold = None
+    again = None
     if data is not study.simulated:
-        unseen, again = study.unseen(estimator), error
+        unseen = study.unseen(estimator)
+        again = error
         error = unseen.relative_error_percent
         fold = unseen.folds[unseen.worst - 1].relative_error_percent
     task = study.task(data)
@@ -67,7 +70,8 @@ def _row(study: Study, data: Data, method: str) -> Row:
         [] if method in WITH_PRIOR else result.details.get("runs") or [],
         columns=["loss", "violation"],
     ).astype(float)
-    excess, broken = 100.0 * (runs["loss"] / optimum - 1.0), runs["violation"]
+    excess = 100.0 * (runs["loss"] / optimum - 1.0)
+    broken = runs["violation"]
     return {
         "data": data.label,
         "method": method,

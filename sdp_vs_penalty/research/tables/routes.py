@@ -21,7 +21,8 @@ from sdp_vs_penalty.research.tables.study import FOLDS, Data, Frozen, Result, St
 from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 
 #: The rows that solve one problem: torque loss, 20 mm, bodies, no prior on anything.
-SDP, PENALTY = "SDP", "penalty, one-step"
+SDP = "SDP"
+PENALTY = "penalty, one-step"
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,8 @@ def _errors(
 
 def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
     by_name = {row["method"]: row for row in rows}
-    sdp, penalty = by_name[SDP], by_name[PENALTY]
+    sdp = by_name[SDP]
+    penalty = by_name[PENALTY]
     said = (
         f"On one problem the SDP and the exact penalty tie: loss"
         f" {sdp['excess_loss_percent']:.5f} and {penalty['excess_loss_percent']:.5f} %"
@@ -145,7 +147,8 @@ def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
     )
     if not judged:
         return said
-    default, squares = judged["SDP, default (entropic prior)"], judged["least squares"]
+    default = judged["SDP, default (entropic prior)"]
+    squares = judged["least squares"]
     less = difference(default, squares)
     verdict = "significant" if less.is_significant else "not significant"
     return (

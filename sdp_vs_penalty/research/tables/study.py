@@ -147,7 +147,8 @@ class Frozen(Estimator):
     others: Array | float = np.nan
 
     def fit(self, task: Task) -> Fit:
-        theta, links = np.empty(len(task.bound)), task.model.rigid_indices
+        theta = np.empty(len(task.bound))
+        links = task.model.rigid_indices
         theta[links] = self.links.ravel()
         theta[np.delete(np.arange(len(theta)), links)] = self.others
         return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
@@ -155,7 +156,8 @@ class Frozen(Estimator):
 
 def refitted(data: LeastSquares, links_given: Array) -> Array:
     """theta (p,) as given, what is NaN in it fitted to the rows by least squares."""
-    free, theta = np.isnan(links_given), np.nan_to_num(links_given)
+    free = np.isnan(links_given)
+    theta = np.nan_to_num(links_given)
     theta[free] = np.linalg.lstsq(
         data.R[:, free], data.rho - data.R @ theta, rcond=None
     )[0]
@@ -190,8 +192,11 @@ class Study:
         workers: Workers = ALONE,
     ) -> None:
         require_known("budget", budget, BUDGETS)
-        self.problem, self.budget, self.progress = problem, budget, progress
-        self.workers, self.effort = workers, BUDGETS[budget]
+        self.problem = problem
+        self.budget = budget
+        self.progress = progress
+        self.workers = workers
+        self.effort = BUDGETS[budget]
         self._made: dict[object, Any] = {}
 
     def once(self, make: Callable[..., Made], *of: Any) -> Made:
@@ -210,10 +215,8 @@ class Study:
         """Trained on one exciting trajectory, judged on the validation trajectories."""
         self.progress("simulating")
         x = self.experiment
-        train, test = (
-            x.training_run(self.seed),
-            concatenate(x.validation_runs(self.seed)),
-        )
+        train = x.training_run(self.seed)
+        test = concatenate(x.validation_runs(self.seed))
         return self._data("simulated", train, test, x.effects)
 
     @cached_property
@@ -250,10 +253,8 @@ class Study:
         test: Measurements | None,
         effects: Any = None,
     ) -> Data:
-        model, settings = (
-            self.problem.model(effects),
-            self.problem.preprocessing.resolve(train),
-        )
+        model = self.problem.model(effects)
+        settings = self.problem.preprocessing.resolve(train)
         return Data(label, train, test, model, settings)
 
     @property
@@ -398,10 +399,8 @@ class Study:
     @cached_property
     def black_box(self) -> tuple[BlackBox, bool]:
         """The true links' answers, and whether at the authors' configurations."""
-        robot, file = (
-            self.problem.robot,
-            real_file(self.problem.name, "good_configurations_1010.txt"),
-        )
+        robot = self.problem.robot
+        file = real_file(self.problem.name, "good_configurations_1010.txt")
         # Where the authors' file is absent as many as theirs.
         q = (
             robot.random_configurations(1010, self.seed)

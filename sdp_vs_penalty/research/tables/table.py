@@ -138,7 +138,8 @@ class Table:
         )
 
     def latex(self) -> str:
-        cells, layout = self.cells(), []
+        cells = self.cells()
+        layout = []
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
         for name, column in cells.items():
             number = _numeric(column)

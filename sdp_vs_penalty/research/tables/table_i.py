@@ -68,14 +68,10 @@ class SigmoidFriction(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         out = []
         for j, (slope, shift) in enumerate(self.slopes_and_shifts):
-            moving, other_columns = (
-                expit(slope * (motion.dq[:, j] + shift)),
-                expit(slope * shift),
-            )
-            d_moving, d_rest = (
-                moving * (1.0 - moving),
-                other_columns * (1.0 - other_columns),
-            )
+            moving = expit(slope * (motion.dq[:, j] + shift))
+            other_columns = expit(slope * shift)
+            d_moving = moving * (1.0 - moving)
+            d_rest = other_columns * (1.0 - other_columns)
             by_slope = d_moving * (motion.dq[:, j] + shift) - d_rest * shift
             by_shift = slope * (d_moving - d_rest)
             columns = np.column_stack([moving - other_columns, by_slope, by_shift])
@@ -112,9 +108,12 @@ def fit_sigmoid(
 
     oversampling : rows per independent sample, for the intervals.
     """
-    data, n = _Data(problem, rows_of), problem.robot.n
-    b, size = data.rigid.shape[2], float(np.abs(data.torque).max())
-    weights, empty = np.ones(n), np.zeros(b + n)
+    data = _Data(problem, rows_of)
+    n = problem.robot.n
+    b = data.rigid.shape[2]
+    size = float(np.abs(data.torque).max())
+    weights = np.ones(n)
+    empty = np.zeros(b + n)
     free = np.full(b + n, np.inf)
     # phi_2 [s/rad]: a jump to any data; below .1, and beyond |phi_3| = .5, a line
     steepest = 500.0
@@ -145,7 +144,8 @@ def fit_sigmoid(
     phi = x[b:].reshape(3, n).T.copy()
     phi[:, 1] = np.exp(phi[:, 1])
     jacobian = (data.columns(x) * weights[:, None]).reshape(-1, len(x))
-    norms, count = np.linalg.norm(jacobian, axis=0), data.torque.size / oversampling
+    norms = np.linalg.norm(jacobian, axis=0)
+    count = data.torque.size / oversampling
     # Rows that repeat each other count that often in J^T J, which the division here
     # takes back.
     dof = max(count - len(x), 1.0)
@@ -164,7 +164,9 @@ class _Data:
     def __init__(self, problem: Problem, rows_of: RowsOf) -> None:
         model = problem.model("rigid_body")
         rows = rows_of(model)
-        self.robot, self.rows_of, self.torque = problem.robot, rows_of, rows.torque
+        self.robot = problem.robot
+        self.rows_of = rows_of
+        self.torque = rows.torque
         wide = np.stack(
             [c.dense_columns(len(model.parameters)) for c in rows.columns], axis=1
         )
@@ -190,14 +192,10 @@ class _Data:
 
     def solved(self, x: Array, weights: Array) -> Array:
         """x with pi and phi_1 of least weighted residual at its phi_2 and phi_3."""
-        columns, out = (
-            self.columns(x)[:, :, : -2 * self.robot.n] * weights[:, None],
-            x.copy(),
-        )
-        flat, target = (
-            columns.reshape(self.torque.size, -1),
-            (self.torque * weights).ravel(),
-        )
+        columns = self.columns(x)[:, :, : -2 * self.robot.n] * weights[:, None]
+        out = x.copy()
+        flat = columns.reshape(self.torque.size, -1)
+        target = (self.torque * weights).ravel()
         out[: flat.shape[1]] = np.linalg.lstsq(flat, target, rcond=None)[0]
         return out
 
@@ -220,13 +218,15 @@ def sigmoid_friction(study: Study) -> Table:
         {**row, "what": "published", "covered_percent": None} for row in published
     ]
     study.progress("sigmoid friction without noise")
-    x, truth = study.experiment, study.experiment.friction
+    x = study.experiment
+    truth = study.experiment.friction
     assert truth is not None
     t = np.arange(0.0, x.trajectory.duration, 0.02)
     motion = Motion(t, *x.trajectory.states(t))
     exact = fit_sigmoid(study.problem, exact_rows(motion, x.torque(motion)))
     rows += _rows_of("simulated, without noise", exact, ends=False)
-    fits, count = [], study.effort.replicates
+    fits = []
+    count = study.effort.replicates
     for k in range(
         count
     ):  # with different noise: the coverage of the intervals is counted from them
@@ -317,7 +317,8 @@ def _on_other_rows(study: Study, data: Data) -> list[tuple[str, Array]]:
         theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)
         return train.loss(theta), np.sqrt(own.errors(theta)[0])
 
-    fit, linear = _fit(study, data, data.train), ordinary(usual)[1]
+    fit = _fit(study, data, data.train)
+    linear = ordinary(usual)[1]
     tried = {
         d: ordinary(f"{usual},presliding_hysteresis@d={d}")
         for d in PreslidingHysteresis.shapes["d"].grid

@@ -73,7 +73,8 @@ def exciting_trajectory(study: Study) -> Table:
 def optimised(study: Study) -> dict[str, Excitation]:
     """From the paper's trajectory, within its own extremes and within the robot's
     limits."""
-    paper, problem = study.experiment.trajectory, study.problem
+    paper = study.experiment.trajectory
+    problem = study.problem
     limits = {
         "within the paper's extremes": Limits.of_trajectory(paper),
         "within the robot's limits": Limits.of_robot(problem.robot),

@@ -12,7 +12,8 @@ from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
 from sdp_vs_penalty.research.tables.study import Data, Study, torque_errors
 from sdp_vs_penalty.research.tables.table import Table, notes, register_table
 
-_CONDITION, _ERROR = "condition number", "relative error [%]"
+_CONDITION = "condition number"
+_ERROR = "relative error [%]"
 _DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
 #: Figures of the paper's two fits that are in its text: condition number, relative
 #: error [%].
@@ -29,10 +30,8 @@ def base_parameter_table(study: Study) -> Table:
     base = tuple(base_parameter_symbols(study.problem))
     others = dict.fromkeys(name for data in study.whole for name in _others(data))
     keys = [*base, *others, _CONDITION, _ERROR]
-    retrieved, known = (
-        study.reverse_engineered,
-        {"true_simulated": study.experiment.links},
-    )
+    retrieved = study.reverse_engineered
+    known = {"true_simulated": study.experiment.links}
     if (printed := study.problem.published.get("table_III")) is not None:
         rows = _published(printed, keys, len(base))
     else:  # symbols from the kinematics, published links if any
@@ -102,7 +101,8 @@ def _estimates(
     study: Study, data: Data, base: tuple[str, ...]
 ) -> dict[str, dict[str, float]]:
     """Every method; after OLS its percent standard deviations."""
-    task, rigid = study.task(data), data.model.rigid_indices
+    task = study.task(data)
+    rigid = data.model.rigid_indices
     keys = [*base, *_others(data)]
     out = {}
     for name, method in study.methods.items():

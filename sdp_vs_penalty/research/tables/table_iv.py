@@ -36,7 +36,8 @@ _SHOWN = ("p_hat", "delta", "ols")
 @register_table("IV")
 def unseen_torque(study: Study) -> Table:
     """Table IV: torque error of each joint on motion that no estimate was made from."""
-    robot, rows = study.problem.robot, []
+    robot = study.problem.robot
+    rows = []
     for row in study.problem.published.get("table_IV", []):
         cells = [row[f"joint_{j + 1}"] for j in range(robot.n)]
         rows.append(_row(row["estimate"], cells, "published"))
@@ -134,13 +135,15 @@ def _estimates(
 ) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:
     """Published links first, then every method; with their effects, where these are
     others."""
-    robot, friction = study.problem.robot, study.experiment.friction
+    robot = study.problem.robot
+    friction = study.experiment.friction
     published = study.published_links
     out: dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]] = {
         column: (Frozen(links), None) for column, links in published.items()
     }
     if friction is not None and "p_hat" in out:
-        amplitude, shapes = friction[:, :1], friction[:, 1:]
+        amplitude = friction[:, :1]
+        shapes = friction[:, 1:]
         effects = (
             *study.problem.model("rigid_body").effects,
             SigmoidFriction(robot, shapes),
@@ -169,12 +172,10 @@ def _judgement(study: Study) -> str:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    printed, sigmoid, published, sensitivity = (
-        "table_IV" in study.problem.published,
-        "",
-        "",
-        "",
-    )
+    printed = "table_IV" in study.problem.published
+    sigmoid = ""
+    published = ""
+    sensitivity = ""
     if study.experiment.friction is not None:
         sigmoid = (
             "p_hat_table_I keeps the published sigmoid friction as well; in the"
@@ -202,10 +203,8 @@ def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
     wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
     behind = replace(study.problem, preprocessing=wide)
     other = Study(behind, study.budget, study.progress, study.workers)
-    data_of_study, estimates = (
-        {row["estimate"]: row["relative_error_percent"] for row in rows},
-        _estimates(other),
-    )
+    data_of_study = {row["estimate"]: row["relative_error_percent"] for row in rows}
+    estimates = _estimates(other)
     wider = {
         name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN
     }

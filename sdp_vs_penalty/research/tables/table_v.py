@@ -68,7 +68,8 @@ def sinusoids(robot: Robot) -> Course:
     """q_j(t) = middle_j - a_j cos(w_j t): sinusoidal velocities, from rest, over 90 %
     of every joint's range and to half of its velocity limit."""
     lower, upper, velocity = joint_limits(robot)
-    a, middle = 0.5 * 0.9 * (upper - lower), 0.5 * (lower + upper)
+    a = 0.5 * 0.9 * (upper - lower)
+    middle = 0.5 * (lower + upper)
     w = 0.5 * velocity / a
 
     def states(t: Array) -> tuple[Array, Array, Array]:
@@ -97,7 +98,8 @@ def play(
     engine that obeys ends each step exactly where the motion does.
     """
     steps = np.arange(round(duration / step) + 1)
-    q, t = motion(steps * step)[0], np.asarray((steps[:-1] + 0.5) * step, float)
+    q = motion(steps * step)[0]
+    t = np.asarray((steps[:-1] + 0.5) * step, float)
     torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
     model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
     there = robot.poses(q[1:])[:, robot.n - 1]
@@ -170,7 +172,8 @@ def _played(
     study: Study, data: Data, motion: Course, duration: float, step: float
 ) -> Played:
     """Every engine with the links identified from a data set."""
-    links, out = study.links(METHOD, data), Played()
+    links = study.links(METHOD, data)
+    out = Played()
     for name, kind in engine_types().items():
         if kind.version() is None:
             out[kind] = f"absent ({kind.install})"
@@ -191,7 +194,8 @@ def engines(study: Study) -> Table:
     Rows: the paper's engines inside V-REP, then each of ours on simulated and real
     motion.
     """
-    n, rows = study.problem.robot.n, []
+    n = study.problem.robot.n
+    rows = []
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
         rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
@@ -233,16 +237,21 @@ _PUBLISHED_POSE = {
 
 
 def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> Row:
-    robot, figures, status = study.problem.robot, _NO_RUN, run
+    robot = study.problem.robot
+    figures = _NO_RUN
+    status = run
     means: Any = [None] * robot.n
     deviations = means
     if isinstance(run, EngineRun):
         inverse = inverse_dynamics_error(kind, robot, study.links(METHOD, data))
-        far, turned = 1e3 * run.position, np.rad2deg(run.angle)
+        far = 1e3 * run.position
+        turned = np.rad2deg(run.angle)
         pose = far.mean(), far.max(), turned.mean(), turned.max()
         both = (*map(float, pose), inverse)
-        figures, status = dict(zip(_NO_RUN, both, strict=True)), "run"
-        means, deviations = (list(map(of, run.error.T)) for of in (np.mean, np.std))
+        figures = dict(zip(_NO_RUN, both, strict=True))
+        status = "run"
+        means = list(map(np.mean, run.error.T))
+        deviations = list(map(np.std, run.error.T))
     about = {"motion": data.label, **figures, "status": status}
     name = f"{kind.name} {kind.version() or ''}".rstrip()
     return {

@@ -54,11 +54,10 @@ def data_needed(study: Study) -> Table:
     """Data table: how much measured motion each method needs."""
     # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
     # judge on), and how many of each.
-    lengths, most_windows = (1, 2, 4, 7, 9), 6
-    rows, sources = (
-        list[Row](),
-        [(study.simulated, _time_windows(study.simulated, most_windows))],
-    )
+    lengths = (1, 2, 4, 7, 9)
+    most_windows = 6
+    rows = list[Row]()
+    sources = [(study.simulated, _time_windows(study.simulated, most_windows))]
     if study.measured is not None:
         real = study.measured
         sources.append((real, _phase_windows(real, most_windows, 0.5 * min(lengths))))
@@ -93,10 +92,8 @@ def _phase_windows(
     """Windows around the motion's period, which is cut into cells [s]; judged on what
     lies beyond the filters' reach of them."""
     all_phases = phase_folds(real.train, real.preprocessing, 1)
-    count, clear = (
-        round(all_phases.clocks[0].length / cell),
-        math.ceil(all_phases.guard / cell),
-    )
+    count = round(all_phases.clocks[0].length / cell)
+    clear = math.ceil(all_phases.guard / cell)
     split = PhaseFolds(all_phases.clocks, count)
     cells = compress_cells(
         FilteredRuns.of(real.train, real.preprocessing), real.model, split

@@ -55,7 +55,8 @@ def wrench_regressor(
             own_wrench = (
                 pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1]) @ frames[link]
             )
-            joint, down = link, np.eye(6)
+            joint = link
+            down = np.eye(6)
             while joint >= 0:
                 out[k, joint, :, link] = down @ own_wrench
                 down = data.liMi[joint + 1].toDualActionMatrix() @ down
@@ -102,10 +103,8 @@ def wrench_intervals(
     ends = np.empty((4, *regressor.shape[:3]))
     for index in np.ndindex(*regressor.shape[:3]):
         progress(f"wrench intervals: instant {index[0] + 1} of {len(regressor)}")
-        lower, upper = (
-            feasible.minimum(regressor[index]),
-            feasible.maximum(regressor[index]),
-        )
+        lower = feasible.minimum(regressor[index])
+        upper = feasible.maximum(regressor[index])
         ends[:, *index] = lower.value, upper.value, lower.bound, upper.bound
     return WrenchIntervals(*ends)
 
@@ -123,7 +122,9 @@ def unfeasible_retrievals(
     open starts within 1 kg, m or kg m^2 of zero.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
-    box, size, n_found = problem.box.reshape(-1, 2), float(np.abs(pi).max()), 0
+    box = problem.box.reshape(-1, 2)
+    size = float(np.abs(pi).max())
+    n_found = 0
     free = np.tile([-1.0, 1.0], (len(box), 1))
     free[::10, 0] = -1.0 if boxed else 0.0  # masses
     known = np.isfinite(box) & (boxed | (np.arange(len(box)) % 10 == 0))[:, None]
@@ -171,24 +172,26 @@ class WrenchStudy:
 
 
 def wrench_study(study: Study) -> WrenchStudy:
-    problem, x = study.problem, study.experiment
+    problem = study.problem
+    x = study.experiment
     t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
-    Y, model = (
-        wrench_regressor(problem.robot, *x.trajectory.states(t)),
-        problem.model("rigid_body"),
-    )
-    links, bound = x.links.ravel(), problem.parameter_bound(model)
+    Y = wrench_regressor(problem.robot, *x.trajectory.states(t))
+    model = problem.model("rigid_body")
+    links = x.links.ravel()
+    bound = problem.parameter_bound(model)
     feasible = Slice(problem.constraints(model), study.base, links, bound)
     intervals = wrench_intervals(feasible, Y, study.progress)
     study.progress("relaxed retrievals")
-    pi, count = study.base @ links, study.effort.retrievals
-    boxed, unbounded = (
-        [
-            Y @ retrieval.ravel()
-            for retrieval in unfeasible_retrievals(problem, pi, count, boxed)
-        ]
-        for boxed in (True, False)
-    )
+    pi = study.base @ links
+    count = study.effort.retrievals
+    boxed = [
+        Y @ retrieval.ravel()
+        for retrieval in unfeasible_retrievals(problem, pi, count, True)
+    ]
+    unbounded = [
+        Y @ retrieval.ravel()
+        for retrieval in unfeasible_retrievals(problem, pi, count, False)
+    ]
     estimates = {"published p_hat": published_links(problem, "p_hat")}
     estimates |= {
         k: study.links(m, study.simulated)
@@ -207,7 +210,8 @@ def penalty_links(study: Study) -> list[Array]:
     A start lies near the boundary of the feasible set, where a random linear function
     is least.
     """
-    task, links_found = study.task(study.simulated), []
+    task = study.task(study.simulated)
+    links_found = []
     p = len(task.bound)
     interior = interior_point(task, task.constraints)
     everywhere = Slice(task.constraints, np.zeros((0, p)), interior, task.bound)
@@ -231,7 +235,8 @@ def wrench_table(study: Study) -> Table:
     Rows: joint and component; largest true value, then largest deviations from it.
     """
     w = study.once(wrench_study)
-    low, high = w.intervals.lower, w.intervals.upper
+    low = w.intervals.lower
+    high = w.intervals.upper
     columns: dict[str, Array] = {
         "true": np.abs(w.true).max(axis=0),
         "interval_mean_width": (high - low).mean(axis=0),

@@ -19,7 +19,8 @@ class Bullet(Engine):
     """Loaded from our URDF with URDF_USE_INERTIA_FROM_FILE, without which it makes up
     inertias from collision shapes; velocity motors."""
 
-    name, package = "Bullet", "pybullet"
+    name = "Bullet"
+    package = "pybullet"
     formulation = "generalised coordinates (Featherstone), sequential impulses"
     install = "pip install pybullet (wheels exist for Python before 3.12)"
 
@@ -58,7 +59,8 @@ class Bullet(Engine):
             self.bullet.resetJointState(self.body, j, start[j], 0.0)
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        bullet, joints = self.bullet, list(range(self.robot.n))
+        bullet = self.bullet
+        joints = list(range(self.robot.n))
         motor_options = {
             "targetVelocities": velocity.tolist(),
             "forces": [np.inf] * len(joints),

@@ -14,7 +14,8 @@ class Dart(Engine):
     """Loaded from our URDF; joints are of the actuator type VELOCITY in its hybrid
     dynamics."""
 
-    name, package = "DART", "dartpy"
+    name = "DART"
+    package = "dartpy"
     formulation = "generalised coordinates, semi-implicit Euler"
 
     def load(self) -> None:

@@ -84,10 +84,8 @@ class Engine(ABC):
         Returns the motors' torque (N, n) over each step [N m, N], and the pose (N, 4,
         4) of the last link's joint frame after it.
         """
-        torque, pose = (
-            np.empty_like(velocities),
-            np.tile(np.eye(4), (len(velocities), 1, 1)),
-        )
+        torque = np.empty_like(velocities)
+        pose = np.tile(np.eye(4), (len(velocities), 1, 1))
         self.begin(start, step)
         for k, velocity in enumerate(velocities):
             torque[k], pose[k, :3, :3], pose[k, :3, 3] = self.stepped(velocity)

@@ -14,7 +14,8 @@ class MuJoCo(Engine):
     with which its own inverse dynamics (in discrete time) reaches the commanded
     velocity, and its forward dynamics moves the robot."""
 
-    name, package = "MuJoCo", "mujoco"
+    name = "MuJoCo"
+    package = "mujoco"
     formulation = "generalised coordinates, semi-implicit Euler"
 
     def load(self) -> None:
@@ -35,7 +36,9 @@ class MuJoCo(Engine):
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
         import mujoco
 
-        self.data.qpos, self.data.qvel, self.data.qacc = q, dq, ddq
+        self.data.qpos = q
+        self.data.qvel = dq
+        self.data.qacc = ddq
         mujoco.mj_inverse(self.model, self.data)
         return np.array(self.data.qfrc_inverse)
 
@@ -49,7 +52,8 @@ class MuJoCo(Engine):
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         import mujoco
 
-        model, data = self.model, self.data
+        model = self.model
+        data = self.data
         acceleration = (velocity - data.qvel) / model.opt.timestep
         data.qfrc_applied = torque = self.torque(data.qpos, data.qvel, acceleration)
         mujoco.mj_step(model, data)

@@ -76,10 +76,8 @@ def _library() -> Any | None:
             library_found = ctypes.CDLL(name)
     if library_found is None:
         return None
-    library_found.dInitODE2.argtypes, library_found.dCheckConfiguration.argtypes = (
-        [c_uint],
-        [c_char_p],
-    )
+    library_found.dInitODE2.argtypes = [c_uint]
+    library_found.dCheckConfiguration.argtypes = [c_char_p]
     library_found.dGetConfiguration.restype = c_char_p
     library_found.dInitODE2(0)
     if not library_found.dCheckConfiguration(b"ODE_double_precision"):
@@ -87,7 +85,8 @@ def _library() -> Any | None:
     for letters, names in _SIGNATURES.items():
         result, *arguments = (_TYPES[x] for x in letters)
         for function in (getattr(library_found, name) for name in names.split()):
-            function.restype, function.argtypes = result, arguments
+            function.restype = result
+            function.argtypes = arguments
     return library_found
 
 
@@ -135,7 +134,8 @@ class Ode(Engine):
             self.ode.dWorldDestroy(self.world)
 
     def begin(self, start: Array, step: float) -> None:
-        ode, self.step = self.ode, step
+        ode = self.ode
+        self.step = step
         self.world = world = c_void_p(ode.dWorldCreate())
         ode.dWorldSetGravity(world, *self.robot.gravity)
         self.bodies: list[c_void_p] = []
@@ -150,10 +150,8 @@ class Ode(Engine):
             )
             ode.dBodySetMass(body, byref(self.masses[k]))
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
-            joint_made, parent = (
-                c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None)),
-                joint.parent,
-            )
+            joint_made = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None))
+            parent = joint.parent
             ode.dJointAttach(
                 joint_made, body, None if parent < 0 else self.bodies[parent]
             )
@@ -195,7 +193,8 @@ class Ode(Engine):
         """The part along the joint's axis of what its constraint does to the link."""
         joint = self.robot.joints[k]
         axis = frame[:3, :3] @ joint.axis
-        force, moment = np.array(wrench.f1[:3]), np.array(wrench.t1[:3])
+        force = np.array(wrench.f1[:3])
+        moment = np.array(wrench.t1[:3])
         if joint.kind == "prismatic":
             return float(axis @ force)
         return float(axis @ (moment + np.cross(frame[:3, :3] @ self.centres[k], force)))

@@ -137,7 +137,8 @@ def shifted(
 
 def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     """The motion of the links, rates by central differences on the fine grid."""
-    rate, unit = np.gradient(shift, m.t), np.eye(m.q.shape[1])[joint]
+    rate = np.gradient(shift, m.t)
+    unit = np.eye(m.q.shape[1])[joint]
     moved = (shift, rate, np.gradient(rate, m.t))
     states = zip((m.q, m.dq, m.ddq), moved, strict=True)
     return TrueMotion(m.t, *(x + np.outer(d, unit) for x, d in states))
@@ -210,11 +211,13 @@ def _coupling(w: World, j: int, rng: Generator) -> Hidden:
             "leave it out",
         )
     i = j - 1 if j > 0 else 1
-    form, side = int(rng.integers(1, 5)), float(rng.choice([-1.0, 1.0]))
+    form = int(rng.integers(1, 5))
+    side = float(rng.choice([-1.0, 1.0]))
     width = float(np.median(w.dry.width))
 
     def law(w: World, m: TrueMotion) -> Array:
-        own_velocity, other = m.dq[:, j], m.dq[:, i]
+        own_velocity = m.dq[:, j]
+        other = m.dq[:, i]
         speed = {3: own_velocity + other, 4: own_velocity - other}.get(form, other)
         return np.asarray(side * (speed if form == 1 else np.tanh(speed / width)))
 
@@ -223,7 +226,8 @@ def _coupling(w: World, j: int, rng: Generator) -> Hidden:
 
 def _warming(w: World, j: int, rng: Generator) -> Hidden:
     """Simoni et al., IROS 2015: friction that falls with time."""
-    T, form = float(rng.uniform(40.0, 150.0)), int(rng.choice([2, 4]))
+    T = float(rng.uniform(40.0, 150.0))
+    form = int(rng.choice([2, 4]))
 
     def law(w: World, m: TrueMotion) -> Array:
         return np.exp(-m.t / T) * (sign(w, j, m) if form == 2 else m.dq[:, j])
@@ -234,7 +238,8 @@ def _warming(w: World, j: int, rng: Generator) -> Hidden:
 def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
     """Carlson, Robertsson, Johansson, 2015: grease thins exponentially with its
     temperature."""
-    warm, viscous = float(rng.uniform(8.0, 40.0)), bool(rng.random() < 0.5)
+    warm = float(rng.uniform(8.0, 40.0))
+    viscous = bool(rng.random() < 0.5)
 
     def law(w: World, m: TrueMotion) -> Array:
         thick = np.exp((20.0 - w.temperature(m.t)[:, j]) / warm)
@@ -255,12 +260,12 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
             "effect transmission_friction needs neighbours that turn", "leave it out"
         )
     first = min(pairs, key=lambda i: abs(i - j))
-    law, ratio = (
-        int(rng.choice([2, 3, 4])),
-        float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0])),
-    )
-    d, vs = log_uniform(rng, 0.002, 0.01), log_uniform(rng, 0.05, 0.25)
-    width, c = float(np.median(w.dry.width)), np.zeros(w.arm.n)
+    law = int(rng.choice([2, 3, 4]))
+    ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
+    d = log_uniform(rng, 0.002, 0.01)
+    vs = log_uniform(rng, 0.05, 0.25)
+    width = float(np.median(w.dry.width))
+    c = np.zeros(w.arm.n)
     c[first], c[first + 1] = 1.0, ratio
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
@@ -290,10 +295,12 @@ def _slip(w: World, j: int, rng: Generator) -> Hidden:
     """Al-Bender et al., IEEE TAC 2005: springs in parallel, each with a slider of its
     own travel."""
     d = _unit(w, j) * log_uniform(rng, 0.001, 0.004)
-    travel, weight = d * np.array([1.0, 4.0, 16.0]), rng.dirichlet(np.ones(3))
+    travel = d * np.array([1.0, 4.0, 16.0])
+    weight = rng.dirichlet(np.ones(3))
 
     def law(w: World, m: TrueMotion) -> Array:
-        out, z = np.zeros(len(m.t)), np.zeros(3)
+        out = np.zeros(len(m.t))
+        z = np.zeros(3)
         for k, step in enumerate(np.diff(m.q[:, j]), start=1):
             z = np.clip(z + step / travel, -1.0, 1.0)
             out[k] = weight @ z
@@ -469,7 +476,8 @@ def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
     seed = int(rng.integers(2**32))
 
     def change(w: World, m: TrueMotion, size: float) -> Array:
-        slip, turn = 1e-4 * size, np.rad2deg(2e-4 * size)
+        slip = 1e-4 * size
+        turn = np.rad2deg(2e-4 * size)
         displaced_world = misplaced(w.built, slip, turn, np.random.default_rng(seed))
         return w.rigid(m, displaced_world) - w.rigid(m)
 

@@ -115,7 +115,8 @@ def bristles(
     the instant of rest.
     """
     step = float(t[1] - t[0])
-    a, b = dq[:-1], dq[1:]
+    a = dq[:-1]
+    b = dq[1:]
     turns = a * b < 0.0
     at_rest = np.where(
         turns, a / np.where(turns, a - b, 1.0), 1.0
