@@ -19,7 +19,7 @@ from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.residual import unexplained_torque
+from sdp_vs_penalty.checks.residual import contradicting_joints, unexplained_torque
 from sdp_vs_penalty.checks.search import RepairSearch
 from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
 from sdp_vs_penalty.data.measurements import Measurements
@@ -110,7 +110,7 @@ class LoggerJudge:
         comparison = RunComparison(
             [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
         )
-        if not comparison.differs(1.0):
+        if not comparison.differs(1.0) and not self._contradicts_in_some(numbers, net):
             return False
         cause = comparison.best_cause(lambda k: self._faults_of_one(numbers[k]))
         if cause is None:
@@ -121,7 +121,14 @@ class LoggerJudge:
         if (issue.kind, issue.where) in known:
             return False
         self.issues_of_one[number].append(issue)
-        return cause.of.repair is not None and self._repaired(number, cause.of.repair)
+        repair = cause.repair(self.logs[number].none)
+        return repair is not None and self._repaired(number, repair)
+
+    def _contradicts_in_some(self, numbers: Sequence[int], net: LogTransform) -> bool:
+        """Whether joints contradict each other in some runs, and not in others."""
+        logs = [self.logs[k] for k in numbers]
+        unexplained = [len(contradicting_joints(log, net)) > 0 for log in logs]
+        return any(unexplained) and not all(unexplained)
 
     def _faults_of_one(self, number: int) -> list[tuple[Fault, LogTransform]]:
         """What may be wrong in one run's log alone: a sign, an order of torques, and

@@ -99,6 +99,16 @@ class Cause:
     size: float = 0.0
     equivalents: tuple[str, ...] = ()
 
+    def repair(self, none: LogTransform) -> LogTransform | None:
+        """What makes the run's log that of the others' arm, from the repair that does
+        nothing; None for another load or arm."""
+        joints = (self.of.joint,)
+        if self.of.kind == "torque gain" and self.size:
+            return none.with_entries("gain", joints, 1.0 / (1.0 + self.size))
+        if self.of.kind == "encoder offset" and self.size:
+            return none.with_entries("zero", joints, self.size)
+        return self.of.repair
+
 
 class RunComparison:
     """One arm for all runs, against one for each."""
@@ -265,7 +275,9 @@ class RunComparison:
             odds = 2.0 * c.PARTS * c.ODDS / self.samples
             faults = [x for x in self.faults(proposals) if x.gain > best.gain + odds]
             best = _simplest(faults, odds) if faults else best
-        return best if best.clearness >= c.SIGMAS else None
+        evidence = 0.5 * self.samples * best.gain / (2.0 * c.PARTS)
+        is_clear = best.clearness >= c.SIGMAS and evidence >= 3.0 * c.ODDS
+        return best if is_clear else None
 
     def issue(self, cause: Cause) -> Issue:
         """The cause in words."""

@@ -62,7 +62,7 @@ def _unexplained_joints(
 ) -> Iterator[Issue]:
     """Joints of which the arm leaves far more than the joint's own model, or the worst
     one where all together leave more than such arms do."""
-    joints = _contradicting(log, repair, score)
+    joints = contradicting_joints(log, repair)
     what = "does not fit the arm that explains the other joints' torques"
     if not len(joints):
         total = score.unexplained**0.5
@@ -85,12 +85,11 @@ def _unexplained_joints(
     )
 
 
-def _contradicting(
-    log: Likelihood, repair: LogTransform, score: ArmFit
-) -> NDArray[np.intp]:
+def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
     """Joints of which one arm leaves far more than the joint's own model does, with
     every law of friction and position free in each."""
     times, least = c.CONTRADICTS
+    score = log.score(repair)
     is_worse = score.shares > np.maximum(times * log.alone(repair), least)
     joints = np.flatnonzero(log.moving & is_worse)
     if not len(joints):
