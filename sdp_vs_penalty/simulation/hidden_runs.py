@@ -19,7 +19,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
@@ -73,10 +73,13 @@ class HiddenRuns(formatting.Shown):
         Raises InputError where the folder holds runs that were not written here.
         """
         folder = Path(folder)
+        truth = json.dumps(self.truth, indent=1)
         refuse_foreign(folder)
-        for name, run in zip(RUN_FILES, self.runs, strict=True):
-            save(run, folder / name)
-        write_text(folder / "truth.json", json.dumps(self.truth, indent=1) + "\n")
+        with folder_lock(folder, patience=WRITERS_PATIENCE):
+            # First: it marks the folder as ours, also where this is interrupted.
+            write_text(folder / "truth.json", f"{truth}\n")
+            for name, run in zip(RUN_FILES, self.runs, strict=True):
+                save(run, folder / name)
 
     def _summary(self) -> formatting.Summary:
         length = self.test.t[-1] - self.test.t[0]
@@ -102,13 +105,28 @@ def simulate(
     level: str | float = "strong",
     seed: int = 0,
 ) -> HiddenRuns:
-    """Simulate three runs to identify from and one to test on, with effects hidden in
-    them.
+    """Simulate runs of a robot, with effects hidden in them.
 
-    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
-    hide : ``effect[:joints]``, several separated by commas or in a sequence, or none. level :
-        strong, medium, weak, or the hidden torque's RMS over the raw noise; seed : of everything random.
-    Raises InputError for an effect that does not exist or makes no torque there, or another level.
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        A built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    hide : str or sequence of str
+        ``effect[:joints]``, several separated by commas or in a sequence, or none.
+    level : {"strong", "medium", "weak"} or float
+        The hidden torque's RMS over that of the raw noise, or a name for it.
+    seed : int
+        Of everything random.
+
+    Returns
+    -------
+    HiddenRuns
+        Three runs to identify from and one to test on.
+
+    Raises
+    ------
+    InputError
+        For an effect that does not exist or makes no torque there, or another level.
     """
     robot = as_problem(problem, "simulate(problem=...)")
     size = level
