@@ -49,13 +49,15 @@ class Attack:
     """A command against which something was prepared.
 
     words : of the command; surround : changes the process before the command begins;
-    kill : seconds after which it gets a signal, and the signal; rival : the words of a
-    command that runs at the same time; again : whether the same command must succeed,
-    undisturbed, afterwards; encoding : of its terminal.
+    clean_up : ends what was prepared; kill : seconds after which it gets a signal, and
+    the signal; rival : the words of a command that runs at the same time; again :
+    whether the same command must succeed, undisturbed, afterwards; encoding : of its
+    terminal.
     """
 
     words: Sequence[str]
-    surround: Callable[[], None] = nothing
+    surround: Callable[[], object] = nothing
+    clean_up: Callable[[], object] = nothing
     kill: tuple[float, signal.Signals] | None = None
     rival: Sequence[str] = ()
     again: bool = False
@@ -194,7 +196,10 @@ def attack_all(kinds: Mapping[str, Kind], number: int, seed: int) -> int:
             rng = np.random.default_rng([seed, k])
             begin = time.monotonic()
             attack = kinds[name](folder, rng)
-            result, printed = outcome(attack, folder)
+            try:
+                result, printed = outcome(attack, folder)
+            finally:
+                attack.clean_up()
             n_tried[name] += 1
             if result != "ok":
                 n_failed[name] += 1
