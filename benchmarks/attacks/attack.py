@@ -70,11 +70,20 @@ Kind = Callable[[Path, Rng], Attack]
 
 def start(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
     """Start the command in a process of its own; its number."""
-    from sdp_vs_penalty.cli.main import main as command_line
-
+    code = 130
     child = os.fork()
     if child:
         return child
+    try:
+        code = run_here(attack, words, folder, printed)
+    finally:
+        os._exit(code)
+
+
+def run_here(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
+    """The exit code of the command, run in this process, which is to end then."""
+    from sdp_vs_penalty.cli.main import main as command_line
+
     code = 70
     try:
         os.setsid()
@@ -94,11 +103,10 @@ def start(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> 
         code = 130
     except BaseException as error:
         os.write(2, f"Traceback: {error!r}".encode())
-    finally:
-        with suppress(OSError, ValueError, AttributeError):
-            sys.stdout.flush()
-            sys.stderr.flush()
-        os._exit(code)
+    with suppress(OSError, ValueError, AttributeError, KeyboardInterrupt):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    return code
 
 
 def open_stream(handle: int, encoding: str) -> TextIO | None:
@@ -203,7 +211,9 @@ def attack_all(kinds: Mapping[str, Kind], number: int, seed: int) -> int:
             n_tried[name] += 1
             if result != "ok":
                 n_failed[name] += 1
-                text = printed.decode("utf-8", "backslashreplace")[-400:]
+                text = printed.decode("utf-8", "backslashreplace")
+                place = max(text.find("Traceback"), len(text) - 400, 0)
+                text = text[place : place + 900]
                 print(f"{k} {name}: {result}: {attack.words}: {text!r}", flush=True)
             if time.monotonic() - begin > 0.5 * PATIENCE:
                 print(f"{k} {name}: {time.monotonic() - begin:.0f} s", flush=True)
