@@ -13,7 +13,7 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.remaining import Event
+from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -70,10 +70,10 @@ class Rated(JsonRecord):
         return self.rating != "weak"
 
 
-def size_with_interval(size: float, std: float, unit: str) -> str:
+def format_size(size: float, std: float, unit: str) -> str:
     """A size with its 95 % interval, as every place shows it.
 
-    >>> size_with_interval(3.1234, 0.25, "N m")
+    >>> format_size(3.1234, 0.25, "N m")
     '3.123 ± 0.49 N m (95 %)'
     """
     amount = f"{size:.4g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}".rstrip()
@@ -111,7 +111,7 @@ class Finding(Rated):
     @property
     def size_text(self) -> str:
         """The size with its 95 % interval."""
-        return size_with_interval(self.size, self.std, self.unit)
+        return format_size(self.size, self.std, self.unit)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; half_width_95 : half the size's 95 % interval."""

@@ -15,7 +15,7 @@ import pandas
 
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.estimation.constants import ROUNDING
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.plugins import summary_line
 
@@ -173,8 +173,9 @@ class Table:
         forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
         if self.everything is not None:
             forms["_all.csv"] = exact_csv(self.everything)
-        for suffix, content in forms.items():
-            write_text(f"{base}{suffix}", content)
+        with folder_lock(Path(folder), patience=WRITERS_PATIENCE):
+            for suffix, content in forms.items():
+                write_text(f"{base}{suffix}", content)
         return [Path(f"{base}{suffix}") for suffix in forms]
 
 
