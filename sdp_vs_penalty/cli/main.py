@@ -185,8 +185,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="backslashreplace")
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
-        if category is Remark:  # to the user, without the place in our code
+        if issubclass(category, Remark):  # without the place in our code
             _complain(message)
+            if words_without_debug[:1] != ["convert"]:  # it shows what it writes
+                for row in getattr(message, "rows", ()):
+                    print(printable(row), file=sys.stderr)
         else:
             _complain(f"{category.__name__}: {message}")
 
