@@ -9,7 +9,6 @@ import errno
 import gc
 import io
 import os
-import signal
 import stat
 import sys
 import textwrap
@@ -91,6 +90,17 @@ def _require_memory() -> None:
         )
 
 
+def _require_folder() -> None:
+    """InputError where the current folder was removed."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(
+            f"the current folder cannot be used ({error.strerror})",
+            "change to another folder",
+        ) from error
+
+
 def _help() -> str:
     """The program's, without importing a verb."""
     lines = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
@@ -127,6 +137,7 @@ def _run(words: Sequence[str]) -> None:
         raise InputError(
             "python -OO drops the docstrings that options come from", "use -O"
         )
+    _require_folder()
     verb = named(first)
     arguments = Parser(first, verb).given(words[1:])
     _require_different({name: x for name, x in arguments.items() if name in OUTPUTS})
@@ -135,7 +146,8 @@ def _run(words: Sequence[str]) -> None:
             for path in _paths(value):
                 opened(path)
     try:
-        verb(**arguments)
+        with _ending_politely():
+            verb(**arguments)
     except RepairableError as error:
         raise _naming_the_repair(error, arguments) from error
 
@@ -207,11 +219,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _complain(f"{category.__name__}: {message}")
 
     warnings.showwarning = remark
-    # A second Ctrl-C, once all is done, would end in words of the interpreter.
-    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     code = 0
     try:
-        with protecting(), _ending_politely():
+        with protecting():
             _run(words_without_debug)
     except BrokenPipeError:
         # Whoever read our output has closed it; the interpreter would complain at exit
@@ -236,9 +246,13 @@ def _ending_politely() -> Iterator[None]:
     """While this runs, SIGTERM ends the command as Ctrl-C does: nothing temporary is
     left."""
 
+    import signal
+
     def end(number: int, frame: Any) -> None:
         raise Terminated
 
+    # A second Ctrl-C, once all is done, would end in words of the interpreter.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     try:
         before = signal.signal(signal.SIGTERM, end)
     except ValueError:  # in a thread
