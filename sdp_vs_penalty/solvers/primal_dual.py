@@ -113,7 +113,12 @@ class _InteriorPoint:
 
     def _views(self, flat: Array) -> tuple[Array, Array]:
         split = self.cones.rows
-        return flat[:, :split], flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
+        return flat[:, :split], flat[:, split:].reshape(
+            len(flat),
+            -1,
+            ORDER,
+            ORDER,
+        )
 
     def evaluate(self) -> None:
         """Loss, value and slope of the part without logarithms."""
@@ -137,7 +142,13 @@ class _InteriorPoint:
                 central = iterate
             if best is None or error < best.error:
                 final = iterate if error > accuracy else self.polished()
-                best = Optimum(final.theta, final.multipliers, k, error, central)
+                best = Optimum(
+                    final.theta,
+                    final.multipliers,
+                    k,
+                    error,
+                    central,
+                )
             if error <= accuracy or not self.advance():
                 break
         return best
@@ -162,7 +173,12 @@ class _InteriorPoint:
         flat = H.ravel()
         flat[cones.places] += cones.curvature @ self.products
         flat[:: len(H) + 1] *= 1.0 + _RIDGE
-        self.cholesky, failed = dpotrf(H.T, lower=1, overwrite_a=1, clean=0)
+        self.cholesky, failed = dpotrf(
+            H.T,
+            lower=1,
+            overwrite_a=1,
+            clean=0,
+        )
         if failed:
             raise np.linalg.LinAlgError
         # Predictor and what the leftover slope asks for, by one pair of triangular
@@ -172,7 +188,13 @@ class _InteriorPoint:
         both = np.array([cones.adjoint @ self.target - self.gradient, self.leftover])
         self.step, self.correction = dpotrs(self.cholesky, both.T, lower=1)[0].T
         gap = float(self.both[0] @ self.both[1]) - ORDER * float(cones.weight.sum())
-        logs = np.log(np.diagonal(self.factors, axis1=-2, axis2=-1)).sum(axis=(0, 2))
+        logs = np.log(
+            np.diagonal(
+                self.factors,
+                axis1=-2,
+                axis2=-1,
+            )
+        ).sum(axis=(0, 2))
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
         # Half the square of Newton's decrement: what the leftover slope costs.
         cost = 0.5 * float(self.leftover @ self.correction)
@@ -202,7 +224,12 @@ class _InteriorPoint:
         Z = self.mats[1]
         dS = self.change_mats[0]
         self.change[1] = self.target - self.both[1] - second
-        self.change[1] -= self.scaled(self.change_rows[0], Z, dS, self.rows[1])
+        self.change[1] -= self.scaled(
+            self.change_rows[0],
+            Z,
+            dS,
+            self.rows[1],
+        )
         inward = float((self.change_rows / self.rows).min(initial=-1e-12))
         turned = self.roots @ self.change_mats @ self.turned
         # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be
@@ -246,7 +273,12 @@ class _InteriorPoint:
         """After a Newton step that leaves no slope, where that stays inside."""
         change = self.cones.slack_map @ -self.correction
         rows, mats = (view[0] for view in self._views(change[None]))
-        multipliers = self.both[1] - self.scaled(rows, self.mats[1], mats, self.rows[1])
+        multipliers = self.both[1] - self.scaled(
+            rows,
+            self.mats[1],
+            mats,
+            self.rows[1],
+        )
         moved = np.array([self.both[0] + change, multipliers])
         with suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(self._views(moved)[1])

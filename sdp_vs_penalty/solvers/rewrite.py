@@ -241,7 +241,10 @@ def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
         "l": sum(of["nonnegative"]),
         "ep": len(of["exp"]),
     }
-    return cone_sizes | {"q": of["soc"], "s": of["psd"]}
+    return cone_sizes | {
+        "q": of["soc"],
+        "s": of["psd"],
+    }
 
 
 def full_matrices(problem: ConicProblem) -> Rewritten:

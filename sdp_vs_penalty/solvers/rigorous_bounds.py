@@ -91,7 +91,15 @@ def factor(matrices: Array) -> Array:
             matrices[used]
         )  # near entry by entry, in any system of units
     except np.linalg.LinAlgError:
-        size = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
+        size = np.sqrt(
+            np.abs(
+                np.diagonal(
+                    matrices,
+                    axis1=1,
+                    axis2=2,
+                )
+            )
+        )
         size = nonzero_or_one(size)[:, :, None]
         eigenvalues, vectors = np.linalg.eigh(matrices / size / np.swapaxes(size, 1, 2))
         out = size * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
@@ -121,7 +129,16 @@ def _entropy_tangent(
     v = np.asarray(
         np.linalg.cholesky(0.5 * (slopes + np.swapaxes(slopes, 1, 2))), float
     )
-    logs = np.log(np.asarray(np.diagonal(v, axis1=1, axis2=2), Long))
+    logs = np.log(
+        np.asarray(
+            np.diagonal(
+                v,
+                axis1=1,
+                axis2=2,
+            ),
+            Long,
+        )
+    )
     (inverse, log_det), (exact, size) = entropy.nominal_terms, _square(v)
     both = (inverse - exact).ravel(), (np.abs(inverse) + size).ravel()
     slope, constant = _against(entropy.entries, *both, p)
@@ -230,7 +247,15 @@ def proves_infeasible(
     """
     evidence = DualEvidence(multipliers, np.zeros(0))
     nothing = Objective.without_data(len(bound))
-    return lower_bound(nothing, constraints.entries, evidence, bound) > 0.0
+    return (
+        lower_bound(
+            nothing,
+            constraints.entries,
+            evidence,
+            bound,
+        )
+        > 0.0
+    )
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:

@@ -32,7 +32,11 @@ Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves
 #: most.
-LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
+LEVELS = {
+    "strong": 2.0,
+    "medium": 0.5,
+    "weak": 0.125,
+}
 
 
 @dataclass(frozen=True)
@@ -80,7 +84,11 @@ class Hidden:
             "joints": [j + 1 for j in self.joints],
             "size": size,
         }
-        return {**about, "shape": dict(self.shape), **self.details}
+        return {
+            **about,
+            "shape": dict(self.shape),
+            **self.details,
+        }
 
 
 def torques(world: World, m: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
@@ -132,7 +140,13 @@ def shifted(
         moved = displaced(m, joint, shift(world, m, size))
         return world.rigid(moved if rates else replace(m, q=moved.q)) - world.rigid(m)
 
-    return Hidden((joint,), change, number, size=size, shift=shift)
+    return Hidden(
+        (joint,),
+        change,
+        number,
+        size=size,
+        shift=shift,
+    )
 
 
 def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
@@ -158,7 +172,13 @@ def first_order(x: Array, step: float, lag: float) -> Array:
     """y + lag dy/dt = x, from rest at the first sample."""
     decay = float(np.exp(-step / lag))
     half = 0.5 * (1.0 - decay)
-    y, _ = lfilter([half, half], [1.0, -decay], x, axis=0, zi=(1.0 - half) * x[:1])
+    y, _ = lfilter(
+        [half, half],
+        [1.0, -decay],
+        x,
+        axis=0,
+        zi=(1.0 - half) * x[:1],
+    )
     return np.asarray(y)
 
 
@@ -170,7 +190,12 @@ def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
     """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
     vs = _unit(w, j) * log_uniform(rng, 0.04, 0.3)
     law = lambda w, m: sign(w, j, m) * np.exp(-((m.dq[:, j] / vs) ** 2))  # noqa: E731
-    return at_joint(j, law, vs=vs, delta=2.0)
+    return at_joint(
+        j,
+        law,
+        vs=vs,
+        delta=2.0,
+    )
 
 
 def _presliding(
@@ -185,7 +210,12 @@ def _presliding(
 
 def _behind(t: Array, speed: Array, d: float) -> Array:
     """(N,) Dahl's state along a motion of this speed."""
-    return bristles(t, speed[:, None], np.array([d]), np.ones_like)[:, 0]
+    return bristles(
+        t,
+        speed[:, None],
+        np.array([d]),
+        np.ones_like,
+    )[:, 0]
 
 
 def _sigmoid(w: World, j: int, rng: Generator) -> Hidden:
@@ -218,10 +248,19 @@ def _coupling(w: World, j: int, rng: Generator) -> Hidden:
     def law(w: World, m: TrueMotion) -> Array:
         own_velocity = m.dq[:, j]
         other = m.dq[:, i]
-        speed = {3: own_velocity + other, 4: own_velocity - other}.get(form, other)
+        speed = {
+            3: own_velocity + other,
+            4: own_velocity - other,
+        }.get(form, other)
         return np.asarray(side * (speed if form == 1 else np.tanh(speed / width)))
 
-    return at_joint(j, law, side, i=float(i + 1), form=float(form))
+    return at_joint(
+        j,
+        law,
+        side,
+        i=float(i + 1),
+        form=float(form),
+    )
 
 
 def _warming(w: World, j: int, rng: Generator) -> Hidden:
@@ -232,7 +271,13 @@ def _warming(w: World, j: int, rng: Generator) -> Hidden:
     def law(w: World, m: TrueMotion) -> Array:
         return np.exp(-m.t / T) * (sign(w, j, m) if form == 2 else m.dq[:, j])
 
-    return at_joint(j, law, None, form=float(form), T=T)
+    return at_joint(
+        j,
+        law,
+        None,
+        form=float(form),
+        T=T,
+    )
 
 
 def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
@@ -245,7 +290,13 @@ def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
         thick = np.exp((20.0 - w.temperature(m.t)[:, j]) / warm)
         return np.asarray(thick * (m.dq[:, j] if viscous else sign(w, j, m)))
 
-    return at_joint(j, law, law=1.0 + viscous, by=1.0, warm=warm)
+    return at_joint(
+        j,
+        law,
+        law=1.0 + viscous,
+        by=1.0,
+        warm=warm,
+    )
 
 
 def _transmission(w: World, j: int, rng: Generator) -> Hidden:
@@ -273,14 +324,22 @@ def _transmission(w: World, j: int, rng: Generator) -> Hidden:
         rubs = np.tanh(v / width) * (np.exp(-((v / vs) ** 2)) if law == 4 else 1.0)
         return np.outer(size * (_behind(m.t, v, d) if law == 3 else rubs), c)
 
-    law_constants = {3: {"d": d}, 4: {"vs": vs}}.get(law, {})
+    law_constants = {
+        3: {"d": d},
+        4: {"vs": vs},
+    }.get(law, {})
     shape = {
         f"c{first + 1}": 1.0,
         f"c{first + 2}": ratio,
         "law": float(law),
         **law_constants,
     }
-    return Hidden((first, first + 1), change, 1.0, shape)
+    return Hidden(
+        (first, first + 1),
+        change,
+        1.0,
+        shape,
+    )
 
 
 def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
@@ -355,7 +414,13 @@ FRICTION: Mapping[str, Maker] = {
 def _drift(w: World, j: int, rng: Generator) -> Hidden:
     """A sensor's zero that creeps as it warms."""
     T = float(rng.uniform(40.0, 150.0))
-    return at_joint(j, lambda _, m: np.exp(-m.t / T), None, form=2.0, T=T)
+    return at_joint(
+        j,
+        lambda _, m: np.exp(-m.t / T),
+        None,
+        form=2.0,
+        T=T,
+    )
 
 
 def _ripple(w: World, j: int, rng: Generator) -> Hidden:
@@ -381,7 +446,12 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
             delayed[:, j] = np.interp(m.t - size, m.t, tau[:, j])
         return delayed - tau
 
-    return Hidden(joints, change, size=1e-3, channel=True)
+    return Hidden(
+        joints,
+        change,
+        size=1e-3,
+        channel=True,
+    )
 
 
 def _filter(w: World, j: int, rng: Generator) -> Hidden:
@@ -395,12 +465,22 @@ def _filter(w: World, j: int, rng: Generator) -> Hidden:
         passed = first_order(fine, float(t[1] - t[0]), T)
         return np.column_stack([np.interp(m.t, t, x) for x in passed.T]) - tau
 
-    return Hidden((), change, size=1e-3, channel=True)
+    return Hidden(
+        (),
+        change,
+        size=1e-3,
+        channel=True,
+    )
 
 
 def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
     side = float(rng.choice([-1.0, 1.0]))
-    return shifted(j, lambda _, m, a: np.full(len(m.t), a * side), side, 1e-3)
+    return shifted(
+        j,
+        lambda _, m, a: np.full(len(m.t), a * side),
+        side,
+        1e-3,
+    )
 
 
 def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
@@ -427,7 +507,13 @@ def _backlash(w: World, j: int, rng: Generator) -> Hidden:
         tau = w.rigid(m)[:, j]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
-    return shifted(j, shift, 1.0, 1e-4, rates=False)
+    return shifted(
+        j,
+        shift,
+        1.0,
+        1e-4,
+        rates=False,
+    )
 
 
 def _tilt(w: World, j: int, rng: Generator) -> Hidden:
@@ -467,7 +553,13 @@ def _payload(w: World, j: int, rng: Generator) -> Hidden:
         loaded.inertias[w.arm.last] = w.built.inertias[w.arm.last] + ball
         return w.rigid(m, loaded) - w.rigid(m)
 
-    return Hidden((), change, 1.0, size=0.1, details={"com": centre.tolist()})
+    return Hidden(
+        (),
+        change,
+        1.0,
+        size=0.1,
+        details={"com": centre.tolist()},
+    )
 
 
 def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
@@ -478,7 +570,12 @@ def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
     def change(w: World, m: TrueMotion, size: float) -> Array:
         slip = 1e-4 * size
         turn = np.rad2deg(2e-4 * size)
-        displaced_world = misplaced(w.built, slip, turn, np.random.default_rng(seed))
+        displaced_world = misplaced(
+            w.built,
+            slip,
+            turn,
+            np.random.default_rng(seed),
+        )
         return w.rigid(m, displaced_world) - w.rigid(m)
 
     return Hidden((), change, None)
@@ -489,7 +586,10 @@ _stiction = partial(_presliding, low=0.0005, high=0.001)
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: What a diagnosis meets as a nuisance.
-NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": _stiction}
+NUISANCE: Mapping[str, Maker] = {
+    "kinematic_error": _misplaced,
+    "stiction": _stiction,
+}
 MACHINE: Mapping[str, Maker] = {
     "joint_spring": plain(lambda w, j, m: m.q[:, j]),
     "torque_offset": plain(lambda w, j, m: np.ones(len(m.t)), signed=True),
