@@ -178,28 +178,28 @@ class World:
     warm_up: float = 120.0
     more: Array | float = 0.0
 
-    def torque(self, m: TrueMotion) -> Array:
+    def torque(self, motion: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
-        return self.rigid(m) + self.friction(m) + self.more
+        return self.rigid(motion) + self.friction(motion) + self.more
 
-    def rigid(self, m: TrueMotion, model: Any = None) -> Array:
+    def rigid(self, motion: TrueMotion, model: Any = None) -> Array:
         """(N, n) of the links, as built or of another model of Pinocchio's."""
         return self.arm.inverse_dynamics(
             model or self.built,
-            m.q,
-            m.dq,
-            m.ddq,
+            motion.q,
+            motion.dq,
+            motion.ddq,
         )
 
-    def friction(self, m: TrueMotion) -> Array:
+    def friction(self, motion: TrueMotion) -> Array:
         """(N, n) dry, viscous, and what stays the same in both directions."""
         return np.asarray(
-            self.coulomb * self.share(m) + self.viscous * m.dq + self.offset
+            self.coulomb * self.share(motion) + self.viscous * motion.dq + self.offset
         )
 
-    def share(self, m: TrueMotion) -> Array:
+    def share(self, motion: TrueMotion) -> Array:
         """(N, n) dry friction over the Coulomb torque."""
-        return self.dry.share(m.t, m.dq)
+        return self.dry.share(motion.t, motion.dq)
 
     def temperature(self, t: Array) -> Array:
         """(N, n) of the gears [degrees Celsius]: the farther out, the smaller and the
