@@ -20,7 +20,7 @@ matter.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from itertools import pairwise
 from typing import TypeAlias
@@ -28,104 +28,25 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.checks.constants import (
-    FLOOR,
-    LOUDEST,
-    LOUDEST_INERTIA,
-    PARTS,
-    RIDGE,
-    ROUNDS,
-)
+from sdp_vs_penalty.checks.constants import LOUDEST, LOUDEST_INERTIA, PARTS
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.normal_equations import (
+    FLOOR,
+    RIDGE,
+    Normal,
+    NormalEquations,
+    jackknifed,
+    positive,
+    solve,
+)
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
-#: Weighted normal equations (s, s), (s,); a repair by one number.
-Normal: TypeAlias = tuple[Array, Array]
+#: A repair by one number.
 At: TypeAlias = Callable[[float], LogTransform]
-
-
-@dataclass(frozen=True)
-class Equations:
-    """Normal equations of n joints' rows, of one log or of several (..., n): gram (...,
-    n, s, s), cross (..., n, s), energy (..., n) of the torque with own columns
-    projected out, whole (..., n) before; own (..., n, k, s + 1) what these columns take
-    of the shared ones and of the torque."""
-
-    gram: Array
-    cross: Array
-    energy: Array
-    total: Array
-    channel_solution: Array = field(default_factory=lambda: np.zeros(0))
-
-    @classmethod
-    def of(cls, full: Array, k: int) -> Equations:
-        """full (..., n, w, w) : Gram matrices of k own columns, the shared ones and the
-        torque."""
-        size = np.trace(full[..., :k, :k], axis1=-2, axis2=-1)[..., None, None] / max(
-            k, 1
-        )
-        # A joint that rests in these rows has nothing of its own there.
-        mine = full[..., :k, :k] + np.maximum(1e-6 * size, 1e-280) * np.eye(k)
-        channel_solution = np.linalg.solve(mine, full[..., :k, k:])
-        remainder = full[..., k:, k:] - full[..., k:, :k] @ channel_solution
-        energy = np.maximum(remainder[..., -1, -1], 0.0)
-        total = _positive(full[..., -1, -1])
-        return cls(
-            remainder[..., :-1, :-1],
-            remainder[..., :-1, -1],
-            energy,
-            total,
-            channel_solution,
-        )
-
-    @classmethod
-    def together(cls, logs: Sequence[Equations]) -> Equations:
-        """The joints of several logs (1, n, ...) side by side, to fit one arm to them."""
-        names = "gram", "cross", "energy", "total"
-        return cls(
-            *(
-                np.concatenate([getattr(x, name) for x in logs], axis=1)
-                for name in names
-            )
-        )
-
-    def left_of(self, full: Array, theta: Array) -> Array:
-        """(..., n) squared residuals that each joint's parameters (..., n, s), with the
-        own ones they go with, leave of rows with such Gram matrices (..., n, w, w)."""
-        v = np.append(theta, -np.ones((*theta.shape[:-1], 1)), axis=-1)[..., None]
-        v = np.concatenate(
-            [
-                -self.channel_solution @ v,
-                np.broadcast_to(v, (*full.shape[:-2], *v.shape[-2:])),
-            ],
-            axis=-2,
-        )
-        return np.asarray(np.sum(v * (full @ v), axis=(-2, -1)))
-
-    def normal(self, weights: Array) -> tuple[Array, Array]:
-        """(..., s, s) and (..., s) : sums over joints of such weights (..., n)."""
-        s = self.gram.shape[-1]
-        flat = weights[..., None, :] @ self.gram.reshape(*self.gram.shape[:-2], s * s)
-        return flat.reshape(*flat.shape[:-2], s, s), np.einsum(
-            "...j,...js->...s", weights, self.cross
-        )
-
-    def fitted(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """(..., s) parameters at the maximum of L, by reweighting each joint, and (...,
-        n) squared residuals there, at least FLOOR of the whole; chosen (n,) : which
-        joints move."""
-        left = self.total
-        for _ in range(ROUNDS):
-            gram, cross = self.normal(chosen / left)
-            theta = solve(gram, cross[..., None])[..., 0]
-            bent = (self.gram @ theta[..., None, :, None])[..., 0] - 2.0 * self.cross
-            left = self.energy + np.einsum("...js,...s->...j", bent, theta)
-            left = np.maximum(left, FLOOR * self.total)
-        return theta, left
 
 
 class Likelihood:
@@ -336,9 +257,9 @@ class Likelihood:
         rests = [x.rest(z[:, :, None])[:, :, 0] for x, z in zip(rows, y, strict=True)]
         energy = np.sum(np.square(rests), axis=2)
         total = np.sum(np.square(y), axis=2)
-        theta, left = Equations(gram, cross, energy, total := _positive(total)).fitted(
-            self.moving
-        )
+        theta, left = NormalEquations(
+            gram, cross, energy, total := positive(total)
+        ).fitted(self.moving)
         both = zip(rows, y, theta, left, total, strict=True)
         return [ArmFit(self, *fit_parts) for fit_parts in both]
 
@@ -358,7 +279,7 @@ class Likelihood:
         logs' normal equations, which further columns (n, M, r) are no part of; (PARTS,
         n) what they leave of the part, over the mean energy of a part."""
         parts, k = self.parts(repair, PARTS, more)
-        rests = Equations.of(parts.sum(axis=0) - parts, k)
+        rests = NormalEquations.of(parts.sum(axis=0) - parts, k)
         gram, cross = rests.normal(weights)
         if others is not None:
             s = len(others[1])
@@ -374,10 +295,10 @@ class Likelihood:
         """(n,) share of each channel that its joint's own model leaves of parts it was
         not fitted to."""
         parts, k = self.parts(repair)
-        rests = Equations.of(parts.sum(axis=0) - parts, k)
+        rests = NormalEquations.of(parts.sum(axis=0) - parts, k)
         left = rests.left_of(parts, solve(rests.gram, rests.cross[..., None])[..., 0])
         return np.maximum(
-            left.sum(axis=0) / _positive(parts[..., -1, -1].sum(axis=0)), FLOOR
+            left.sum(axis=0) / positive(parts[..., -1, -1].sum(axis=0)), FLOOR
         )
 
     def first_order_steps(
@@ -399,7 +320,9 @@ class Likelihood:
             ) / h[r]
         sizes = np.linalg.norm(slopes, axis=(0, 1))
         parts, k = self.parts(now, PARTS, -slopes / nonzero_or_one(sizes))
-        gram, cross = Equations.of(parts.sum(axis=0) - parts, k).normal(score.weights)
+        gram, cross = NormalEquations.of(parts.sum(axis=0) - parts, k).normal(
+            score.weights
+        )
         s = gram.shape[-1] - len(ats)
         full = np.concatenate([gram, cross[:, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
@@ -565,27 +488,3 @@ class ArmFit:
         loudest = np.full(len(z), LOUDEST)
         loudest[-2] = LOUDEST_INERTIA
         return float(np.maximum(log_ndtr(z), -loudest)[chosen].sum())
-
-
-def _positive(energy: Array) -> Array:
-    """(..., n) energies of torques, none of them 0."""
-    return np.maximum(
-        energy, 1e-12 * energy.max(axis=-1, keepdims=True, initial=0.0) + 1e-280
-    )
-
-
-def jackknifed(estimates: Array) -> tuple[Array, Array]:
-    """Numbers and their standard deviations, from their values (PARTS, ...) without one
-    part each."""
-    return np.mean(estimates, axis=0), np.sqrt((PARTS - 1) * np.var(estimates, axis=0))
-
-
-def solve(gram: Array, right: Array) -> Array:
-    """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero
-    for those that are not there."""
-    norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
-    nonzero = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
-    scale = np.where(nonzero, 1.0 / np.where(nonzero, norms, 1.0), 0.0)[..., None]
-    unit = scale * gram * np.swapaxes(scale, -1, -2)
-    np.einsum("...ii->...i", unit)[...] += np.where(nonzero, RIDGE, 1.0)
-    return np.asarray(scale * np.linalg.solve(unit, scale * right))

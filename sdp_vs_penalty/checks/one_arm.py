@@ -18,14 +18,15 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import (
-    Equations,
-    Likelihood,
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
+from sdp_vs_penalty.regression.normal_equations import (
     Normal,
+    NormalEquations,
     jackknifed,
     solve,
+    standard_errors_above_zero,
 )
-from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 from sdp_vs_penalty.robot.arrays import Array
 
 #: What of a number is usual: beyond it the runs differ.
@@ -121,12 +122,14 @@ class RunComparison:
             replace(run, repair=_with_events(run.repair, [*laws])) for run in runs
         ]
         self.moving = np.stack([run.log.moving for run in runs])
-        self.equations = [Equations.of(*r.log.parts(r.repair, 1)) for r in self.runs]
+        self.equations = [
+            NormalEquations.of(*r.log.parts(r.repair, 1)) for r in self.runs
+        ]
 
     @cached_property
     def together(self) -> tuple[Array, Array]:
         """(s,) one arm for all runs, and (runs, n) what it leaves of each joint."""
-        both = Equations.together(self.equations).fitted(self.moving.ravel())
+        both = NormalEquations.together(self.equations).fitted(self.moving.ravel())
         return both[0][0], both[1].reshape(self.moving.shape)
 
     @cached_property
@@ -184,7 +187,7 @@ class RunComparison:
         repair = run.repair
         if difference.repair is not None:
             repair = difference.repair.then(repair)
-        equations = Equations.of(*run.log.parts(repair, 1, difference.columns))
+        equations = NormalEquations.of(*run.log.parts(repair, 1, difference.columns))
         normal = _first(equations.normal(self.weights[difference.run]))
         return _without_last(normal, len(self.normals[difference.run][1]))
 
@@ -227,7 +230,7 @@ class RunComparison:
         moving = np.any(self.moving, axis=0)
         fall = np.log(self.before / after)[:, moving].sum(axis=1)
         gain = float(fall.sum())
-        clearness = clear_by(fall)
+        clearness = standard_errors_above_zero(fall)
         if difference.is_another_arm:
             return Cause(difference, 0.5 * gain, clearness)
         if difference.columns is None or arms is None:
@@ -391,7 +394,7 @@ def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
     sums = np.array(
         [[parts[:cut].sum(axis=0), parts[cut:].sum(axis=0)] for cut in cuts]
     )
-    left = Equations.of(sums, n_own).fitted(log.moving)[1].sum(axis=1)
+    left = NormalEquations.of(sums, n_own).fitted(log.moving)[1].sum(axis=1)
     losses = np.log(left[:, log.moving]).sum(axis=1)
     return cuts[int(np.argmin(losses))] * log.data.count // len(parts)
 
@@ -399,12 +402,6 @@ def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
 def _with_events(repair: LogTransform, events: Sequence[LogEvent]) -> LogTransform:
     """With more events, none of them twice."""
     return replace(repair, events=tuple(dict.fromkeys((*repair.events, *events))))
-
-
-def clear_by(fall: Array) -> float:
-    """By how many standard errors numbers (parts,) are above zero in the mean."""
-    error = np.std(fall) / np.sqrt(len(fall))
-    return float(np.mean(fall) / max(float(error), 1e-300))
 
 
 def _first(normal: Normal) -> Normal:
