@@ -154,7 +154,7 @@ class RunComparison:
     @cached_property
     def samples(self) -> float:
         """Independent samples of a run, in the mean."""
-        return float(np.mean([r.log.score(r.repair).samples for r in self.runs]))
+        return float(np.mean([r.log.samples(r.log.score(r.repair)) for r in self.runs]))
 
     def differs(self, worse: float) -> bool:
         """Whether one arm for all is so many times worse, and clearly: friction is

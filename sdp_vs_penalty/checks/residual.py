@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression

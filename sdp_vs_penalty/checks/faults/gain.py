@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import (
     UNITS,
     Fault,
@@ -13,7 +14,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
+from sdp_vs_penalty.checks.likelihood import At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Factors that are tried beside the nearest: units, and a grid whose steps the

@@ -7,9 +7,10 @@ from itertools import combinations
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Of more joints not every pattern of signs is looked at.
@@ -77,7 +78,7 @@ def _likeliest_patterns(
     joints = log.joints
     if not 2 < len(joints) <= _MOST_JOINTS or not score.poor.any():
         return []
-    if score.physics(now, score.samples) > -c.LOUDEST_INERTIA:
+    if log.physics(score, now, log.samples(score)) > -c.LOUDEST_INERTIA:
         return []
     patterns = [
         now.times("gain", turned, -1.0)
@@ -85,8 +86,9 @@ def _likeliest_patterns(
         for turned in combinations(joints, size)
     ]
     fits = log.screen.scores(patterns)
+    samples = log.samples(score)
     posteriors = [
-        fit.physics(pattern, score.samples) - 0.5 * score.samples * fit.score
+        log.screen.physics(fit, pattern, samples) - 0.5 * samples * fit.score
         for fit, pattern in zip(fits, patterns, strict=True)
     ]
     order = np.argsort(posteriors)[::-1]

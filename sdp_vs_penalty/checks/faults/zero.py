@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import (
     Fault,
     FaultSize,
@@ -15,7 +16,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     _shifted,
     choices,
 )
-from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
+from sdp_vs_penalty.checks.likelihood import At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
