@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.checks.constants import MOST_REPEATED, RUN, TIMES
 from sdp_vs_penalty.checks.glance import CONTINUE, READ, Rows, RunSummary, stepping
 from sdp_vs_penalty.checks.issue import Issue, rows_text
-from sdp_vs_penalty.data.formats.recognition import UNITS
+from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
