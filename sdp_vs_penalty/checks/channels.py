@@ -219,57 +219,15 @@ def beside(g: RunSummary) -> Iterator[Issue]:
 
 
 def torques(g: RunSummary) -> Iterator[Issue]:
-    """Channels that never change, that stay exactly at their largest value while they
-    are never constant elsewhere, or that lost their sign: whenever these come near
-    zero, by a fifth of the largest, they come within a usual step of it: by chance with
-    odds of step to fifth."""
+    """Channels that never change, that are clipped, or that lost their sign."""
     unsigned = []
     for j, x in enumerate(g.run.tau.T):
-        name = f"tau{j + 1}"
-        unit = g.robot.torque_units[j]
-        parts = spans(np.diff(x) == 0.0)
         if not np.ptp(x):
-            what = f"{name} is {x[0]:g} {unit} in every row."
-            remedy = "find out why the logger wrote a constant"
-            # Of a joint that rests, nothing else is to be expected.
-            severity = "error" if g.moving[j] else "note"
-            yield Issue.of(
-                kind="dead channel",
-                severity=severity,
-                joints=[j],
-                what=what,
-                certainty=READ,
-                remedy=remedy,
-                where=name,
-            )
+            yield _dead(g, j, float(x[0]))
             continue
-        lengths = np.diff(parts)[:, 0] + 1
-        values = x[parts[:, 0]]
-        ends = np.isin(values, (x.min(), x.max()))
-        elsewhere = int(lengths[~ends].max(initial=1))
-        longest = int(lengths[ends].max(initial=1))
-        if longest >= max(TIMES * elsewhere, STUCK):
-            value = values[np.argmax(lengths * ends)]
-            yield Issue.of(
-                kind="saturation",
-                severity="warning",
-                joints=[j],
-                what=f"{name} is stuck at {value:.6g} {unit} for up to {longest} consecutive"
-                f" samples ({np.sum(x == value)} in total): the channel is clipped.",
-                certainty=f"likely: elsewhere it is never constant for more than {elsewhere}"
-                " samples",
-                remedy="record again with a larger range, or slower; delete those rows until"
-                " then",
-                where=name,
-                limit=float(value),
-            )
-        if g.moving[j] and 0.0 <= x.min() <= 0.01 * x.max():
-            steps = np.abs(np.diff(x))
-            near = 0.2 * x.max()
-            step = min(float(np.median(steps[steps > 0.0])), near)
-            lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
-            chance = np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step)
-            unsigned += [j] * bool(chance > c.ODDS)
+        yield from _clipped(g, j, x)
+        if g.moving[j] and _is_unsigned(x):
+            unsigned.append(j)
     if unsigned:
         yield Issue.of(
             kind="torque magnitude",
@@ -281,6 +239,64 @@ def torques(g: RunSummary) -> Iterator[Issue]:
             where=", ".join(f"tau{j + 1}" for j in unsigned),
             nature=EXPLANATION,
         )
+
+
+def _dead(g: RunSummary, j: int, value: float) -> Issue:
+    """A torque of joint j (from 0) that never changes. Of a joint that rests, nothing
+    else is to be expected."""
+    return Issue.of(
+        kind="dead channel",
+        severity="error" if g.moving[j] else "note",
+        joints=[j],
+        what=f"tau{j + 1} is {value:g} {g.robot.torque_units[j]} in every row.",
+        certainty=READ,
+        remedy="find out why the logger wrote a constant",
+        where=f"tau{j + 1}",
+    )
+
+
+def _clipped(g: RunSummary, j: int, x: Array) -> Iterator[Issue]:
+    """A torque that stays exactly at its largest value, and is never constant
+    elsewhere."""
+    parts = spans(np.diff(x) == 0.0)
+    lengths = np.diff(parts)[:, 0] + 1
+    values = x[parts[:, 0]]
+    is_end = np.isin(values, (x.min(), x.max()))
+    elsewhere = int(lengths[~is_end].max(initial=1))
+    longest = int(lengths[is_end].max(initial=1))
+    if longest < max(TIMES * elsewhere, STUCK):
+        return
+    value = float(values[np.argmax(lengths * is_end)])
+    yield Issue.of(
+        kind="saturation",
+        severity="warning",
+        joints=[j],
+        what=f"tau{j + 1} is stuck at {value:.6g} {g.robot.torque_units[j]} for up to"
+        f" {longest} consecutive samples ({np.sum(x == value)} in total): the channel is"
+        " clipped.",
+        certainty=f"likely: elsewhere it is never constant for more than {elsewhere}"
+        " samples",
+        remedy="record again with a larger range, or slower; delete those rows until"
+        " then",
+        where=f"tau{j + 1}",
+        limit=value,
+    )
+
+
+def _is_unsigned(x: Array) -> bool:
+    """Whether a torque comes near zero often, and never below.
+
+    Whenever it comes near zero, by a fifth of the largest, it comes within a usual step
+    of it: by chance with odds of step to fifth.
+    """
+    if not 0.0 <= x.min() <= 0.01 * x.max():
+        return False
+    steps = np.abs(np.diff(x))
+    near = 0.2 * float(x.max())
+    step = min(float(np.median(steps[steps > 0.0])), near)
+    lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
+    n_turns = np.sum((lowest > 0.0) & (lowest < step))
+    return bool(n_turns * np.log(near / step) > c.ODDS)
 
 
 def counts(g: RunSummary) -> Iterator[Issue]:

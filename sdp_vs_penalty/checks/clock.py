@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.constants import MOST_REPEATED, RUN, TIMES
 from sdp_vs_penalty.checks.glance import CONTINUE, READ, Rows, RunSummary, stepping
 from sdp_vs_penalty.checks.issue import Issue, rows_text
@@ -180,45 +181,48 @@ def change_of_rate(g: RunSummary) -> Iterator[Issue]:
 def uneven(g: RunSummary) -> Iterator[Issue]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q
     is smoother over the row number."""
-    steps = g.steps
-    q = g.run.q[:, g.moving]
-    pause = TIMES * max(
-        g.step, float(np.quantile(steps, 0.97))
-    )  # packets, too, may come in bursts
-    even = (steps[1:] < pause) & (steps[:-1] < pause)
-    usual = steps[steps < pause]
+    # Packets, too, may come in bursts.
+    pause = TIMES * max(g.step, float(np.quantile(g.steps, 0.97)))
+    is_inner = (g.steps[1:] < pause) & (g.steps[:-1] < pause)
+    usual = g.steps[g.steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
-    if spread < 1 / RUN or np.count_nonzero(even) < RUN:
+    if spread < 1 / RUN or np.count_nonzero(is_inner) < RUN:
         return
-    share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
-    rough_time = np.sqrt(
-        np.mean((q[1:-1] - (q[:-2] * (1.0 - share) + q[2:] * share))[even] ** 2, axis=0)
-    )
-    rough_rows = np.sqrt(
-        np.mean((q[1:-1] - (q[:-2] * (1.0 - 0.5) + q[2:] * 0.5))[even] ** 2, axis=0)
-    )
-    if (ratio := float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))) < TIMES:
+    over_time = g.steps[:-1] / (g.run.t[2:] - g.run.t[:-2])
+    rough_in_time = _roughness(g, over_time, is_inner)
+    rough_in_rows = _roughness(g, np.full(len(over_time), 0.5), is_inner)
+    ratio = float(np.median(rough_in_time / np.maximum(rough_in_rows, 1e-300)))
+    if ratio < TIMES:
         return
-
-    def evened(r: Measurements) -> Measurements:
-        parts = np.split(r.t, np.flatnonzero(np.diff(r.t) > pause) + 1)
-        return replace(
-            r, t=np.concatenate([np.linspace(x[0], x[-1], len(x)) for x in parts])
-        )
-
     yield Issue(
         kind="jittered time stamps",
         severity="warning",
         where="column t",
-        what=f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly spaced:"
-        f" they are {ratio:.0f} times smoother over the row number than over these"
-        " times.",
-        certainty="likely: if the sampling itself jittered, q would be smoother over the recorded"
-        " times",
+        what=f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly"
+        f" spaced: they are {ratio:.0f} times smoother over the row number than over"
+        " these times.",
+        certainty="likely: if the sampling itself jittered, q would be smoother over"
+        " the recorded times",
         remedy="space the time stamps evenly (and log the samples' own time)",
-        repair=evened,
+        repair=partial(_evened, pause=pause),
         figures={"percent": 100.0 * spread, "ratio": ratio},
     )
+
+
+def _roughness(g: RunSummary, share: Array, is_inner: Rows) -> Array:
+    """(n,) RMS by which positions leave the line between those before and after, at a
+    share (N - 2,) of the way."""
+    q = g.run.q[:, g.moving]
+    on_line = q[:-2] * (1.0 - share)[:, None] + q[2:] * share[:, None]
+    off = (q[1:-1] - on_line)[is_inner]
+    return np.asarray(np.sqrt(np.mean(off**2, axis=0)))
+
+
+def _evened(run: Measurements, pause: float) -> Measurements:
+    """The run with even stamps between two pauses [s]."""
+    edges = np.flatnonzero(np.diff(run.t) > pause) + 1
+    even = [np.linspace(t[0], t[-1], len(t)) for t in np.split(run.t, edges)]
+    return replace(run, t=np.concatenate(even))
 
 
 def jumps(g: RunSummary) -> Iterator[Issue]:
@@ -226,57 +230,54 @@ def jumps(g: RunSummary) -> Iterator[Issue]:
     otherwise gaps."""
     is_long = g.steps > max(TIMES * g.step, 0.02)
     for issue in change_of_rate(g):
-        a, b = issue.figures["rows"]
-        is_long[a - 2 : b - 2] = False
+        first, last = issue.figures["rows"]
+        is_long[first - 2 : last - 2] = False
     long = np.flatnonzero(is_long)
-    moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
-    is_set = (
-        np.array(moves, bool)
-        & (g.steps[long] > 2.0 * TIMES * g.step)
-        & _goes_on(g, long)
+    moves = [bool(g.movement.moves[max(k - 10, 0) : k + 11].all()) for k in long]
+    is_set = np.array(moves, bool) & _goes_on(g, long)
+    is_set &= g.steps[long] > 2.0 * TIMES * g.step
+    if is_set.any():
+        yield _clock_step(g, long[is_set])
+    if not is_set.all():
+        yield _gap(g, long[~is_set])
+
+
+def _clock_step(g: RunSummary, rows: NDArray[np.intp]) -> Issue:
+    """A clock that was set ahead after some rows."""
+    is_wrong = np.isin(np.arange(len(g.steps)), rows)
+    return Issue(
+        kind="clock step",
+        severity="warning",
+        where=_place(g, rows),
+        what=f"the clock jumps ahead by up to {g.steps[rows].max():.3g} s while the"
+        " moving arm does not: the clock was set, and no sample is missing.",
+        certainty="likely: the distance travelled is that of one usual step",
+        remedy=CONTINUE,
+        repair=partial(stepping, where=is_wrong, steps=g.step),
+        figures=_rows_and_seconds(g, rows),
     )
-    for rows, kind, text, sure, remedy in (
-        (
-            long[is_set],
-            "clock step",
-            (
-                "the clock jumps ahead by up to {most:.3g} s while the moving "
-                "arm does not: the clock was set, and no sample is missing."
-            ),
-            "likely: the distance travelled is that of one usual step",
-            CONTINUE,
-        ),
-        (
-            long[~is_set],
-            "gap in time",
-            (
-                "{count} gaps of up to {most:.3g} s (the usual step is "
-                "{step:.3g} s); in all {total:.3g} s are missing."
-            ),
-            READ,
-            (
-                "no action needed: the run is split there, and the filters lose a"
-                " second on either side"
-            ),
-        ),
-    ):
-        if len(rows):
-            wrong = np.isin(np.arange(len(g.steps)), rows)
-            most = float(g.steps[rows].max())
-            what = text.format(
-                count=len(rows), most=most, step=g.step, total=g.steps[rows].sum()
-            )
-            where = f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
-            figures = {"rows": (rows + 3)[:100].tolist(), "seconds": most}
-            mend = partial(stepping, where=wrong, steps=g.step)
-            repair = mend if remedy == CONTINUE else None
-            yield Issue(
-                kind=kind,
-                severity="warning",
-                where=where,
-                what=what,
-                certainty=sure,
-                remedy=remedy,
-                repair=repair,
-                figures=figures,
-            )
+
+
+def _gap(g: RunSummary, rows: NDArray[np.intp]) -> Issue:
+    """Samples that are missing after some rows."""
+    steps = g.steps[rows]
+    return Issue(
+        kind="gap in time",
+        severity="warning",
+        where=_place(g, rows),
+        what=f"{formatting.count(len(rows), 'gap')} of up to {steps.max():.3g} s (the"
+        f" usual step is {g.step:.3g} s); in all {steps.sum():.3g} s are missing.",
+        certainty=READ,
+        remedy="no action needed: the run is split there, and the filters lose a second"
+        " on either side",
+        figures=_rows_and_seconds(g, rows),
+    )
+
+
+def _place(g: RunSummary, rows: NDArray[np.intp]) -> str:
+    return f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
+
+
+def _rows_and_seconds(g: RunSummary, rows: NDArray[np.intp]) -> dict[str, object]:
+    seconds = float(g.steps[rows].max())
+    return {"rows": (rows + 3)[:100].tolist(), "seconds": seconds}
