@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -72,42 +73,46 @@ def _jumps_by(steps: Array, turn: float) -> Rows:
 
 def _degrees(g: RunSummary, turns: Rows, how: str, unwrap: bool) -> Iterator[Issue]:
     """All revolute positions in degrees, their jumps by a turn undone."""
-    factor = float(np.radians(1.0))
     joints = np.flatnonzero(turns)
     reach = float(np.abs(g.run.q[:, joints]).max())
-
-    def repair(r: Measurements) -> Measurements:
-        q = np.unwrap(r.q, period=360.0, axis=0) if unwrap else r.q
-        q = np.where(
-            turns, _into_range(g.robot, q * factor) if unwrap else q * factor, r.q
-        )
-        if r.dq is None:
-            return replace(r, q=q)
-        speed = np.gradient(q, r.t, axis=0)
-        too_fast = np.abs(r.dq).sum(axis=0) > 8.0 * np.abs(speed).sum(axis=0)
-        return replace(r, q=q, dq=np.where(turns & too_fast, r.dq * factor, r.dq))
-
+    remedy = "multiply q (and dq) by pi / 180"
+    if unwrap:
+        remedy = "unwrap q and multiply it by pi / 180"
     yield Issue.of(
         kind="positions in degrees",
         severity="error",
         joints=joints,
         what=f"the positions of {{where}} are in degrees{how}: they reach {reach:.4g}.",
         certainty=READ,
-        remedy="unwrap q and multiply it by pi / 180 (`convert --units q=deg`)"
-        if unwrap
-        else "multiply q (and dq) by pi / 180 (`convert --units q=deg`)",
-        repair=repair,
+        remedy=f"{remedy} (`convert --units q=deg`)",
+        repair=partial(_in_radians, robot=g.robot, turns=turns, unwrap=unwrap),
     )
+
+
+def _in_radians(
+    run: Measurements, robot: Robot, turns: Rows, unwrap: bool
+) -> Measurements:
+    """The run with revolute positions in radians, and velocities that are in degrees
+    as well."""
+    factor = float(np.radians(1.0))
+    q = run.q * factor
+    if unwrap:
+        q = _into_range(robot, np.unwrap(run.q, period=360.0, axis=0) * factor)
+    q = np.where(turns, q, run.q)
+    if run.dq is None:
+        return replace(run, q=q)
+    logged = np.abs(run.dq).sum(axis=0)
+    derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
+    in_degrees = turns & (logged > 8.0 * derived)
+    return replace(run, q=q, dq=np.where(in_degrees, run.dq * factor, run.dq))
 
 
 def _into_range(robot: Robot, q: Array) -> Array:
     """(N, n) angles by whole turns nearer to the middles of the joints' ranges."""
-    middle = np.array(
-        [
-            0.5 * (j.lower + j.upper) if np.isfinite(j.upper - j.lower) else 0.0
-            for j in robot.joints
-        ]
-    )
+    low = np.array([joint.lower for joint in robot.joints])
+    high = np.array([joint.upper for joint in robot.joints])
+    has_range = np.isfinite(high - low)
+    middle = 0.5 * (np.where(has_range, low, 0.0) + np.where(has_range, high, 0.0))
     turns = np.round((np.median(q, axis=0) - middle) / (2.0 * np.pi))
     return np.asarray(q - 2.0 * np.pi * turns)
 
@@ -153,12 +158,12 @@ def lockstep_groups(q: Array) -> list[list[int]]:
     """Columns of positions (N, n) whose correlation is one, group by group."""
     size = np.std(q, axis=0)
     z = (q - q.mean(axis=0)) / nonzero_or_one(size)
-    alike = np.abs(z.T @ z / len(z)) > LOCKSTEP
+    is_proportional = np.abs(z.T @ z / len(z)) > LOCKSTEP
     groups: list[list[int]] = []
     for j in range(q.shape[1]):
         if any(j in group for group in groups):
             continue
-        group = [k for k in range(q.shape[1]) if alike[j, k]]
+        group = [k for k in range(q.shape[1]) if is_proportional[j, k]]
         groups += [group] if len(group) > 1 else []
     return groups
 
@@ -304,33 +309,31 @@ def counts(g: RunSummary) -> Iterator[Issue]:
     tau = g.run.tau[:, g.moving]
     n_values = [len(np.unique(x)) for x in tau.T]
     if np.all(tau == np.round(tau)) and np.min(n_values) > 20:
-        most = float(np.abs(tau).max())
+        largest = float(np.abs(tau).max())
         yield Issue.of(
             kind="torque in counts",
             severity="warning",
             joints=(),
-            what=f"every torque is a whole number, up to {most:.4g}: counts of the drive"
-            + (", as permil of its rated torque." if most <= 4000.0 else "."),
+            what=f"every torque is a whole number, up to {largest:.4g}: counts of the drive"
+            + (", as permil of its rated torque." if largest <= 4000.0 else "."),
             certainty="likely: the whole numbers are read from the file, not what they"
             " count",
             remedy="multiply each channel by its rated torque / 1000 (or its gain, gear"
             " ratio included); otherwise the model's ratios are right for a joint, its"
             " kilograms are not",
             where="all torque channels",
-            largest=most,
+            largest=largest,
         )
 
 
 def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
     """Whether the motion's fastest part is sampled often enough to be differentiated
     twice, in positions fine enough for the accelerations of a motion behind the filter
-    of these settings. Rounding errors renew themselves when the level changes; the part
-    below the cut-off stays, and a second derivative weighs its power with (2 pi f)^4.
-    """
+    of these settings."""
     rate = 1.0 / g.step
     highest = highest_harmonic(g.run)
-    cutoff = settings.state_cutoff
-    if rate < (needed := c.SAMPLES_A_PERIOD * highest):
+    needed = c.SAMPLES_A_PERIOD * highest
+    if rate < needed:
         yield Issue.of(
             kind="low sample rate",
             severity="warning",
@@ -343,26 +346,35 @@ def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[I
             rate_hz=rate,
             needed=needed,
         )
-    assert cutoff is not None
-    for j, (x, size) in enumerate(zip(g.run.q.T, motion.ddq.std(axis=0), strict=True)):
-        step = lattice_step(x)
-        lasts = g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
-        noise = (
-            (2.0 * np.pi * cutoff) ** 2
-            * step
-            / np.sqrt(60.0 * max(1.0, 0.5 / (cutoff * lasts)))
-        )
-        if g.moving[j] and noise > c.TYPICAL["link"] * size > 0.0:
-            yield Issue.of(
-                kind="quantisation",
-                severity="warning",
-                joints=[j],
-                what=f"q{j + 1} is quantised in steps of {step:.3g}"
-                f" {g.robot.position_units[j]}: noise of about"
-                f" {100.0 * noise / size:.0f} % of the acceleration below"
-                f" {cutoff:.3g} Hz.",
-                certainty="likely: the steps are read from the file, the noise is estimated",
-                remedy="log more digits, or move faster",
-                where=f"q{j + 1}",
-                step=step,
-            )
+    assert settings.state_cutoff is not None
+    sizes = motion.ddq.std(axis=0)
+    for j in np.flatnonzero(g.moving).tolist():
+        yield from _quantised(g, j, float(sizes[j]), settings.state_cutoff)
+
+
+def _quantised(g: RunSummary, j: int, size: float, cutoff: float) -> Iterator[Issue]:
+    """Rounding errors of one position beside its acceleration's size.
+
+    They renew themselves when the level changes; the part below the cut-off [Hz] stays,
+    and a second derivative weighs its power with (2 pi f)^4.
+    """
+    x = g.run.q[:, j]
+    step = lattice_step(x)
+    n_changes = max(int(np.count_nonzero(np.diff(x))), 1)
+    lasts = g.step * len(x) / n_changes
+    share_below = max(1.0, 0.5 / (cutoff * lasts))
+    noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * share_below)
+    if not noise > c.TYPICAL["link"] * size > 0.0:
+        return
+    yield Issue.of(
+        kind="quantisation",
+        severity="warning",
+        joints=[j],
+        what=f"q{j + 1} is quantised in steps of {step:.3g} {g.robot.position_units[j]}:"
+        f" noise of about {100.0 * noise / size:.0f} % of the acceleration below"
+        f" {cutoff:.3g} Hz.",
+        certainty="likely: the steps are read from the file, the noise is estimated",
+        remedy="log more digits, or move faster",
+        where=f"q{j + 1}",
+        step=step,
+    )

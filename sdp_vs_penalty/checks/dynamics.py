@@ -137,8 +137,10 @@ class LoggerJudge:
         none = log.none
         score = log.score(none)
         search = RepairSearch(log, [log], [self.reports[number].issues])
-        alone = search.run()
-        repairs = [search.alone(alone, fault) for fault in search.elements(alone)]
+        of_this_run = search.run()
+        repairs = [
+            search.alone(of_this_run, fault) for fault in search.elements(of_this_run)
+        ]
         for kind in (Sign(), Exchange()):
             repairs += kind.proposals(log, none, score)
         faults = []

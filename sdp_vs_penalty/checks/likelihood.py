@@ -357,12 +357,12 @@ class Likelihood:
         full = np.concatenate([gram, cross[:, :, None]], axis=2)
         arm = solve(full[:, :s, :s], full[:, :s, s:])
         remainder = full[:, s:, s:] - full[:, s:, :s] @ arm
-        own = np.einsum("pkk->pk", remainder[..., :-1])
+        of_numbers = np.einsum("pkk->pk", remainder[..., :-1])
         total = np.einsum("pkk->pk", full[:, s:, s:-1])
-        steps = remainder[..., -1] / np.maximum(own + RIDGE * total, 1e-300)
+        steps = remainder[..., -1] / np.maximum(of_numbers + RIDGE * total, 1e-300)
         change, spread = jackknifed(steps / nonzero_or_one(sizes))
         is_seen = sizes > FLOOR * np.linalg.norm(score.channels)
-        is_determined = is_seen & (own.sum(axis=0) > FLOOR * total.sum(axis=0))
+        is_determined = is_seen & (of_numbers.sum(axis=0) > FLOOR * total.sum(axis=0))
         return change, np.where(is_determined, spread, np.inf)
 
     def _slopes(

@@ -237,8 +237,8 @@ class RunComparison:
             return Cause(difference, gain, clearness)
         value, spread = jackknifed(arms[:, -difference.columns.shape[2]])
         size = float(value)
-        least = max(c.SIGMAS * float(spread), _USUAL.get(difference.kind, 0.0))
-        if abs(size) <= least or not _can_be(log, difference, size):
+        threshold = max(c.SIGMAS * float(spread), _USUAL.get(difference.kind, 0.0))
+        if abs(size) <= threshold or not _can_be(log, difference, size):
             return None
         # Of a number, whose interval tells as well, half as clear a prediction is
         # enough.
@@ -287,14 +287,14 @@ class RunComparison:
         of = cause.of
         run = self.runs[of.run]
         unit = run.log.problem.robot.position_units[of.joint]
-        away = f"{-cause.size:.2g} {unit}"
+        distance = f"{-cause.size:.2g} {unit}"
         if unit == "rad":
-            away = f"{np.degrees(-cause.size):.2g} degrees"
+            distance = f"{np.degrees(-cause.size):.2g} degrees"
         x = 1.0 + cause.size if of.kind == "torque gain" else cause.size
         names = {"run": run.name, "j": of.joint + 1, "x": x}
         if of.fault is None:
             words, remedy = _WORDS[of.kind]
-            what = words.format(**names, away=away, unit=unit)
+            what = words.format(**names, distance=distance, unit=unit)
             remedy = remedy.format(**names, unit=unit)
             joints = [] if of.joint < 0 else [of.joint]
         else:
@@ -325,8 +325,8 @@ class RunComparison:
 def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
     """The fault that explains most; of those that explain the same one of the torques
     comes before one of the positions. The others are its equivalents."""
-    most = max(cause.gain for cause in faults)
-    tied = [cause for cause in faults if cause.gain > most - odds]
+    largest = max(cause.gain for cause in faults)
+    tied = [cause for cause in faults if cause.gain > largest - odds]
     tied = sorted(tied, key=lambda cause: not cause.of.kind.startswith("torque"))
     words = tuple(cause.of.fault.what for cause in tied[1:] if cause.of.fault)
     return replace(tied[0], equivalents=words)

@@ -174,7 +174,9 @@ class RegressionData:
             what = "no joint both moves and has a torque that changes"
             raise InputError(what, "record such a run", run.names[0])
         motion = motion.part(rows)
-        columns = np.concatenate([own for _, own in pieces], axis=1)[:, rows]
+        columns = np.concatenate(
+            [columns_of_piece for _, columns_of_piece in pieces], axis=1
+        )[:, rows]
         own_columns, laws = _without_laws(columns, motion)
         return cls(
             shared=shared,
@@ -278,13 +280,13 @@ def split(model: Model) -> tuple[list[JointEffect], Model | None]:
     """Frictions of every joint by its own motion; the model without all that has one
     column on every joint, made by that joint's motion: the links, couplings."""
     all_joints = list(range(model.robot.n))
-    own = [
+    of_joints = [
         effect
         for effect in model.effects
         if isinstance(effect, JointEffect) and list(effect.joints) == all_joints
     ]
-    shared = tuple(effect for effect in model.effects if effect not in own)
-    frictions = [effect for effect in own if "friction" in effect.name]
+    shared = tuple(effect for effect in model.effects if effect not in of_joints)
+    frictions = [effect for effect in of_joints if "friction" in effect.name]
     return frictions, Model(model.robot, shared) if shared else None
 
 

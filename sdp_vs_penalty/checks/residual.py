@@ -89,9 +89,9 @@ def _unexplained_joints(
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
     """Joints of which one arm leaves far more than the joint's own model does, with
     every law of friction and position free in each."""
-    times, least = c.CONTRADICTS
+    times, smallest = c.CONTRADICTS
     score = log.score(repair)
-    is_worse = score.shares > np.maximum(times * log.alone(repair), least)
+    is_worse = score.shares > np.maximum(times * log.alone(repair), smallest)
     joints = np.flatnonzero(log.moving & is_worse)
     if not len(joints):
         return joints

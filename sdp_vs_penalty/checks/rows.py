@@ -81,12 +81,12 @@ def _frozen_packets(g: RunSummary, is_held: Rows) -> Rows:
     far = 4.0 * np.median(steps, axis=0)
     usual = float(np.median(lengths)) if len(parts) > 2 * STUCK else 1.0
     is_long = lengths >= max(STUCK, TIMES * usual)
-    found = [
+    frozen_parts = [
         (a, b)
         for a, b in parts[is_long].tolist()
         if b < len(g.run.q) and np.any(steps[b - 1] > far)
     ]
-    return mask_of(len(g.run.q), found)
+    return mask_of(len(g.run.q), frozen_parts)
 
 
 def _doubled_rows(g: RunSummary, same: Rows) -> Iterator[Issue]:
@@ -139,15 +139,15 @@ def end_stops(g: RunSummary) -> Iterator[Issue]:
     high = np.array([joint.upper for joint in g.robot.joints])
     command = g.run.commanded.get("qcmd", g.run.q)
     beyond = np.maximum(low - g.run.q, g.run.q - high)
-    asked = np.maximum(low - command, command - high)
+    commanded_beyond = np.maximum(low - command, command - high)
     bad = {}
     for j in range(g.run.n):
         held = [
             (a, b)
-            for a, b in spans(asked[:, j] > 0.0)
-            if beyond[a:b, j].max() * TIMES < asked[a:b, j].max()
+            for a, b in spans(commanded_beyond[:, j] > 0.0)
+            if beyond[a:b, j].max() * TIMES < commanded_beyond[a:b, j].max()
         ]
-        is_pushed = np.abs(beyond[:, j]) * TIMES < asked[:, j]
+        is_pushed = np.abs(beyond[:, j]) * TIMES < commanded_beyond[:, j]
         bad[f"q{j + 1}"] = is_pushed & mask_of(len(is_pushed), held)
     what = (
         "{named} lies against its end stop for up to {seconds:.3g} s: its command goes"
@@ -225,7 +225,7 @@ def _filled(x: Array) -> Rows:
     """(N,) rows of zeros between samples far from zero on one side of it."""
     changes = np.abs(np.diff(x))
     usual = float(np.median(changes[changes > 0.0]))
-    least = max(6.0 * usual, 3.0 * lattice_step(x[x != 0.0]))
+    threshold = max(6.0 * usual, 3.0 * lattice_step(x[x != 0.0]))
     # The stretches in which it does not change, but for the first and the last.
     edges = np.flatnonzero(changes > 0.0) + 1
     starts = edges[:-1]
@@ -233,7 +233,7 @@ def _filled(x: Array) -> Rows:
     before = x[starts - 1] - x[starts]
     after = x[ends] - x[starts]
     comes_back = (before * after > 0.0) & (
-        np.minimum(np.abs(before), np.abs(after)) > least
+        np.minimum(np.abs(before), np.abs(after)) > threshold
     )
     is_zero = comes_back & (x[starts] == 0.0)
     n_elsewhere = np.count_nonzero(comes_back & (x[starts] != 0.0))
@@ -250,13 +250,13 @@ def spikes(g: RunSummary) -> Iterator[Issue]:
     bad = {}
     for name, j, x in g.channels:
         usual_span = float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN])))
-        least = SPIKE[1] * usual_span + 1e-9
+        threshold = SPIKE[1] * usual_span + 1e-9
         # Without such a step no sample can be that far from the median.
-        if not g.moving[j] or np.abs(np.diff(x)).max() <= least / 3.0:
+        if not g.moving[j] or np.abs(np.diff(x)).max() <= threshold / 3.0:
             continue
         neighbours = sliding_window_view(np.pad(x, 3, "edge"), 7)
         off = np.abs(x - np.median(neighbours, axis=1))
-        is_far = off > max(SPIKE[0] * np.quantile(off, 0.9), least)
+        is_far = off > max(SPIKE[0] * np.quantile(off, 0.9), threshold)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
         bad[name] = is_far & (is_far.mean() <= 1 / RUN)
     what = "{rows} samples of {named} lie far from the samples on both sides."
@@ -346,7 +346,7 @@ def _stuck(g: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
     the next one."""
     steps = np.abs(np.diff(x))
     level = 3.0 * lattice_step(x)
-    found = []
+    frozen_parts = []
     for a, b in _long_pauses(g, x):
         jump = steps[min(b, len(steps) - 1)]
         is_at_end = x[a] in (x.min(), x.max())  # clipped there
@@ -357,8 +357,8 @@ def _stuck(g: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
         else:
             rests = _is_constant_friction(g.run.q[:, j], steps, level, a, b)
         if not rests:
-            found.append((a, b + 1))
-    return mask_of(len(x), found)
+            frozen_parts.append((a, b + 1))
+    return mask_of(len(x), frozen_parts)
 
 
 def _long_pauses(g: RunSummary, x: Array) -> list[list[int]]:

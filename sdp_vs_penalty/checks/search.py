@@ -98,7 +98,7 @@ class RepairSearch:
             if better is None:
                 break
             now = self.rounded(better)
-        return now
+        return self.with_settled_signs(now)
 
     def add_best_fault(self, now: LogTransform) -> LogTransform | None:
         """The best composition with one thing more, or None where none is believed."""
@@ -126,10 +126,10 @@ class RepairSearch:
         """
         score = self.log.score(now)
         screen = self.log.screen
-        found = [
+        proposed = [
             r for kind in self.faults for r in kind.proposals(self.log, now, score)
         ]
-        repairs = [r for r in dict.fromkeys(found) if r != now]
+        repairs = [r for r in dict.fromkeys(proposed) if r != now]
         score_now = screen.score(now)
         scores = dict(zip(repairs, screen.scores(repairs), strict=True))
         self._learn_samples(sorted(scores.values(), key=lambda s: s.score)[:1])
@@ -267,8 +267,8 @@ class RepairSearch:
             return False
         far = max(number.search_radius, reach)
         repairs = [number.at(number.value + x) for x in (0.0, -far, far)]
-        here, below, above = self.log.scores(repairs)
-        fall = min(below.score, above.score) - here.score
+        at_value, below, above = self.log.scores(repairs)
+        fall = min(below.score, above.score) - at_value.score
         return self.samples * fall >= (0.5 * c.SIGMAS) ** 2
 
     def step(self, number: FaultSize) -> tuple[float, float]:
@@ -401,14 +401,41 @@ class RepairSearch:
         self, net: LogTransform, turned: Sequence[int]
     ) -> tuple[str, ...]:
         """Sets of torques whose sign may as well be the wrong ones: one joint more, or
-        one less, at posterior odds below those against a fault."""
+        one less, to which neither physics nor the error on parts left out objects."""
         others = []
         for j in self.log.joints:
             joints = sorted({*turned} ^ {j})
-            other = net.times("gain", (j,), -1.0)
-            if joints and self.posterior(other) > self.posterior(net) - c.ODDS:
+            if not joints:
+                continue
+            objection, clearness = self._against_turning(net, j)
+            if objection < c.LOUDEST_INERTIA and clearness < 0.5 * c.SIGMAS:
                 others.append(f"the torque of {joints_text(joints)} has the wrong sign")
         return tuple(others)
+
+    def with_settled_signs(self, net: LogTransform) -> LogTransform:
+        """Where some torques count the other way: one joint more, or one less, if
+        friction drives that joint otherwise and the fit on parts left out is no worse.
+
+        The likelihood alone does not tell the sign of a joint that hardly moves the
+        others.
+        """
+        if not any(fault.kind == "torque sign" for fault in self.elements(net)):
+            return net
+        for j in self.log.joints:
+            objection, clearness = self._against_turning(net, j)
+            if objection < -c.LOUDEST_INERTIA and clearness <= c.SIGMAS:
+                net = net.times("gain", (j,), -1.0)
+        return net
+
+    def _against_turning(self, net: LogTransform, j: int) -> tuple[float, float]:
+        """What speaks against another sign of one torque: the log-odds of physics, and
+        the rise of the error on parts left out in standard errors."""
+        other = net.times("gain", (j,), -1.0)
+        fits = self.log.scores([net, other])
+        physics_now = self.log.physics(fits[0], net, self.samples)
+        physics_turned = self.log.physics(fits[1], other, self.samples)
+        clearness = self.log.predicts(self._left_out(other), self._left_out(net))
+        return physics_now - physics_turned, clearness
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
