@@ -56,9 +56,15 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Effort:
-    """What a budget stands for: noisy runs behind Table I's coverage, iterations of
-    Table II's search, seconds of Table V's sinusoids, instants and relaxed retrievals
-    of the wrenches, loss evaluations of a run of the paper's method and its runs."""
+    """What a budget stands for.
+
+    replicates : noisy runs behind Table I's coverage; iterations : of Table II's
+    search; duration : of Table V's sinusoids [s]; instants, retrievals : of the
+    wrenches, and relaxed retrievals of them; evaluations, annealing_runs : loss
+    evaluations of a run of the paper's method, and its runs (one a fold);
+    global_evaluations, global_runs : evaluations at each weight of the table of global
+    optima, and its runs.
+    """
 
     replicates: int
     iterations: int
@@ -66,12 +72,34 @@ class Effort:
     instants: int
     retrievals: int
     evaluations: int
-    annealing_runs: int = PenaltyPaper.runs
+    annealing_runs: int
+    global_evaluations: int
+    global_runs: int
 
 
 BUDGETS = {
-    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations // 3, 1),
-    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
+    "quick": Effort(
+        replicates=4,
+        iterations=25,
+        duration=10.0,
+        instants=81,
+        retrievals=10,
+        evaluations=PenaltyPaper.evaluations // 3,
+        annealing_runs=1,
+        global_evaluations=600,
+        global_runs=3,
+    ),
+    "paper": Effort(
+        replicates=40,
+        iterations=150,
+        duration=30.0,
+        instants=201,
+        retrievals=50,
+        evaluations=PAPER_BUDGET,
+        annealing_runs=PenaltyPaper.runs,
+        global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
+        global_runs=PenaltyPaper.runs,
+    ),
 }
 _PLACED = by_word(
     (
@@ -231,10 +259,12 @@ class Study:
         self,
         method: str | Estimator,
         effects: Sequence[str] | Sequence[Effect] | None = None,
+        n_folds: int = FOLDS,
     ) -> CrossValidation:
-        """Errors of a method on motion of the real run that it has not seen, by FOLDS
-        folds by phase."""
-        return self.once(_unseen, method, None if effects is None else tuple(effects))
+        """Errors of a method on motion of the real run that it has not seen, by folds
+        by phase."""
+        named = None if effects is None else tuple(effects)
+        return self.once(_unseen, method, named, n_folds)
 
     def _data(
         self,
@@ -426,27 +456,27 @@ def _task(study: Study, data: Data) -> Task:
 
 
 def _unseen(
-    study: Study, method: str | Estimator, effects: tuple[Any, ...] | None
+    study: Study,
+    method: str | Estimator,
+    effects: tuple[Any, ...] | None,
+    n_folds: int,
 ) -> CrossValidation:
-    study.progress(
-        f"folds by phase, {method if isinstance(method, str) else method.name}"
-    )
-    split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
+    study.progress(f"folds by phase, {estimator.name}")
+    split, folds = study.once(_folds, effects, n_folds)
     once = Remembered(study.fold_estimator(estimator))
     folds_judged = study.workers.map(partial(judged, estimator=once), folds)
-    return split.result(estimator, list(folds_judged))
+    return split.result(estimator, folds_judged)
 
 
 def _folds(
-    study: Study, effects: tuple[Any, ...] | None
+    study: Study, effects: tuple[Any, ...] | None, n_folds: int
 ) -> tuple[Split, list[FoldData]]:
     """The real run's folds, shape constants included; no method changes them."""
     assert study.run is not None
-    split = Split(
-        study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS
-    )
-    return split, list(study.workers.map(split.fold, split.numbers))
+    options = PoseOptions(effects, seed=study.seed)
+    split = Split(study.problem, study.run, options, n_folds)
+    return split, study.workers.map(split.fold, split.numbers)
 
 
 def _estimated(estimator_and_task: tuple[Estimator, Task]) -> Result:
