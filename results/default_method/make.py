@@ -6,7 +6,6 @@ default_method.csv: naming arms makes theirs alone (panda, ur10e, emps, tx40, fo
 """
 
 import argparse
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,7 +17,6 @@ from sdp_vs_penalty import (
     Measurements,
     compare,
     identify,
-    load_measurements,
     load_problem,
 )
 from sdp_vs_penalty.estimators import (
@@ -74,11 +72,11 @@ def panda_splits() -> Iterator[Split]:
 
 
 def ur10e_splits() -> Iterator[Split]:
-    folder = Path(os.environ["SDP_VS_PENALTY_DATA"]) / "ur10e"
     one, other = UR10E_RUNS
-    runs = {name: load_measurements(folder / f"ur-{name}.csv") for name in UR10E_RUNS}
-    yield Split(f"UR10e, {one} / {other}", "ur10e", runs[one], runs[other])
-    yield Split(f"UR10e, {other} / {one}", "ur10e", runs[other], runs[one])
+    runs = measured_runs("ur10e")
+    for train, test in ((one, other), (other, one)):
+        name = f"UR10e, {train} / {test}"
+        yield Split(name, "ur10e", runs[f"ur-{train}"], runs[f"ur-{test}"])
 
 
 def emps_splits() -> Iterator[Split]:

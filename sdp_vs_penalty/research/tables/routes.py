@@ -75,6 +75,7 @@ def routes(study: Study) -> Table:
             "routes",
             folds=FOLDS,
             budget=study.effort.evaluations,
+            fold_budget=study.effort.fold_evaluations,
             runs=study.effort.annealing_runs,
         ),
         _headline(rows, judged),

@@ -66,9 +66,9 @@ class Effort:
     replicates : noisy runs behind Table I's coverage; iterations : of Table II's
     search; duration : of Table V's sinusoids [s]; instants, retrievals : of the
     wrenches, and relaxed retrievals of them; evaluations, annealing_runs : loss
-    evaluations of a run of the paper's method, and its runs (one a fold);
-    global_evaluations, global_runs : evaluations at each weight of the table of global
-    optima, and its runs.
+    evaluations of a run of the paper's method, and its runs; fold_evaluations : of the
+    one run on each fold; global_evaluations, global_runs : evaluations at each weight
+    of the table of global optima, and its runs.
     """
 
     replicates: int
@@ -78,6 +78,7 @@ class Effort:
     retrievals: int
     evaluations: int
     annealing_runs: int
+    fold_evaluations: int
     global_evaluations: int
     global_runs: int
 
@@ -90,6 +91,7 @@ QUICK = Effort(
     retrievals=10,
     evaluations=PenaltyPaper.evaluations // 3,
     annealing_runs=1,
+    fold_evaluations=PenaltyPaper.evaluations // 3,
     global_evaluations=600,
     global_runs=3,
 )
@@ -97,6 +99,7 @@ QUICK = Effort(
 SINGLE = replace(
     QUICK,
     evaluations=PAPER_BUDGET,
+    fold_evaluations=PenaltyPaper.evaluations,
     global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
     global_runs=1,
 )
@@ -108,6 +111,7 @@ PAPER = Effort(
     retrievals=50,
     evaluations=PAPER_BUDGET,
     annealing_runs=PenaltyPaper.runs,
+    fold_evaluations=PAPER_BUDGET,
     global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
     global_runs=PenaltyPaper.runs,
 )
@@ -417,7 +421,8 @@ class Study:
         """The method with the settings with which folds are judged: of annealing one
         run each."""
         if isinstance(estimator, PenaltyPaper):
-            return replace(estimator, runs=min(estimator.runs, 1))
+            evaluations = self.effort.fold_evaluations
+            return replace(estimator, runs=1, evaluations=evaluations)
         return estimator
 
     @cached_property
