@@ -17,6 +17,7 @@ if __name__ == "__main__":
     make_folder(
         HERE,
         program("tables", "--all", *OUT),
+        program("tables", "III", "IV", "VIII", "IX", "--html", *OUT),
         program("tables", "methods", "data", "unseen", "folds", "emps", *OUT),
         program("tables", "routes", "--budget", "single", *OUT),
         program(

@@ -147,24 +147,29 @@ def _figure(title: str, links: Array, robot: Robot, pose: Array) -> str:
     places = _on_paper(joints, middle, scale)
     ellipses = ""
     impossible = list[str]()
+    too_large = list[str]()
     for number, (link, carrier, joint_pose) in enumerate(
         zip(links, robot.joints, poses, strict=True), start=1
     ):
         centre, axes, exists = outline(link, joint_pose @ carrier.link_frame)
+        if not exists:
+            impossible.append(str(number))
+        if scale * np.linalg.norm(axes, axis=0).max() > HEIGHT:
+            too_large.append(str(number))
+            continue
         ellipses += _ellipse(
             _on_paper(centre[None], middle, scale)[0],
             scale * axes,
             f"link {number}: {link[0]:.3g} kg",
             "link" if exists else "impossible",
         )
-        if not exists:
-            impossible.append(str(number))
     line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
     dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/>' for x, y in places)
     verdict = "every link can exist"
     if impossible:
-        several = "s" if len(impossible) > 1 else ""
-        verdict = f"link{several} {', '.join(impossible)} cannot exist"
+        verdict = f"{_links(impossible)} cannot exist"
+    if too_large:
+        verdict += f"; {_links(too_large)} larger than the picture"
     state = "bad" if impossible else "good"
     return (
         f'<figure><svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img"'
@@ -174,6 +179,12 @@ def _figure(title: str, links: Array, robot: Robot, pose: Array) -> str:
         f"<figcaption><b>{escape(title)}</b><br>"
         f'<span class="{state}">{verdict}</span></figcaption></figure>'
     )
+
+
+def _links(numbers: Sequence[str]) -> str:
+    """Links by their numbers."""
+    several = "s" if len(numbers) > 1 else ""
+    return f"link{several} {', '.join(numbers)}"
 
 
 def _on_paper(points: Array, middle: Array, scale: float) -> Array:
