@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 
@@ -20,9 +20,15 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
 from sdp_vs_penalty.files import JsonRecord, read_json
-from sdp_vs_penalty.formatting import Shown, Summary, Table, plain_unit
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
+
+if TYPE_CHECKING:
+    import pandas
 
 #: What is said where no motion repeats: the residual was taken for noise, which it then
 #: equals.
@@ -122,6 +128,17 @@ class Finding(Rated):
         }
 
     @property
+    def physics(self) -> str:
+        """What the effect is, in a sentence or two, without size and rivals."""
+        text = self.explanation.partition(". ")[2]
+        return text.partition(" Indistinguishable in these data from")[0]
+
+    @property
+    def rivals_without_curve(self) -> tuple[str, ...]:
+        """The effects that fit as well."""
+        return tuple(name for name in self.indistinguishable_from if name != CURVE)
+
+    @property
     def undecided(self) -> str | None:
         """What a run should decide, as `excite --separate` takes it: between the
         finding and what fits as well, or whether a weak one is there at all. None for a
@@ -148,6 +165,42 @@ class Finding(Rated):
             f"tell{number}.csv",
         ]
         return command_line(["sdp-vs-penalty", *words])
+
+    @property
+    def main_joint(self) -> int:
+        """The joint (from 1) that the finding is about: its first one, or of a finding
+        of the whole robot the one whose error falls most."""
+        if self.joints:
+            return self.joints[0]
+        before = np.maximum(self.held_out_rmse_before, 1e-300)
+        return int(np.argmin(self.held_out_rmse_after / before)) + 1
+
+    def explained_share(self, j: int) -> float:
+        """Share of the error's variance on joint j (from 0) that it takes away."""
+        before, after = self.held_out_rmse_before[j], self.held_out_rmse_after[j]
+        return max(0.0, 1.0 - float(after / before) ** 2) if before > 0.0 else 0.0
+
+    def gain_sentence(self, diagnosis: Diagnosis) -> str:
+        """What adding it, after the findings before it, does to the error of its joint
+        on data left out."""
+        j = self.main_joint - 1
+        before = self.held_out_rmse_before[j]
+        after = self.held_out_rmse_after[j]
+        unit = "N m or N"
+        if diagnosis.held_out_over_noise is not None:
+            before = before / diagnosis.noise_floor[j]
+            after = after / diagnosis.noise_floor[j]
+            unit = "times the noise"
+        errors = [formatting.number(float(x)) for x in (before, after)]
+        if after >= before:
+            return (
+                f"Adding it does not lower joint {j + 1}'s error on data left out"
+                f" ({errors[0]} {unit})."
+            )
+        return (
+            f"Adding it cuts joint {j + 1}'s error on data left out from {errors[0]} to"
+            f" {errors[1]} {unit}."
+        )
 
     @property
     def cooled(self) -> str:
@@ -187,7 +240,7 @@ class Remaining(JsonRecord):
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown, JsonRecord):
+class Diagnosis(Record, JsonRecord):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the
     order of adding; noise_floor (n,) of the filtered torque; events : what happened
     once.
@@ -258,6 +311,66 @@ class Diagnosis(Shown, JsonRecord):
                 "name the effect itself, or leave the model as it is",
             )
         return replace(self, effects=chosen, retuned=retuned, curves=curves)
+
+    @fact("", digits=9)
+    def n_confident(self) -> int:
+        """Findings whose effect and size are sure."""
+        return self._count("confident")
+
+    @fact("", digits=9, name="n near-tie")
+    def n_near_tie(self) -> int:
+        """Findings whose torque is there, while another effect fits as well."""
+        return self._count("near-tie")
+
+    @fact("", digits=9)
+    def n_weak(self) -> int:
+        """Findings that are not sure."""
+        return self._count("weak")
+
+    def _count(self, rating: Rating) -> int:
+        return sum(f.rating == rating for f in self.effects)
+
+    @fact("times the noise", name="error on data left out")
+    def left_over_noise(self) -> Array | None:
+        """(n,) error of each joint on data left out, with all that was found, over its
+        noise floor; unknown where the noise is not known."""
+        return self.held_out_over_noise
+
+    @fact("N m or N", name="error on data left out in N m or N")
+    def left_error(self) -> Array:
+        """(n,) error of each joint on data left out, with all that was found."""
+        return self.held_out_rmse_with_all
+
+    @fact("N m or N", name="noise floor")
+    def joint_noise(self) -> Array:
+        """(n,) standard deviation of the torque's noise behind the same low-pass; an
+        estimate where no motion repeats."""
+        return self.noise_floor
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a finding: effect, joints, size with half its 95 % interval, unit,
+        rating, evidence, and the error on data left out of its first joint."""
+        import pandas
+
+        rows = []
+        for number, finding in enumerate(self.effects, start=1):
+            joint = finding.main_joint
+            rows.append(
+                {
+                    "finding": number,
+                    "effect": finding.effect,
+                    "joints": finding.joints,
+                    "size": finding.size,
+                    "half of 95 % interval": NORMAL_95 * finding.std,
+                    "unit": finding.unit,
+                    "rating": finding.rating,
+                    "evidence": finding.gain,
+                    "error before [N m or N]": finding.held_out_rmse_before[joint - 1],
+                    "error after [N m or N]": finding.held_out_rmse_after[joint - 1],
+                }
+            )
+        columns = list(rows[0]) if rows else ["finding"]
+        return pandas.DataFrame(rows, columns=columns).set_index("finding")
 
     @property
     def sure(self) -> tuple[Finding | Retune, ...]:
@@ -446,7 +559,8 @@ class Diagnosis(Shown, JsonRecord):
             for f in self.effects
         ]
         rows += [(r.text, r.explanation, r.rating, "") for r in self.retuned]
-        return ("effect", "size", "confidence", "indistinguishable from"), rows
+        heads = ("effect", "size", "confidence", "indistinguishable from")
+        return Table(heads, rows, words=(0, 1, 2, 3))
 
     @property
     def beside_curves(self) -> tuple[Finding, ...]:
@@ -462,6 +576,7 @@ class Diagnosis(Shown, JsonRecord):
         out = super().to_dict()
         for k, finding in enumerate(out["effects"], start=1):
             finding["number"] = k
+        out["facts"] = self.facts_to_dict()
         return out
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.formatting import Shown, Summary
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 
 

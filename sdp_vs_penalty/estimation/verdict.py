@@ -180,18 +180,11 @@ def judge(
     remark : of long recordings; seconds : of filtered motion that errors are of; doubt :
     what the data check leaves in doubt (:func:`doubt_of_log`).
     """
-    beyond, over = (
-        relative,
-        None,
-    )  # relative: without what the noise explains, where that is known
-    if floor is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            over = np.where(
-                floor > 0.0, rmse / floor, np.where(rmse > 0.0, np.inf, 1.0)
-            )
-        if np.isfinite(relative) and np.any(rmse > 0.0):
-            left = np.maximum(rmse**2 - floor**2, 0.0).sum()
-            beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
+    over = over_noise(rmse, floor)
+    beyond = relative  # without what the noise explains, where that is known
+    if floor is not None and np.isfinite(relative) and np.any(rmse > 0.0):
+        left = np.maximum(rmse**2 - floor**2, 0.0).sum()
+        beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
     fit = _fit(over, beyond, relative, noise_source, np.asarray(r2) < 0.0)
     prediction_words = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
@@ -363,6 +356,16 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
         return ""
     unit = "times the noise" if known else "N m or N"
     return f"{'; '.join([*better, *worse])} {unit}."
+
+
+def over_noise(rmse: Array, floor: Array | None) -> Array | None:
+    """(n,) errors over the noise floor; infinite where the noise is zero and the error
+    is not; None without a floor."""
+    if floor is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = rmse / floor
+    return np.where(floor > 0.0, ratio, np.where(rmse > 0.0, np.inf, 1.0))
 
 
 @dataclass(frozen=True)

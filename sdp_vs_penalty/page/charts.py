@@ -15,9 +15,9 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.page.controls import button, chart, note, tag
 from sdp_vs_penalty.page.session import ModelStep
 from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.reports import plots
-from sdp_vs_penalty.reports.markup import shades
-from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, POINTS, Curves, Figure
+from sdp_vs_penalty.render import charts as plots
+from sdp_vs_penalty.render.charts import COLOURS, MEASURED, POINTS, Curves, Figure
+from sdp_vs_penalty.render.pieces import shades
 
 
 def torque_chart(

@@ -8,7 +8,7 @@ models there, so that a job that is killed has changed nothing.
 import json
 import time
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -37,7 +37,7 @@ from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate, link_rows, load_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimation.shapes import asked_effects
@@ -50,9 +50,10 @@ from sdp_vs_penalty.files import write_bytes, write_text, writing
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.render import tables, words
+from sdp_vs_penalty.render.arms import drawn_arm
+from sdp_vs_penalty.render.charts import POINTS
 from sdp_vs_penalty.reports import report as write_report
-from sdp_vs_penalty.reports import sections
-from sdp_vs_penalty.reports.plots import POINTS
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
@@ -485,18 +486,17 @@ def methods(job: JobRequest) -> Answer:
                 progress=progress,
             )
         except InputError as error:
-            rows.append([name, str(error), *[""] * (len(sections.JUDGED_HEADS) - 1)])
+            refused = [name, str(error), *[""] * len(tables.JUDGED_HEADS[1:])]
+            rows.append(refused)
             continue
-        row = sections.judged_row(
+        row = tables.judged_cells(
             compare(
                 {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
             )[0]
         )
-        rows.append(
-            [*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])]
-        )
-    unseen = ["error on unseen motion"] * bool(job["folds"])
-    return {"heads": ["method", *sections.JUDGED_HEADS, *unseen], "rows": rows}
+        rows.append([*row, *([f"{folds.relative_error_percent:.4g}"] if folds else [])])
+    unseen = "error on unseen motion [%]" if job["folds"] else ""
+    return {"table": tables.judged_table(rows, "method", more=unseen).to_dict()}
 
 
 def take(job: JobRequest) -> Answer:
@@ -572,7 +572,6 @@ def forward(job: JobRequest) -> Answer:
             job.folder / file,
             {**arrays, "poses": np.concatenate([one, other], axis=1)},
         )
-    heads, rows = following.table()
     return {
         "arrays": files,
         "runs": [
@@ -583,41 +582,27 @@ def forward(job: JobRequest) -> Answer:
             name: getattr(following, name)
             for name in ("verdict", "explained", "units", "left_out")
         },
-        "heads": heads,
-        "rows": rows,
+        "table": following.table().to_dict(),
     }
 
 
 def about(estimate: Estimate) -> dict[str, Any]:
     """The parameters as the page shows them: rows, links, words and friction as in the
     report, and the arm in 3D (:func:`drawn_arm`)."""
+    links = tables.link_table(estimate)
     return {
-        "rows": sections.standard_rows(estimate),
-        "links": link_rows(estimate),
-        "words": sections.caveats(estimate),
+        "rows": tables.standard_parameters(estimate),
+        "links": None if links is None else links.to_dict(),
+        "words": words.caveats(estimate),
         "friction": [
             {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
             for c in friction_curves(estimate)
         ],
-        "certificate": sections.certificate_rows([estimate]),
+        "certificate": tables.certificate_table({"model": estimate}).to_dict(),
         **drawn_arm(
             estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []
         ),
     }
-
-
-def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
-    """The arm in 3D: of each joint its parent and place there, of each link its joint
-    and ellipsoid."""
-    bodies = []
-    for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):
-        if (body := sections.half_axes(link)) is not None:
-            half, axes, com = body
-            at = np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
-            place = robot.tree[joint].link_frame @ at
-            bodies.append({"link": k, "joint": joint, "half": half, "place": place})
-    joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
-    return {"bodies": bodies, "joints": joints}
 
 
 def summary(job: JobRequest, estimate: Estimate) -> Answer:
@@ -680,7 +665,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         ),
         "comparison": comparison.to_dict(),
         "failures": failures,
-        "judged": sections.judged_row(comparison),
+        "judged": tables.judged_cells(comparison),
         "about": about(estimate),
         "on_bounds": estimate.details.get("on_bounds") or [],
         "seconds": seconds,

@@ -32,7 +32,7 @@ def verb(
         printing.verdict(result.verdict, result.name)
     units = estimate.robot.torque_units
     printing.comparison(results, units)
-    printing.where_it_fails(failures, units, newest)
+    printing.where_it_fails(failures, newest)
     if verbose:
         printing.failure_tables(failures)
     # Without torque the motion is what was measured: the loop with the identified gains

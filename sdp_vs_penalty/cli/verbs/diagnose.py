@@ -61,8 +61,8 @@ def verb(
         result.sure or result.curves
     ):  # curves were measured beside all findings
         what = ["--from", str(json_), *["--confident"] * (not result.curves)]
-    printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
-    printing.runs_that_decide(result, model)
+    units = estimate.robot.torque_units
+    printing.diagnosis(result, units, model, bool(what), verbose)
     console.save_json(json_, result.to_dict())
     if what:
         stem = (

@@ -12,7 +12,6 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.comparison import new_motion
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.estimation.estimate import LINK_HEADS
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import charts
@@ -26,9 +25,11 @@ from sdp_vs_penalty.page.view import (
     requires_model,
     spoken,
 )
-from sdp_vs_penalty.reports import markup
-from sdp_vs_penalty.reports.plots import Curves, friction_figure
-from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS
+from sdp_vs_penalty.render import pieces
+from sdp_vs_penalty.render.charts import Curves, friction_figure
+from sdp_vs_penalty.render.tables import parameter_table
+from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
+from sdp_vs_penalty.results.table import Table
 
 _USUAL = (
     "rigid_body",
@@ -95,7 +96,7 @@ def _form(view: View) -> None:
                 on = name in map(_name, session.effects)
                 label = effects[name].explanation
                 draw.check(
-                    draw.plain_name(name),
+                    plain_name(name),
                     on,
                     partial(tick, name),
                     f"effect-{name}",
@@ -241,15 +242,15 @@ def fit(view: View) -> None:
         failing = _stretches(model, view.run, j, float(read["t"][0]))
         run = Curves(read["t"], read["torque"], modelled)
         causes = {cause for *_, cause in failing}
-        bars.content = markup.bars(
+        bars.content = pieces.bars(
             first["rmse"], after, comparison["noise_floor"], units, chosen=j
         )
         chart.update_figure(charts.torque_chart(run, j, units, view.span, failing))
         against.update_figure(
             charts.residual_chart(reads, j, view.signal, units[j], noise, view.span)
         )
-        legend.content = markup.legend(
-            [cause for cause in markup.SHADES if cause in causes]
+        legend.content = pieces.legend(
+            [cause for cause in pieces.SHADES if cause in causes]
         )
         words.text = _words(model, j, units[j])
         move(view.run, read, charts.torque_errors(model, read))
@@ -336,9 +337,10 @@ def _heat(
         " data, in per cent; causes that explain nothing are left out. Click a cell to"
         " see the joint."
     )
-    rows = markup.heat_rows(failures, markup.found_shares(diagnosis, len(failures)))
+    rows = pieces.heat_rows(failures, pieces.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
-    drawn = markup.framed(title, markup.heat_map(title, rows, len(failures), _SHOWN_BY))
+    drawn = pieces.heat_map(title, rows, len(failures), _SHOWN_BY)
+    drawn = pieces.piece("framed.html", inner=drawn, caption=title)
     ui.html(drawn, sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
 
 
@@ -375,9 +377,7 @@ def _tables(view: View) -> None:
     about = view.session.current.about
     robot = view.session.robot
     if about["links"]:
-        draw.table(
-            LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links"
-        )
+        draw.table(Table.from_dict(about["links"]))
     if about["friction"]:
         draw.tag("h4", "Friction by velocity")
 
@@ -395,25 +395,14 @@ def _tables(view: View) -> None:
         view.followers["parameters"] = lambda: drawn.update_figure(options())
     draw.tag("h4", "Certificate")
     draw.note(CERTIFICATE)
-    draw.table(
-        ["figure", view.session.current.label],
-        about["certificate"],
-        "Certificate",
-        "wraps",
-    )
+    draw.table(Table.from_dict(about["certificate"]), "Certificate")
     draw.tag("h4", "Every parameter")
     draw.note(
         "Values with 95 % intervals beside the nominal ones. Those marked prior or"
         " bounds are not measured: the data leave them open."
     )
     with draw.tag("div", style="tall"):
-        draw.table(
-            HEADS,
-            about["rows"],
-            "Parameters with intervals",
-            "numbers parameters",
-            mark=2,
-        )
+        draw.table(parameter_table(about["rows"]), "Parameters with intervals")
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
@@ -447,7 +436,7 @@ def methods(view: View) -> None:
     draw.button("Compare methods", compare, "compare")
     if (answer := session.answer("methods")) is None:
         return
-    draw.table(answer["heads"], answer["rows"], "Methods compared", "numbers methods")
+    draw.table(Table.from_dict(answer["table"]), "Methods compared")
     draw.note(
         "On the runs that the model is judged on. Possible: every link can exist,"
         " within its bounds; thinnest: a link's thickness, zero or less where it"

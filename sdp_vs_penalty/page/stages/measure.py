@@ -13,6 +13,7 @@ from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
+from sdp_vs_penalty.render.words import plain_name
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
@@ -157,7 +158,7 @@ def _simulated(view: View) -> None:
     robot = session.robot
     if not 0 < int(hiding["joint"]) <= robot["n"]:
         hiding["joint"] = str(robot["n"])
-    effects = [(n, draw.plain_name(n)) for n in MAKERS if not kinds[n].frozen_only]
+    effects = [(n, plain_name(n)) for n in MAKERS if not kinds[n].frozen_only]
     fields = {
         "effect": ("Effect", [("none", "Nothing hidden"), *effects]),
         "joint": (
