@@ -59,10 +59,20 @@ def _shell_byte(byte: int) -> str:
 class InputError(ValueError):
     """What the user gave cannot be used.
 
-    what : is wrong; remedy : what to do about it; where : the file, row, field or
-    option. Its text is one sentence, "where: what: remedy.", which the command line
-    prints before it exits with code 2.
+    Its text is one sentence, "where: what: remedy.", which the command line prints
+    before it exits with code 2.
 
+    Parameters
+    ----------
+    what : str
+        What is wrong.
+    remedy : str
+        What to do about it.
+    where : str or Path, optional
+        The file, row, field or option.
+
+    Examples
+    --------
     >>> str(InputError("row 3 is empty", "delete it", "run.csv"))
     'run.csv: row 3 is empty: delete it.'
     """

@@ -2,6 +2,8 @@
 what was given."""
 
 import re
+import sys
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -49,6 +51,22 @@ def forms(path: Path) -> dict[str, Any]:
         ),
         "csv as pandas reads it": pd.read_csv(path),
     }
+
+
+def test_identify_reads_checks_and_filters_once(two_link):
+    once = {"as_problem", "load_and_check", "filter_runs", "check_runs"}
+    calls = Counter()
+
+    def count(frame: Any, event: str, argument: Any) -> None:
+        if event == "call" and frame.f_code.co_name in once:
+            calls[frame.f_code.co_name] += 1
+
+    sys.setprofile(count)
+    try:
+        sdp.identify(two_link, small_run(two_link))
+    finally:
+        sys.setprofile(None)
+    assert calls == dict.fromkeys(once, 1)
 
 
 def test_measurements_are_checked_first_unless_told_otherwise(two_link):

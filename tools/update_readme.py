@@ -86,7 +86,7 @@ def headline() -> str:
             (
                 "On the authors' real run of the Panda. The first two rows solve one"
                 " problem; errors are on five stretches of motion that were not trained"
-                " on, and an interval that holds zero means that these do not tell a"
+                " on. An interval that holds zero means that these do not tell a"
                 " method from the SDP:"
             ),
             markdown(list(ROUTE_COLUMNS.values()), shown),

@@ -17,7 +17,6 @@ from sdp_vs_penalty.estimation.build_problem import (
     PoseOptions,
     filter_runs,
     load_and_check,
-    logged,
 )
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
@@ -129,20 +128,23 @@ def identify(
     >>> model.certificate.worst  # the largest violation of a constraint
     0.0
     """
+    options = PoseOptions(
+        effects=effects,
+        preprocessing=preprocessing,
+        weighting=weighting,
+        gain_uncertainty=gain_uncertainty,
+        known_loads=known_loads,
+        seed=seed,
+        known=known or {},
+        instruments=instruments,
+    )
     estimate, _ = identify_and_judge(
         problem,
         measurements,
         method,
-        effects=effects,
-        preprocessing=preprocessing,
-        weighting=weighting,
-        seed=seed,
+        options,
         progress=progress,
         proof=proof,
-        gain_uncertainty=gain_uncertainty,
-        known_loads=known_loads,
-        known=known,
-        instruments=instruments,
         workers=workers,
         noise_from=noise_from,
         check=check,
@@ -201,57 +203,65 @@ def identify_black_box(
 def identify_and_judge(
     problem: str | Path | Problem,
     measurements: Source | FilteredRuns | BlackBox,
-    method: str | Estimator = DEFAULT_METHOD,
+    method: str | Estimator,
+    options: PoseOptions,
     *,
-    effects: str | Sequence[str] | Sequence[Effect] | None = None,
-    preprocessing: Preprocessing | None = None,
-    weighting: str = "noise",
-    seed: int = 0,
     progress: Progress = no_progress,
     proof: str | Path | None = None,
-    gain_uncertainty: float | Array = 0.0,
-    known_loads: Sequence[tuple[Source, float]] = (),
-    known: Mapping[str, float] | None = None,
-    instruments: str | None = None,
     workers: Workers = ALONE,
     noise_from: Measurements | None = None,
     check: bool = True,
     warn: Callable[[str], Any] = warnings.warn,
     without_check: str = WITHOUT_CHECK,
 ) -> tuple[Estimate, Comparison | None]:
-    """:func:`identify`, and the comparison with the measurements that its verdict rests
-    on: None for a black box's answers, which are no torque along a motion.
+    """:func:`identify`, and the comparison that its verdict rests on.
 
-    warn : hears the remarks of the check; without_check : how an error says to go on
-    without it, in words. Everything else is as in :func:`identify`.
+    Problem and runs are read, checked and filtered once.
+
+    Parameters
+    ----------
+    problem, measurements, method, progress, proof, workers, noise_from, check
+        As in :func:`identify`.
+    options : PoseOptions
+        The other arguments of :func:`identify`.
+    warn : callable
+        Hears the remarks of the check, a sentence each.
+    without_check : str
+        How an error says to go on without the check, in words.
+
+    Returns
+    -------
+    Estimate
+        With its verdict.
+    Comparison or None
+        Of the model with its own measurements; None for a black box's answers, which
+        are no torque along a motion.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used.
     """
     problem = as_problem(problem, "identify(problem=...)")
     data = load_and_check(problem, measurements, "identify(measurements=...)")
     issues: dict[str, Any] = {}
     if check and isinstance(data, Measurements):
         progress("checking the measurements")
-        determines_gains = bool(known_loads)
         from sdp_vs_penalty.checks.gate import raise_on_errors
 
         issues = raise_on_errors(
-            problem, data, "identify", without_check, determines_gains, warn
+            problem,
+            data,
+            "identify",
+            without_check,
+            gains=bool(options.known_loads),
+            warn=warn,
         )
-    options = PoseOptions(
-        effects=effects,
-        preprocessing=preprocessing,
-        weighting=weighting,
-        gain_uncertainty=gain_uncertainty,
-        known_loads=known_loads,
-        seed=seed,
-        known=known or {},
-        instruments=instruments,
+    runs = (
+        data
+        if isinstance(data, BlackBox)
+        else filter_runs(problem, data, options.preprocessing)
     )
-    runs: FilteredRuns | BlackBox
-    if isinstance(data, BlackBox):
-        runs = data
-    else:
-        log = logged(data)
-        runs = filter_runs(problem, data, preprocessing)
     estimate = estimate_parameters(
         problem,
         runs,
@@ -266,7 +276,7 @@ def identify_and_judge(
         return estimate, None
     judged = runs
     if runs.settings != estimate.preprocessing:
-        judged = filter_runs(problem, log, estimate.preprocessing)
+        judged = filter_runs(problem, runs.measurements, estimate.preprocessing)
     comparison = compare_filtered({estimate.method: estimate}, judged, noise_from)[0]
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
     recording = noise_from or runs.measurements

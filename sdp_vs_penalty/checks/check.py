@@ -40,16 +40,41 @@ def check(
     *,
     thorough: bool = True,
 ) -> list[Report]:
-    """One report a run. The measurements need not be usable: clock and numbers are
-    checked as well. Runs are of one arm and one logger, and are judged together.
+    """What is wrong with measurements, one report a run.
 
-    problem : a built-in name, a folder, a URDF file, or a Problem; measurements : whatever
-        :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than
-        the problem's.
-    thorough : also look at the excitation; without, only for what would make an identification wrong
-        (what `identify` does by itself).
-    Raises InputError where robot and measurements differ in their number of joints, or every torque
-    is zero.
+    The measurements need not be usable: clock and numbers are checked as well. Runs are
+    of one arm and one logger, and are judged together.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        A built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        What :func:`~sdp_vs_penalty.data.files.as_measurements` takes: t (N,) s, q (N,
+        n) rad or m, tau (N, n) N m or N.
+    preprocessing : Preprocessing, optional
+        Filter settings; default: the problem's.
+    thorough : bool
+        Also judge the excitation. Without it, only what would make an identification
+        wrong is looked for: this is what `identify` does by itself.
+
+    Returns
+    -------
+    list of Report
+        Of each run its issues, the gravest first, and the run as it would be repaired.
+
+    Raises
+    ------
+    InputError
+        Where robot and measurements differ in their number of joints, or every torque
+        is zero.
+
+    Examples
+    --------
+    >>> from sdp_vs_penalty import check, simulate
+    >>> runs = simulate("two_link", seed=1)
+    >>> [report.errors_and_warnings for report in check("two_link", runs.test)]
+    [()]
     """
     problem = as_problem(problem, "check(problem=...)")
     measurements = as_measurements(

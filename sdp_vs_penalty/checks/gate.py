@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.checks import check as check_data
+from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -31,7 +31,9 @@ def raise_on_errors(
     determines the torque channels' gains, so that the check need not; warn : hears its
     warnings, a sentence each. Raises InputError where that work would be meaningless.
     """
-    reports = check_data(problem, measurements, thorough=False)
+    reports = check_runs(
+        problem, measurements.runs(), problem.preprocessing, thorough=False
+    )
     issues_found = [
         (r.run, f)
         for r in reports

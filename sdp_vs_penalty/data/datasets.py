@@ -39,13 +39,27 @@ def cache_folder() -> Path:
 def fetch(
     name: str, folder: str | Path | None = None, base: str | None = None
 ) -> list[Path]:
-    """Download a data set once and write its runs; returns the paths of the RUN.csv
-    files.
+    """Download a data set once and write its runs.
 
-    name : one of `sdp-vs-penalty list datasets`; folder : where to keep it (default:
-    the user's cache); base : an address with GitHub's layout of raw files (default:
-    SDP_VS_PENALTY_MIRROR, else GitHub). Raises InputError where a file cannot be
-    downloaded or is not the one that was pinned.
+    Parameters
+    ----------
+    name : str
+        One of `sdp-vs-penalty list datasets`.
+    folder : str or Path, optional
+        Where to keep it; default: the user's cache.
+    base : str, optional
+        An address with GitHub's layout of raw files; default: SDP_VS_PENALTY_MIRROR,
+        else GitHub.
+
+    Returns
+    -------
+    list of Path
+        The RUN.csv files, one a run.
+
+    Raises
+    ------
+    InputError
+        Where a file cannot be downloaded, or is not the one that was pinned.
     """
     chosen = dataset(name)
     root = cache_folder() if folder is None else Path(folder)

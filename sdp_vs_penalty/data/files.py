@@ -44,13 +44,33 @@ def load_measurements(
     stop: float = np.inf,
     names: Sequence[str] | None = None,
 ) -> Measurements:
-    """Read runs: .csv, .npz, .mat, .parquet, ROS bags, .mcap, or folders in the
-    authors' Panda format.
+    """Read runs from files.
 
-    paths : one file a run, or folders and patterns of such (:func:`run_files`); joints
-    : the number of joints expected; start, stop : the window of each run to keep [s];
-    names : of the robot's joints, for formats that name theirs (ROS). Raises InputError
-    naming file, row and column for whatever cannot be used.
+    Formats are .csv, .npz, .mat, .parquet, ROS bags, .mcap, and folders in the layout
+    of the paper's authors.
+
+    Parameters
+    ----------
+    *paths : str or Path
+        One file a run, or folders and patterns of such files.
+    joints : int, optional
+        The number of joints expected.
+    start : float
+        Where the window of each run begins [s after its first sample].
+    stop : float
+        Where it ends [s after its first sample].
+    names : sequence of str, optional
+        The robot's joint names, for formats that name theirs (ROS).
+
+    Returns
+    -------
+    Measurements
+        All runs, kept apart.
+
+    Raises
+    ------
+    InputError
+        Naming file, row and column, for whatever cannot be used.
     """
     if not paths:
         raise InputError("No measurement file is given", "name at least one RUN.csv")

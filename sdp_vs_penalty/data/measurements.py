@@ -27,14 +27,32 @@ from sdp_vs_penalty.robot.arrays import Array
 class Measurements(Shown):
     """One or more runs of one robot.
 
-    t : (N,) s; q, tau : (N, n) rad or m, N m or N; dq : (N, n) measured velocity or
-    None; run : (N,) index of the run that a sample belongs to; names : one name a run;
-    temperature : (N, n) of each joint's gear or motor [degrees Celsius], or None.
-    commanded : what the drives were told or gave, (N, n) by the names of
-    :data:`COMMANDED`; torque_logged : False where no torque was measured: tau then
-    holds the feed-forward torque, or zeros; joint_names : what the file calls the joints,
-    where it does and has just been read. Velocity and acceleration for
-    identification are not these dq: see preprocessing.
+    Identification derives velocity and acceleration from the positions: it does not use
+    the measured ``dq``.
+
+    Parameters
+    ----------
+    t : (N,) array
+        Instants [s].
+    q : (N, n) array
+        Positions [rad or m].
+    tau : (N, n) array
+        Torques [N m or N].
+    dq : (N, n) array, optional
+        Measured velocities [rad/s or m/s].
+    run : (N,) array of int, optional
+        Index of the run that each sample belongs to; default: all belong to the first.
+    names : tuple of str
+        A name for each run.
+    temperature : (N, n) array, optional
+        Temperature of each joint's gear or motor [degrees Celsius].
+    commanded : mapping of str to (N, n) array
+        What the drives were commanded or gave, by the names of :data:`COMMANDED`.
+    torque_logged : bool
+        False where no torque was measured: ``tau`` then holds the feed-forward torque,
+        or zeros.
+    joint_names : tuple of str
+        What the file calls the joints, if it does and has just been read.
     """
 
     t: Array

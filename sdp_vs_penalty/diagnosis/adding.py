@@ -54,23 +54,44 @@ def add(
     progress: Progress = no_progress,
     gain_uncertainty: float | None = None,
 ) -> Estimate:
-    """The model with effects more, identified again by its own method under its
-    problem's constraints.
+    """Extend a model by effects, and identify it again.
 
-    estimate : the model to extend, or its model.json; measurements : the runs to
-    identify it from again, whatever :func:`~sdp_vs_penalty.data.files.as_measurements`
-    takes. effects : ``name[:joints][@shape=value]``, several separated by commas, or
-    what :func:`diagnose` found: all of it or some of its findings. An effect that the
-    model has already takes the shape constants that are given
-    (coulomb_friction:7@v_s=0.08). A shape constant that is not given is estimated,
-    joint by joint. frozen : keep all other parameters; so it is also done with what a
-    frozen model was diagnosed to miss, and wherever a payload is among the effects, new
-    or there already: refitted links would absorb it. What is found of a held model's
-    own effects (a Coulomb friction that has grown) is left out: identify it again for
-    that. seed : of the method; progress : called with a short text of where the work
-    stands. gain_uncertainty : relative standard deviation of the torque channels'
-    gains; default: the model's. Raises InputError for an effect that the model already
-    has, without a new constant for it, or that cannot act.
+    The model's own method and its problem's constraints apply. A shape constant without
+    a value is estimated, joint by joint.
+
+    Parameters
+    ----------
+    estimate : Estimate, str or Path
+        The model to extend, or its model.json.
+    effects : str, Diagnosis, or sequence of Finding, Retune or str
+        ``name[:joints][@shape=value]``, several separated by commas, or what
+        :func:`diagnose` found: all of it, or some of its findings. An effect that the
+        model has already takes the new shape constants
+        (``coulomb_friction:7@v_s=0.08``).
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        The runs to identify it from.
+    frozen : bool
+        Keep all other parameters. The same happens with the findings of a frozen
+        diagnosis, and wherever the model has a payload or gets one: refitted links
+        would absorb it. Findings about a frozen model's own effects are left out;
+        identify it again for these.
+    seed : int
+        Of the method.
+    progress : callable
+        Hears where the computation stands, a short text each time.
+    gain_uncertainty : float, optional
+        Relative standard deviation of the torque channels' gains; default: the model's.
+
+    Returns
+    -------
+    Estimate
+        The extended model, with a certificate of its own.
+
+    Raises
+    ------
+    InputError
+        For an effect that the model has already, without a new constant for it, or for
+        one that cannot act.
     """
     estimate = as_estimate(estimate, "add(estimate=...)")
     measurements = as_measurements(

@@ -397,15 +397,30 @@ def compare(
 ) -> Comparisons:
     """Compare one or several models with the same measurements.
 
-    models : an Estimate or a model.json, a sequence of them, or a mapping from names to them.
-    measurements : whatever :func:`~sdp_vs_penalty.data.files.as_measurements` takes: paths, arrays,
-        a DataFrame, Measurements, or a list of runs; or FilteredRuns, whose filters hold.
-    All models are judged behind the same filters, those of the first model, or ``preprocessing``, and
-    beside one noise floor, the same for every verb. noise_from : the recordings of which the
-    measurements are windows, whose repetition shows it (default: the measurements). Where they do not
-    repeat, the floor is that of the first model's own recordings, if these did.
-    Returns one :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
-    Raises InputError where a model and the measurements have different numbers of joints.
+    All models are judged behind the same filters and beside the same noise floor.
+
+    Parameters
+    ----------
+    models : Estimate, path, sequence of these, or mapping of names to these
+        A path is that of a model.json.
+    measurements : path, arrays, DataFrame, Measurements, list of these, FilteredRuns
+        The runs to judge on. The filters of FilteredRuns hold.
+    preprocessing : Preprocessing, optional
+        Filter settings; default: those of the first model.
+    noise_from : the same as measurements, optional
+        The recordings of which the measurements are windows: their repetition shows the
+        noise floor. Default: the measurements. Where they do not repeat, the floor is
+        that of the first model's own recordings, if these did.
+
+    Returns
+    -------
+    Comparisons
+        One :class:`Comparison` a model, in a list with ``plot()`` and ``to_frame()``.
+
+    Raises
+    ------
+    InputError
+        Where a model and the measurements have different numbers of joints.
     """
     models = as_estimates(models, "compare(models=...)")
     first = next(iter(models.values()))

@@ -379,6 +379,11 @@ class Diagnosis(Record, JsonRecord):
         return tuple(f for f in candidates if f.torque_is_certain)
 
     @property
+    def texts(self) -> list[str]:
+        """Every finding and re-estimated constant, as `add` takes it."""
+        return [*(f.text for f in self.effects), *(r.text for r in self.retuned)]
+
+    @property
     def noise_known(self) -> bool:
         """Whether the noise is told from the error, if only within a factor of two (by
         a spectrum)."""

@@ -255,13 +255,31 @@ def where_it_fails(
     *,
     noise: tuple[Array | None, str] | None = None,
 ) -> Failures:
-    """One JointFailure a joint: what its residual depends on, and when it is large.
+    """What each joint's residual depends on, and when it is large.
 
-    estimate : the model, or its model.json; measurements : whatever
-    :func:`~sdp_vs_penalty.data.files.as_measurements` takes; preprocessing : filters other than the
-    model's; noise : a comparison's with these measurements, which need not be worked out again. Of a
-    long recording windows are judged (:mod:`~sdp_vs_penalty.signals.segments`).
-    Raises InputError where the measurements are not of this robot.
+    Of a long recording windows are judged (:mod:`~sdp_vs_penalty.signals.segments`).
+
+    Parameters
+    ----------
+    estimate : Estimate, str or Path
+        The model, or its model.json.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        The runs to judge on.
+    preprocessing : Preprocessing, optional
+        Filter settings; default: the model's.
+    noise : tuple of (n,) array or None, and str, optional
+        Noise floor of each joint [N m or N], and where it comes from, as a comparison
+        with these measurements has them. Default: it is measured.
+
+    Returns
+    -------
+    Failures
+        One JointFailure a joint.
+
+    Raises
+    ------
+    InputError
+        Where the measurements are not of this robot.
     """
     estimate = as_estimate(estimate, "where_it_fails(estimate=...)")
     measurements = as_measurements(

@@ -31,11 +31,22 @@ def effect_types() -> dict[str, type[Effect]]:
 
 
 def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...]:
-    """Effects from their written form ``name[:joints][@shape=value]``, separated by
-    commas.
+    """Read effects from their written form ``name[:joints][@shape=value]``.
 
-    ``presliding_hysteresis:5+7@d=0.003``: joints from 1 joined by +; several shape
-    constants each with an @ of its own.
+    In ``presliding_hysteresis:5+7@d=0.003`` joints count from 1 and are joined by +.
+    Each shape constant has an @ of its own.
+
+    Parameters
+    ----------
+    texts
+        One text with commas, or several.
+    robot
+        The robot.
+
+    Returns
+    -------
+    tuple of Effect
+        The effects.
     """
     words = texts.split(",") if isinstance(texts, str) else list(texts)
     return tuple(_parse_effect(word.strip(), robot) for word in words if word.strip())
@@ -75,7 +86,20 @@ def _parse_effect(text: str, robot: Robot) -> Effect:
 
 
 def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
-    """Inverse of Effect.to_dict."""
+    """Read an effect from what ``Effect.to_dict`` has written.
+
+    Parameters
+    ----------
+    data
+        Name, joints from 1 and shape constants.
+    robot
+        The robot.
+
+    Returns
+    -------
+    Effect
+        The effect.
+    """
     joints = None if data["joints"] is None else [int(j) - 1 for j in data["joints"]]
     return _lookup(data["effect"])(robot, joints, **data["shape"])
 

@@ -40,16 +40,39 @@ class Bristles:
     law: Law
 
     def along(self, motion: Motion) -> Array:
-        """(N, k) states along a motion, which begins in sliding (or at rest: in the
-        middle)."""
+        """Follow the states along a motion.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants. It begins in sliding; at rest, states begin in the
+            middle.
+
+        Returns
+        -------
+        Array
+            (N, k) states in [-1, 1].
+        """
         states = np.empty((len(self.distances), len(motion.t)))
         for z, row, d in zip(states, self.directions, self.distances, strict=True):
             z[:] = self.law(motion.legs_along(row), d, float(motion.sign_along(row)[0]))
         return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:
-        """(W, k) states after W joint displacements (W, n) along a straight line, from
-        states (W, k)."""
+        """Advance states along a straight line.
+
+        Parameters
+        ----------
+        z
+            (W, k) states of W simulations.
+        travel
+            (W, n) joint displacements [rad, m].
+
+        Returns
+        -------
+        Array
+            (W, k) states after it.
+        """
         step = travel @ self.directions.T / self.distances
         if self.law is stop:
             return np.clip(z + step, -1.0, 1.0)
@@ -69,7 +92,20 @@ class StatefulEffect(Effect):
 
     @abstractmethod
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
-        """The columns at instants whose states are z (N, k)."""
+        """Compute the columns at instants whose states are known.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+        z
+            (N, k) states.
+
+        Returns
+        -------
+        list of Block
+            The columns, joint by joint.
+        """
 
     def blocks(self, motion: Motion) -> list[Block]:
         return self.blocks_at(motion, self.bristles.along(motion))
@@ -87,10 +123,25 @@ class StatefulEffect(Effect):
 
 
 def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
-    """Dahl's friction state z (N,) in [-1, 1] along positions q (N,), z[0] = start.
+    """Follow Dahl's friction state along a path.
 
-    Exact for motion that is monotone between samples: while q runs in direction s, z =
-    s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop a reversal, not a sample.
+    Exact for motion that is monotone between samples: while q runs in direction s,
+    z = s + (z_0 - s) exp(-|q - q_0| / d). One step of the loop is a reversal, not a
+    sample.
+
+    Parameters
+    ----------
+    q
+        (N,) positions, or the legs of a path.
+    d
+        Travel over which the friction turns [rad, m].
+    start
+        z[0].
+
+    Returns
+    -------
+    Array
+        (N,) states in [-1, 1].
     """
     legs = q if isinstance(q, Legs) else Legs.of(q)
     decay = np.exp(np.abs(np.diff(legs.corners)) / -d)
@@ -106,12 +157,25 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
 
 
 def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
-    """Spring and slider in series, z (N,) in [-1, 1] along positions q (N,), z[0] =
-    start.
+    """Follow a spring and a slider in series along a path.
 
-    Exact for motion that is monotone between samples: from one reversal to the next the
-    state is the straight line of its spring, cut off at +-1. One step of the loop a
-    reversal, not a sample.
+    Exact for motion that is monotone between samples: from one reversal to the next
+    the state is the straight line of its spring, cut off at +-1. One step of the loop
+    is a reversal, not a sample.
+
+    Parameters
+    ----------
+    q
+        (N,) positions, or the legs of a path.
+    d
+        Travel after which the slider moves [rad, m].
+    start
+        z[0].
+
+    Returns
+    -------
+    Array
+        (N,) states in [-1, 1].
     """
     legs = q if isinstance(q, Legs) else Legs.of(q)
     z = [start]

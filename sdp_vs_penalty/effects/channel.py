@@ -193,8 +193,22 @@ class TorqueFilter(DelayedTorque):
 
 
 def first_order_lag(x: Array, t: Array, T: float) -> Array:
-    """(N, n) y with T dy/dt + y = x, at rest at the start; exact where x is linear
-    between samples."""
+    """Solve T dy/dt + y = x from rest; exact where x is linear between samples.
+
+    Parameters
+    ----------
+    x
+        (N, n) what goes in.
+    t
+        (N,) instants [s].
+    T
+        Time constant [s].
+
+    Returns
+    -------
+    Array
+        (N, n) what comes out.
+    """
     if len(t) < 2:
         return x
     step = (t[-1] - t[0]) / (len(t) - 1)

@@ -46,9 +46,21 @@ class Drift(JointEffect):
         return ("form", "T") if self.exponential else ("form",)
 
     def course(self, motion: Motion) -> Array:
-        """How the effect follows time: minutes-long trends, linear [s] or saturating
-        [-]. What settles fades before t0 as after it: in an older run exp(-t / T) would
-        grow without end."""
+        """Compute how the effect follows time.
+
+        A trend over minutes is linear [s] or saturating [-]. What settles fades before
+        t0 as after it: in an older run exp(-t / T) would grow without end.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (N,) course.
+        """
         t = motion.t - self.shape["t0"]
         return np.exp(-np.abs(t) / self.shape["T"]) if self.exponential else t
 
@@ -82,7 +94,20 @@ class Rubbing(JointEffect):
         return f"{torque}*s/{position}" if self.viscous else torque
 
     def rubbing(self, motion: Motion, joint: int) -> Array:
-        """(N,) of unit size."""
+        """Compute the friction of unit size.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        Array
+            (N,) smooth sign or velocity.
+        """
         return motion.dq[:, joint] if self.viscous else motion.sign(joint)
 
 

@@ -211,8 +211,20 @@ class Effect(ABC):
     def with_shape(
         self, joints: Sequence[int] | None = None, /, **shape: float
     ) -> Effect:
-        """The same effect with these shape constants, the others as they are; or on
-        some joints only."""
+        """Return the same effect with other shape constants, or on some joints only.
+
+        Parameters
+        ----------
+        joints
+            Joints from 0; None keeps those of this effect.
+        shape
+            New values of shape constants, by name. The others stay.
+
+        Returns
+        -------
+        Effect
+            A new effect of the same class.
+        """
         joints_of_result = self.asked_joints if joints is None else joints
         return type(self)(self.robot, joints_of_result, **{**self.shape, **shape})
 
@@ -228,16 +240,48 @@ class Effect(ABC):
     units: ClassVar[tuple[str, str]] = ("N*m", "N")
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
-        """Name and unit of each parameter of a joint (from 0); joint -1: of the whole
-        robot."""
+        """Name the parameters of one joint.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0; -1 stands for the whole robot.
+
+        Returns
+        -------
+        Iterable of (str, str)
+            Name and unit of each parameter.
+        """
         return [(self.parameter_name(joint), self.unit_on(joint))]
 
     def parameter_name(self, joint: int) -> str:
-        """The name of the parameter on a joint (from 0), or (-1) of the whole robot."""
+        """Return the name of the parameter on one joint.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0; -1 stands for the whole robot.
+
+        Returns
+        -------
+        str
+            The symbol of the effect, with the joint's number from 1.
+        """
         return f"{self.symbol}{joint + 1}" if joint >= 0 else self.symbol
 
     def unit_on(self, joint: int) -> str:
-        """The parameter's unit on a joint, with these shape constants."""
+        """Return the parameter's unit on one joint, with these shape constants.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        str
+            The unit, such as "N*m s/rad".
+        """
         return self.units[self.robot.joints[joint].kind == "prismatic"]
 
     @property
@@ -251,20 +295,53 @@ class Effect(ABC):
         )
 
     def torques(self, motion: Motion) -> Array:
-        """(N, n, k) torque on every joint from one unit of each of k parameters."""
+        """Compute the torque on every joint from one unit of each parameter.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (N, n, k) torque [N m, N] on n joints for k parameters.
+        """
         raise NotImplementedError
 
     def blocks(self, motion: Motion) -> list[Block]:
-        """The columns, joint by joint; joints without torque from this effect may be
-        left out."""
+        """Compute the columns of the regressor, joint by joint.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        list of Block
+            Joints without torque from this effect may be left out.
+        """
         indices = np.arange(len(self.parameters))
         torques = self.torques(motion)
         return [Block(j, indices, torques[:, j]) for j in range(self.robot.n)]
 
     def same_columns(self, other: Effect) -> bool:
-        """Whether both have the same columns on every motion, as far as that shows:
-        effects made of more than robot, joints and shape constants are like themselves
-        only."""
+        """Tell whether two effects have the same columns on every motion.
+
+        An effect that is made of more than robot, joints and shape constants equals
+        itself only.
+
+        Parameters
+        ----------
+        other
+            The effect to compare with.
+
+        Returns
+        -------
+        bool
+            True where the columns are certainly the same.
+        """
         plain = type(self) is type(other) and type(self).__init__ is Effect.__init__
         return self is other or (
             plain
@@ -273,7 +350,20 @@ class Effect(ABC):
         )
 
     def torque(self, theta: Array, motion: Motion) -> Array:
-        """(N, n) what its parameters theta (k,) make of a motion."""
+        """Compute the torque that this effect makes: Y(motion) theta.
+
+        Parameters
+        ----------
+        theta
+            (k,) parameters of this effect.
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (N, n) torque [N m, N].
+        """
         out = np.zeros_like(motion.q)
         for block in self.blocks(motion):
             out[:, block.joint] += block.columns @ theta[block.parameters]
@@ -290,8 +380,20 @@ class Effect(ABC):
     def constraints(
         self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
     ) -> list[Constraint]:
-        """Demands on the parameters, which sit at ``indices`` of theta: sign and range
-        of each, and what ties them to other effects' (parameters : all of theta)."""
+        """State what is demanded of the parameters: the sign and the range of each.
+
+        Parameters
+        ----------
+        indices
+            (k,) places of this effect's parameters in theta.
+        parameters
+            All of theta, for an effect that is tied to others.
+
+        Returns
+        -------
+        list of Constraint
+            Linear or semidefinite constraints F(theta) >= 0.
+        """
         out = []
         for index, parameter in zip(indices, self.parameters, strict=True):
             name = f"{self.name} {parameter.name}"
@@ -322,13 +424,37 @@ class Effect(ABC):
         return np.where(slides, *reversed(self.usual))
 
     def as_sized(self, size: float) -> float:
-        """The value of the shape constant that follows the effect's ``size``, when that
-        was found."""
+        """Return the shape constant that follows from the size of the effect.
+
+        Parameters
+        ----------
+        size
+            The size that was found, as ``sized_by`` measures it.
+
+        Returns
+        -------
+        float
+            The value of the constant ``sized_shape``.
+        """
         return size
 
     def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
-        """(N, n) true torque of channels that read ``torque`` at t (N,); theta (k,) :
-        its own."""
+        """Recover the true torque from what the torque channels read.
+
+        Parameters
+        ----------
+        theta
+            (k,) parameters of this effect.
+        t
+            (N,) instants [s].
+        torque
+            (N, n) what the channels read [N m, N].
+
+        Returns
+        -------
+        Array
+            (N, n) torque on the joints [N m, N].
+        """
         return torque
 
     @property
@@ -341,8 +467,20 @@ class Effect(ABC):
 
     @classmethod
     def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
-        """The shape constants with which a search begins on one joint; none where it
-        cannot act."""
+        """List the shape constants with which a search begins on one joint.
+
+        Parameters
+        ----------
+        robot
+            The robot.
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        Iterable of dict
+            Values by name; empty where the effect cannot act.
+        """
         kind = robot.joints[joint].kind
         grids = {
             key: shape.on(kind).grid for key, shape in cls.shapes.items() if shape.grid
@@ -356,9 +494,24 @@ class Effect(ABC):
     def candidates(
         cls, robot: Robot, joint: int | None, start: float = 0.0, **constants: float
     ) -> list[Effect]:
-        """The effect on one joint (None: the whole robot), with each set of shape
-        constants that a search begins with; ``constants`` ones stay. start : the first
-        instant of the measurements [s]."""
+        """List the forms of the effect that a search tries.
+
+        Parameters
+        ----------
+        robot
+            The robot.
+        joint
+            The joint from 0; None stands for the whole robot.
+        start
+            First instant of the measurements [s].
+        constants
+            Shape constants that stay as they are given.
+
+        Returns
+        -------
+        list of Effect
+            One effect for each set of shape constants of :meth:`starts`.
+        """
         clock = {
             key: start for key, shape in cls.shapes.items() if shape.role == "clock"
         }
@@ -382,7 +535,18 @@ class Effect(ABC):
         )
 
     def with_free_shapes(self, keys: Iterable[str]) -> Effect:
-        """The same effect, some of whose shape constants are to be estimated again."""
+        """Return the same effect with some shape constants to be estimated again.
+
+        Parameters
+        ----------
+        keys
+            Names of the constants that are no longer given.
+
+        Returns
+        -------
+        Effect
+            A copy of this effect.
+        """
         out = copy(self)
         out.given = self.given - frozenset(keys)
         return out
@@ -390,8 +554,18 @@ class Effect(ABC):
     # What a reader is told.
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
-        """(N,) where a motion leaves what the effect is known for; nowhere, but for
-        measured tables."""
+        """Tell where a motion leaves the range for which the effect is known.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        NDArray
+            (N,) flags. Only a measured table has such a range.
+        """
         return np.zeros(len(motion.t), bool)
 
     @property
@@ -405,12 +579,35 @@ class Effect(ABC):
         )
 
     def remark(self, size: float) -> str:
-        """A sentence about an effect of this size, if there is something to say."""
+        """Say what is worth knowing about an effect of this size.
+
+        Parameters
+        ----------
+        size
+            The size that was found.
+
+        Returns
+        -------
+        str
+            A sentence, or nothing.
+        """
         return ""
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """What a model may lack that passes for this effect of this size in what was
-        seen of its joint, if there is such a thing."""
+        """Say what else would look like this effect in these measurements.
+
+        Parameters
+        ----------
+        size
+            The size that was found.
+        coverage
+            What the runs show of its joint.
+
+        Returns
+        -------
+        str
+            The reason for doubt, or nothing.
+        """
         slow = (self.waves or np.inf) * coverage.travel < 2.0 * np.pi
         return (
             "less than one wave was travelled: all that changes slowly along it"
@@ -447,8 +644,20 @@ class Effect(ABC):
 
 
 def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
-    """Whether the torque changes with the joints' position, or velocity, or not at all,
-    and with nothing else."""
+    """Tell whether an effect's torque changes with one signal and nothing else.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    signal
+        "q" for positions, "dq" for velocities.
+
+    Returns
+    -------
+    bool
+        True as well where the torque does not change at all.
+    """
     other = effect.needs_torque or effect.needs_links or effect.needs_temperature
     if other or effect.needs_command or effect.needs_motors or effect.has_memory:
         return False
@@ -470,15 +679,38 @@ class JointEffect(Effect):
     """An effect with one column a joint, or several, on that joint's own torque."""
 
     def column(self, motion: Motion, joint: int) -> Array:
-        """The (N,) column of the torque on ``joint`` (from 0); (N, k) where it has k
-        parameters."""
+        """Compute the column of the torque on one joint.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        Array
+            (N,) or, for k parameters a joint, (N, k).
+        """
         raise NotImplementedError
 
     def blocks(self, motion: Motion) -> list[Block]:
         return self.blocks_per_joint([self.column(motion, j) for j in self.joints])
 
     def blocks_per_joint(self, columns: Sequence[Array]) -> list[Block]:
-        """Of the columns (N,) or (N, k) of each of its joints."""
+        """Make a block of the columns of each joint.
+
+        Parameters
+        ----------
+        columns
+            (N,) or (N, k) columns of each of the effect's joints.
+
+        Returns
+        -------
+        list of Block
+            One block a joint.
+        """
         wide = [x.reshape(len(x), -1) for x in columns]
         ends = accumulate((x.shape[1] for x in wide), initial=0)
         parameters_by_joint = starmap(np.arange, pairwise(ends))

@@ -1,6 +1,7 @@
 """A model run forward: from joint torques, or what drives are told, to motion.
 
-    M(q) ddq = tau - b(q, dq) - f(q, dq, z, t),   dz/ds = law of the friction's internal states
+    M(q) ddq = tau - b(q, dq) - f(q, dq, z, t),   dz/ds = law of the friction's internal
+    states
 
 M and b are the links' (Pinocchio), and f everything else that the model knows. Dry
 friction turns round over velocities that a step of a millisecond passes many times
@@ -118,8 +119,20 @@ class Plant:
         return tuple(e.text for e in self.model.effects if e.forward == "left out")
 
     def true_torque(self, t: Array, torque: Array) -> Array:
-        """(N, n) the joints' torque from what the channels read, of the first row of
-        parameters."""
+        """Recover the joints' torque from what the channels read.
+
+        Parameters
+        ----------
+        t
+            (N,) instants [s].
+        torque
+            (N, n) what the channels read [N m, N].
+
+        Returns
+        -------
+        Array
+            (N, n) torque by the first row of parameters [N m, N].
+        """
         if self.model.gains is not None:
             torque = torque / np.array(self.model.gains)
         for effect, k in self.channels:
@@ -127,14 +140,38 @@ class Plant:
         return torque
 
     def remembered(self, motion: Motion) -> Array:
-        """(N, k) the friction's states along a measured motion."""
+        """Follow the friction's states along a measured motion.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (N, k) states.
+        """
         motion = replace(motion, sign_width=self.model.sign_width)
         return np.hstack(
             [np.zeros((len(motion.t), 0)), *(b.along(motion) for b in self.bristles)]
         )
 
     def advanced(self, z: Array, travel: Array) -> Array:
-        """(W, k) the friction's states after displacements (W, n)."""
+        """Advance the friction's states.
+
+        Parameters
+        ----------
+        z
+            (W, k) states.
+        travel
+            (W, n) displacements [rad, m].
+
+        Returns
+        -------
+        Array
+            (W, k) states after it.
+        """
         parts = np.split(
             z, np.cumsum([len(b.distances) for b in self.bristles])[:-1], axis=1
         )
@@ -157,14 +194,38 @@ class Plant:
         )
 
     def mass(self, q: Array) -> Array:
-        """(W, n, n) M(q) at configurations (W, n)."""
+        """Compute the mass matrices M(q).
+
+        Parameters
+        ----------
+        q
+            (W, n) configurations [rad, m].
+
+        Returns
+        -------
+        Array
+            (W, n, n) mass matrices [kg m^2, kg m, kg].
+        """
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
     def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:
-        """What moves W simulations at the middle of a step of h [s], if it went on as
-        in the last one: M (W, n, n), force (W, n) = b + f without dry friction, its
-        slope (W, n) over the velocity there, and the dry forces (W, m) along the
-        contacts."""
+        """Compute what moves W simulations at the middle of a step.
+
+        The step is taken as if motion went on as in the last one.
+
+        Parameters
+        ----------
+        state
+            States of W simulations.
+        h
+            Step [s].
+
+        Returns
+        -------
+        tuple of Array
+            M (W, n, n); force (W, n), which is b + f without dry friction; its slope (W, n)
+            over the velocity; the dry forces (W, m) along the contacts.
+        """
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
         mass, bias = self._mass_and_bias(state.q + travel, dq)
@@ -319,11 +380,25 @@ class Plant:
 def advance(
     plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None
 ) -> State:
-    """One step of h [s] of all simulations; positions move with the mean velocity.
+    """Take one step of all simulations; positions move with the mean velocity.
 
-    torque : (W, n) at the middle of the step, if that goes on as the last one did;
-    damping : (W, n, n) how the torque falls with the velocity there, where a controller
-    makes it.
+    Parameters
+    ----------
+    plant
+        The robot with its effects.
+    state
+        States of W simulations.
+    torque
+        (W, n) torque at the middle of the step, if motion goes on as in the last one.
+    h
+        Step [s].
+    damping
+        (W, n, n) how the torque of a controller falls with the velocity there.
+
+    Returns
+    -------
+    State
+        The states after the step.
     """
     mass, force, slope, dry = plant.terms(state, h)
     predicted = state.dq + h * state.ddq
@@ -352,15 +427,42 @@ class ServoLoop:
         self.plant = Plant(model, theta)
 
     def drive(self, motion: Motion) -> Array:
-        """(N, n) torque of the drives [N m, N]."""
+        """Compute the torque of the drives.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (N, n) torque [N m, N].
+        """
         return -sum(
             (e.torque(indices, motion) for e, indices in self.drives),
             np.zeros_like(motion.q),
         )
 
     def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
-        """States (W) at positions q (W, n) whose integrals are path (W, n), with the
-        velocity of the command, at instants t (W,)."""
+        """Make states that start with the velocity of the command.
+
+        Parameters
+        ----------
+        command
+            What the drives were told.
+        t
+            (W,) instants [s].
+        q
+            (W, n) positions [rad, m].
+        path
+            (W, n) integrals of the positions [rad s, m s].
+
+        Returns
+        -------
+        State
+            W states.
+        """
         dq = command.velocity(t)
         zero = np.zeros_like(q)
         motion = Motion(t, q, dq, zero, command=command, position_integral=path)
@@ -372,7 +474,22 @@ class ServoLoop:
         return State(t, q, dq, zero, z, np.full_like(q, np.nan), path)
 
     def step(self, state: State, command: Command, h: float) -> State:
-        """One step of h [s] of all states, the drives' stiffness and damping implicit."""
+        """Take one step; stiffness and damping of the drives are implicit.
+
+        Parameters
+        ----------
+        state
+            States of W simulations.
+        command
+            What the drives were told.
+        h
+            Step [s].
+
+        Returns
+        -------
+        State
+            The states after the step.
+        """
         half = 0.5 * h
         dq = state.dq + half * state.ddq
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
@@ -397,11 +514,29 @@ class ServoLoop:
 def dry_step(
     matrix: Array, push: Array, before: Array, impulse: Array, c: Array, w: Array
 ) -> Array:
-    """(W, n) velocities after a step.
+    """Compute the velocities after a step with dry friction.
 
-    matrix : (W, n, n) K; push : (W, n) [N m s]; before : (W, n) velocities before the
-    step; impulse : (W, m) p; c (m, n), w (m,) : the contacts' directions and widths.
-    What is negative of p (no friction) acts as the velocity before the step says.
+    A negative impulse (no friction) acts as the velocity before the step says.
+
+    Parameters
+    ----------
+    matrix
+        (W, n, n) K.
+    push
+        (W, n) impulse of all other forces [N m s].
+    before
+        (W, n) velocities before the step.
+    impulse
+        (W, m) p, the largest impulse of each contact.
+    c
+        (m, n) directions of the contacts.
+    w
+        (m,) widths of the contacts [rad/s, m/s].
+
+    Returns
+    -------
+    Array
+        (W, n) velocities after the step.
     """
     past = before @ c.T
     rejected = np.minimum(impulse, 0.0)

@@ -248,7 +248,20 @@ class LinkDeviation(Effect):
     signless = True
 
     def deviated(self, motion: Motion, joint: int) -> Array:
-        """(N, n) torque on all joints from one unit of the deviation of ``joint``."""
+        """Compute the torque from one unit of the deviation of one joint.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        Array
+            (N, n) torque on all joints.
+        """
         raise NotImplementedError
 
     def torques(self, motion: Motion) -> Array:

@@ -34,7 +34,18 @@ class Variable:
     ratio: float = 1.0
 
     def along(self, motion: Motion) -> Array:
-        """(N,) its values along a motion."""
+        """Compute the variable along a motion.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (N,) values.
+        """
         j = self.joint
         if self.word == "t":
             return motion.t
@@ -71,7 +82,23 @@ class Variable:
 
     @classmethod
     def parse(cls, text: str) -> Variable:
-        """Inverse of :attr:`name`; ValueError where the text is none."""
+        """Read a variable from its :attr:`name`.
+
+        Parameters
+        ----------
+        text
+            Text such as "q4", "sign(dq4)" or "t".
+
+        Returns
+        -------
+        Variable
+            The variable.
+
+        Raises
+        ------
+        ValueError
+            The text names no variable.
+        """
         if text == "t":
             return cls("t")
         if match := re.fullmatch(r"(d?q)([1-9]\d*)([+-])([\d.]*)\1([1-9]\d*)", text):
@@ -83,7 +110,18 @@ class Variable:
         return cls(match[1] + match[3], int(match[2]) - 1)
 
     def unit(self, torque_units: Sequence[str]) -> str:
-        """From the units of the joints' torques; of a combination the first joint's."""
+        """Return the unit, from the units of the joints' torques.
+
+        Parameters
+        ----------
+        torque_units
+            Unit of each joint's torque. Of a combination the first joint's counts.
+
+        Returns
+        -------
+        str
+            The unit.
+        """
         position = "m" if torque_units[self.joint] == "N" else "rad"
         rates = {
             "q": position,
@@ -269,7 +307,18 @@ class MeasuredCurve(JointEffect):
         }
 
     def variables(self, joint: int) -> tuple[Variable, ...]:
-        """What the curve runs over."""
+        """Return what the curve of a joint runs over.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        tuple of Variable
+            One or two variables.
+        """
         parsed = (_variable(self.shape, axis, joint) for axis in "xy")
         return tuple(v for v in parsed if v is not None)
 
@@ -283,7 +332,18 @@ class MeasuredCurve(JointEffect):
         return f"{self.text.partition('@')[0]} ({self.constants})"
 
     def of(self, joint: int) -> tuple[str, ...]:
-        """The variables as they are written: q4, sign(dq4), t."""
+        """Return the variables as they are written: q4, sign(dq4), t.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        tuple of str
+            Their names.
+        """
         return tuple(v.name for v in self.variables(joint))
 
     def parameter_name(self, joint: int) -> str:

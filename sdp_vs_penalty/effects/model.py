@@ -34,8 +34,18 @@ class JointColumns:
     columns: Array
 
     def dense_columns(self, p: int) -> Array:
-        """(N, p) with the columns of all parameters, zero where they do not act on the
-        joint."""
+        """Spread the columns over all parameters.
+
+        Parameters
+        ----------
+        p
+            Number of parameters of the model.
+
+        Returns
+        -------
+        Array
+            (N, p) columns, zero where a parameter does not act on the joint.
+        """
         out = np.zeros((len(self.columns), p))
         out[:, self.indices] = self.columns
         return out
@@ -47,8 +57,8 @@ class Model:
     parameters.
 
     reference : (p,) the current model that effects refer to whose columns depend on the links
-        (elasticity) or on the torque of all that needs none (a gain): only entries of what needs no
-        torque are read. None where no effect needs it.
+        (elasticity) or on the torque of all that needs none (a gain): only entries of
+        what needs no torque are read. None where no effect needs it.
     gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
         are then in true units, and the modelled torque is the channels'. None: they read true.
     allow_duplicates : effects may come a second time, as what has changed since their
@@ -107,7 +117,18 @@ class Model:
         )
 
     def places(self, part: Model) -> NDArray[np.intp]:
-        """Where the parameters of a part of it sit in theta."""
+        """Find the parameters of a part of this model in theta.
+
+        Parameters
+        ----------
+        part
+            A model of some of the same effects.
+
+        Returns
+        -------
+        NDArray
+            Indices into theta, in the order of the part.
+        """
         return np.concatenate(
             [np.arange(0), *(k for e, k in self.parts if e in part.effects)]
         )
@@ -175,12 +196,33 @@ class Model:
         return plausible_sizes(self.effects)
 
     def columns(self, motion: Motion) -> list[JointColumns]:
-        """The regressor of a motion, joint by joint (n entries)."""
+        """Compute the regressor of a motion, joint by joint.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        list of JointColumns
+            n entries.
+        """
         return self.joined(self.blocks(motion), len(motion.t))
 
     def dense_columns(self, motion: Motion) -> Array:
-        """(n, N, p) the same with columns for all parameters, zero where they do not
-        act on a joint."""
+        """Compute the regressor with columns for all parameters.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (n, N, p) columns, zero where a parameter does not act on a joint.
+        """
         return np.stack(
             [
                 columns_of_joint.dense_columns(len(self.parameters))
@@ -191,10 +233,21 @@ class Model:
     def blocks(
         self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None
     ) -> dict[int, list[Block]]:
-        """Each effect's columns by its place in the model, but for those that are known
-        already.
+        """Compute the columns of each effect.
 
-        smooth : the motion on which those of smooth effects are wanted instead.
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+        known
+            Places of effects whose columns are known already and are left out.
+        smooth
+            The motion for the columns of smooth effects, if another one.
+
+        Returns
+        -------
+        dict
+            Blocks by the place of their effect in the model.
         """
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
@@ -226,8 +279,20 @@ class Model:
     def joined(
         self, blocks: Mapping[int, list[Block]], count: int
     ) -> list[JointColumns]:
-        """Columns of ``count`` instants, joint by joint (n entries), of the effects'
-        blocks."""
+        """Join the blocks of all effects to the regressor.
+
+        Parameters
+        ----------
+        blocks
+            Blocks by the place of their effect in the model.
+        count
+            Number of instants.
+
+        Returns
+        -------
+        list of JointColumns
+            n entries.
+        """
         parts = [[(np.arange(0), np.zeros((count, 0)))] for _ in range(self.robot.n)]
         for k, indices in enumerate(self.indices):
             for block in blocks.get(k, ()):
@@ -246,7 +311,21 @@ class Model:
     def explaining(
         self, columns: Sequence[JointColumns], torque: Array
     ) -> tuple[list[JointColumns], Array]:
-        """Columns and torque (N, n) without what known parameters make of it."""
+        """Take what known parameters explain out of the columns and the torque.
+
+        Parameters
+        ----------
+        columns
+            The regressor, joint by joint.
+        torque
+            (N, n) torque [N m, N].
+
+        Returns
+        -------
+        tuple
+            The columns with zeros for known parameters, and the torque (N, n) that is
+            left.
+        """
         if not self.known:
             return list(columns), torque
         free = np.array([p.name not in self.known for p in self.parameters])
@@ -257,7 +336,18 @@ class Model:
         ], torque - known_torque
 
     def with_known(self, theta: Array) -> Array:
-        """theta (p,) with the values that are given."""
+        """Put the given values into theta.
+
+        Parameters
+        ----------
+        theta
+            (p,) parameters.
+
+        Returns
+        -------
+        Array
+            (p,) parameters with those of ``known`` in their places.
+        """
         names = [p.name for p in self.parameters]
         return np.array(
             [self.known.get(name, x) for name, x in zip(names, theta, strict=True)],
@@ -295,8 +385,21 @@ class Model:
         )
 
     def seen_along(self, theta: Array, motion: Motion) -> Motion:
-        """The motion with the links of theta (p,), with the torque of all that needs
-        none and as the channels log it, and this model's widths of signs."""
+        """Attach the current model to a motion.
+
+        Parameters
+        ----------
+        theta
+            (p,) parameters.
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Motion
+            The motion with the links of theta, the torque before the channels, the
+            torque as the channels log it, and this model's widths of signs.
+        """
         before = self.before_channels
         torque = before.torque(theta[self.places(before)], motion)
         logged = torque if before is self else self.torque(theta, motion)
@@ -304,7 +407,20 @@ class Model:
         return replace(attached, logged=logged, sign_width=self.sign_width)
 
     def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
-        """Modelled torque (N, n)."""
+        """Compute the torque of the model: tau = Y(motion) theta.
+
+        Parameters
+        ----------
+        theta
+            (p,) parameters.
+        motion
+            The motion at N instants.
+
+        Returns
+        -------
+        Array
+            (N, n) torque [N m, N].
+        """
         theta = np.asarray(theta, float)
         count = len(motion.t)
         if count > _PART and not any(effect.has_memory for effect in self.effects):
@@ -323,8 +439,18 @@ class Model:
 
 
 def plausible_sizes(effects: Sequence[Effect]) -> Array:
-    """(k,) standard deviations of effects' parameters about zero before anything is
-    measured, infinite where nothing is known."""
+    """Return how large parameters are before anything is measured.
+
+    Parameters
+    ----------
+    effects
+        The effects, in the order of their parameters.
+
+    Returns
+    -------
+    Array
+        (k,) standard deviations about zero, infinite where nothing is known.
+    """
     parts = [
         np.full(len(e.parameters), np.inf) if e.plausible is None else e.plausible
         for e in effects
@@ -333,8 +459,20 @@ def plausible_sizes(effects: Sequence[Effect]) -> Array:
 
 
 def turning(motion: Motion, effect: Effect) -> Motion:
-    """The motion whose signs turn over the velocity that an effect says; itself where
-    it says none."""
+    """Give a motion the widths of signs that an effect states.
+
+    Parameters
+    ----------
+    motion
+        The motion.
+    effect
+        An effect with a shape constant ``v_s``, or without one.
+
+    Returns
+    -------
+    Motion
+        The same motion where the effect states no width.
+    """
     if "v_s" not in effect.shape:
         return motion
     width = effect.shape["v_s"]
@@ -344,5 +482,16 @@ def turning(motion: Motion, effect: Effect) -> Motion:
 
 
 def depends(effect: Effect) -> bool:
-    """Whether its columns need a current model."""
+    """Tell whether an effect's columns need a current model.
+
+    Parameters
+    ----------
+    effect
+        The effect.
+
+    Returns
+    -------
+    bool
+        True where it reads the model's torque or links.
+    """
     return effect.needs_torque or effect.needs_links

@@ -50,17 +50,51 @@ class Command:
     position_integral: Array
 
     def position(self, t: Array) -> Array:
-        """(len(t), n) at any instants; outside of those known, as at their end."""
+        """Return the commanded position.
+
+        Parameters
+        ----------
+        t
+            (N,) instants [s]. Outside of the known ones the ends count.
+
+        Returns
+        -------
+        Array
+            (N, n) positions [rad, m].
+        """
         k, h = self._near(t)
         return np.asarray(self.q[k] + h * self.dq[k] + 0.5 * h * h * self.ddq[k])
 
     def velocity(self, t: Array) -> Array:
-        """Its rate."""
+        """Return the commanded velocity.
+
+        Parameters
+        ----------
+        t
+            (N,) instants [s].
+
+        Returns
+        -------
+        Array
+            (N, n) velocities [rad/s, m/s].
+        """
         k, h = self._near(t)
         return np.asarray(self.dq[k] + h * self.ddq[k])
 
     def integral(self, t: Array) -> Array:
-        """The integral of the position, which outside stays as it was at the end."""
+        """Return the integral of the commanded position over time.
+
+        Parameters
+        ----------
+        t
+            (N,) instants [s]. Outside of the known ones the position stays as at the
+            end.
+
+        Returns
+        -------
+        Array
+            (N, n) integrals [rad s, m s].
+        """
         k, h = self._near(t)
         beyond = (t - np.clip(t, self.t[0], self.t[-1]))[:, None]
         return np.asarray(
@@ -94,6 +128,18 @@ class Legs:
 
     @classmethod
     def of(cls, q: Array) -> Legs:
+        """Cut a path into legs.
+
+        Parameters
+        ----------
+        q
+            (N,) positions.
+
+        Returns
+        -------
+        Legs
+            The legs between reversals.
+        """
         sign = np.sign(np.diff(q))
         moving = np.flatnonzero(sign)
         turns = moving[np.flatnonzero(np.diff(sign[moving])) + 1]
@@ -164,7 +210,18 @@ class Motion:
     )
 
     def part(self, which: slice | NDArray[np.integer]) -> Motion:
-        """Some of these instants."""
+        """Return some of the instants.
+
+        Parameters
+        ----------
+        which
+            Slice or indices.
+
+        Returns
+        -------
+        Motion
+            The motion at these instants.
+        """
         arrays = (
             "t",
             "q",
@@ -182,22 +239,56 @@ class Motion:
         return replace(self, **known)
 
     def sign(self, joint: int, width: float | None = None) -> Array:
-        """(N,) smooth sign of a joint's velocity, over the joint's width or the one
-        given."""
+        """Compute the smooth sign of a joint's velocity.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+        width
+            Velocity over which the sign turns [rad/s, m/s]; None: the joint's own.
+
+        Returns
+        -------
+        Array
+            (N,) values in [-1, 1].
+        """
         if width is None:
             return np.asarray(self._signs[joint])
         return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
 
     def sign_along(self, ratios: Array) -> Array:
-        """(N,) smooth sign of ratios (n,) times the velocities, over its joints'
-        largest width."""
+        """Compute the smooth sign of a combination of velocities.
+
+        Parameters
+        ----------
+        ratios
+            (n,) factors of the joints' velocities. The largest width of these joints
+            counts.
+
+        Returns
+        -------
+        Array
+            (N,) values in [-1, 1].
+        """
         if (joint := _only(ratios)) is not None:
             return self.sign(joint)
         width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
         return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
 
     def legs_along(self, ratios: Array) -> Legs:
-        """The path that ratios (n,) times the positions follow."""
+        """Cut the path of a combination of positions into legs.
+
+        Parameters
+        ----------
+        ratios
+            (n,) factors of the joints' positions.
+
+        Returns
+        -------
+        Legs
+            The legs between reversals.
+        """
         joint = _only(ratios)
         return Legs.of(self.q @ ratios) if joint is None else self._legs[joint]
 
@@ -213,7 +304,18 @@ class Motion:
         return [Legs.of(q) for q in self.q.T]
 
     def width(self, joint: int) -> float:
-        """The velocity over which a joint's sign is smoothed [rad/s, m/s]."""
+        """Return the velocity over which a joint's sign is smoothed.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        float
+            Width [rad/s, m/s].
+        """
         w = self.sign_width
         return w[joint] if isinstance(w, tuple) else w
 
@@ -240,8 +342,21 @@ class Motion:
         )
 
     def late_torque_rate(self, T: float) -> Array:
-        """(N, n) (tau(t) - tau(t - T)) / T of the current model's torque; of a T below
-        two samples the difference over two about the same middle."""
+        """Compute (tau(t) - tau(t - T)) / T of the current model's torque.
+
+        For a T below two samples it is the difference over two samples about the same
+        middle.
+
+        Parameters
+        ----------
+        T
+            Delay [s].
+
+        Returns
+        -------
+        Array
+            (N, n) rate [N m/s, N/s].
+        """
         step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         middle = self.t - 0.5 * T
         half = max(0.5 * abs(T), step)
@@ -254,15 +369,40 @@ class Motion:
         return (forward - back) / (2.0 * half)
 
     def rates(self, values: Array) -> tuple[Array, Array, Array]:
-        """Values (N, ...) at these instants, and their first and second time
-        derivative."""
+        """Differentiate values twice in time.
+
+        Parameters
+        ----------
+        values
+            (N, ...) values at these instants.
+
+        Returns
+        -------
+        tuple of Array
+            The values, their first and their second derivative, each (N, ...).
+        """
         rate = _time_derivative(values, self.t)
         return values, rate, _time_derivative(rate, self.t)
 
     def smoothed(self, values: Array, band: float) -> Array:
-        """Values (N, ...) at these instants without what is faster than ``band`` [Hz]:
-        times 1 / (1 + (f / band)^8), Butterworth's filter of fourth order there and
-        back, flat to 1e-5 at a quarter of it. Values go on odd about their ends."""
+        """Take out of values what is faster than a band.
+
+        The gain is 1 / (1 + (f / band)^8): Butterworth's filter of fourth order there
+        and back, flat to 1e-5 at a quarter of the band. Values go on odd about their
+        ends.
+
+        Parameters
+        ----------
+        values
+            (N, ...) values at these instants.
+        band
+            Frequency [Hz].
+
+        Returns
+        -------
+        Array
+            (N, ...) smooth values.
+        """
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
         if not 2.0 * band < rate or len(values) < 3:
             return values
@@ -310,11 +450,26 @@ def smooth_sign(
     rate: Array | None = None,
     within: Sampling | None = None,
 ) -> Array:
-    """tanh(dq / width): the sign of a velocity whose value near zero is noise [-].
+    """Compute tanh(dq / width): the sign of a velocity whose value near zero is noise.
 
-    rate (N,) : of the velocity; within : the samples of the log that each of these
-    stands for, over which the mean is taken. A sign read at every fourth sample turns
-    round up to two samples too early or too late, and a low-pass does not mend that.
+    A sign read at every fourth sample turns round up to two samples too early or too
+    late, and a low-pass does not mend that. So the mean over the samples is taken.
+
+    Parameters
+    ----------
+    velocity
+        (N,) velocities [rad/s, m/s].
+    width
+        Velocity over which the sign turns [rad/s, m/s].
+    rate
+        (N,) accelerations, needed for the mean.
+    within
+        The samples of the log that each instant stands for.
+
+    Returns
+    -------
+    Array
+        (N,) values in [-1, 1].
     """
     if rate is None or within is None or within.count < 2:
         # tanh to 2e-16, by the exponential, which NumPy works out ten times as fast.

@@ -50,7 +50,20 @@ class ServoGain(Servo):
         return self.blocks_per_joint([column[:, j] for j in self.joints])
 
     def drive(self, motion: Motion, at: Array) -> Array:
-        """(N, n) torque on the load from gains of one, of what was commanded at (N,)."""
+        """Compute the torque on the load from gains of one.
+
+        Parameters
+        ----------
+        motion
+            The motion at N instants.
+        at
+            (N,) instants of the command [s].
+
+        Returns
+        -------
+        Array
+            (N, n) torque.
+        """
         raise NotImplementedError
 
 

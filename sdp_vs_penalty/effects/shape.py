@@ -42,8 +42,18 @@ class ShapeConstant:
     role: Literal["searched", "estimated", "clock"] = "searched"
 
     def on(self, kind: str) -> ShapeConstant:
-        """The same with grid and bounds for a joint of this kind ("revolute",
-        "prismatic")."""
+        """Return the constant with grid and bounds for one kind of joint.
+
+        Parameters
+        ----------
+        kind
+            "revolute" or "prismatic".
+
+        Returns
+        -------
+        ShapeConstant
+            The same constant on such a joint.
+        """
         if kind != "prismatic" or self.metres == 1.0:
             return self
         # As many digits as a written effect has.
@@ -53,8 +63,19 @@ class ShapeConstant:
         return replace(self, grid=grid, bounds=ends, metres=1.0)
 
     def complaint(self, value: float) -> str | None:
-        """What is wrong with a value, or None: the end of a sentence that begins with
-        its name."""
+        """Say what is wrong with a value.
+
+        Parameters
+        ----------
+        value
+            The value.
+
+        Returns
+        -------
+        str or None
+            The end of a sentence that begins with the constant's name; None where
+            nothing is wrong.
+        """
         if not np.isfinite(value):
             return "must be finite"
         if self.choices and value not in self.choices:
@@ -68,26 +89,77 @@ class ShapeConstant:
         return None
 
     def parsed(self, text: str) -> float:
-        """The value that a text means: one of the words, or a number. ValueError where
-        it is neither."""
+        """Read a value from text.
+
+        Parameters
+        ----------
+        text
+            A number, or one of the constant's words.
+
+        Returns
+        -------
+        float
+            The value.
+
+        Raises
+        ------
+        ValueError
+            The text is neither.
+        """
         word = text.strip()
         return (
             self.choices[self.words.index(word)] if word in self.words else float(word)
         )
 
     def written(self, value: float) -> str:
-        """The value as :meth:`parsed` reads it."""
+        """Write a value as :meth:`parsed` reads it.
+
+        Parameters
+        ----------
+        value
+            The value.
+
+        Returns
+        -------
+        str
+            A number or a word.
+        """
         return self.words[self.choices.index(value)] if self.words else f"{value:.6g}"
 
     def unit_on(self, kind: str) -> str:
-        """The unit on a joint of this kind ("revolute", "prismatic")."""
+        """Return the unit on one kind of joint.
+
+        Parameters
+        ----------
+        kind
+            "revolute" or "prismatic".
+
+        Returns
+        -------
+        str
+            The unit.
+        """
         return (
             self.unit if isinstance(self.unit, str) else self.unit[kind == "prismatic"]
         )
 
     def format_with_unit(self, value: float, kind: str) -> str:
-        """The value with its unit, as a sentence says it.
+        """Write a value with its unit, as a sentence says it.
 
+        Parameters
+        ----------
+        value
+            The value.
+        kind
+            "revolute" or "prismatic".
+
+        Returns
+        -------
+        str
+            Text such as "7 per turn".
+
+        Examples
+        --------
         >>> ShapeConstant(2.0, ("1/turn", "rad/m")).format_with_unit(7.0, "revolute")
         '7 per turn'
         """

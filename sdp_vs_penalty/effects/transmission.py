@@ -65,7 +65,18 @@ class JointCoupling(JointEffect):
             )
 
     def partner(self, joint: int) -> int:
-        """The joint i (from 0) whose motion acts on ``joint``."""
+        """Return the joint whose motion acts on another joint.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0 that is acted on.
+
+        Returns
+        -------
+        int
+            The partner from 0.
+        """
         if self.shape["i"] > 0.0:
             return int(self.shape["i"]) - 1
         return joint - 1 if joint > 0 else 1
@@ -295,7 +306,20 @@ def _worth_a_guess(
 
 
 def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
-    """Ratios of neighbours of one kind, and the couplings that are known of the robot."""
+    """List the combinations of joints along which a transmission may rub.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    first
+        The joint from 0 with which a combination begins.
+
+    Returns
+    -------
+    list of dict
+        Ratios of neighbours of one kind, and the couplings known of the robot.
+    """
     kinds = [j.kind for j in robot.joints]
     out = [_ratios(row) for row in robot.couplings if np.flatnonzero(row)[0] == first]
     for more in (*((a,) for a in _PAIRS), *_TRIPLES):

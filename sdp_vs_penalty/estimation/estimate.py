@@ -58,13 +58,32 @@ _SIMULATORS = lazy_exports(
 
 @dataclass(frozen=True, repr=False)
 class Estimate(Record):
-    """theta (p,) of a model, with how it came about.
+    """The identified parameters of a model, and how they came about.
 
-    problem : the bounds and the prior that it was identified under, which travel with
-    it; uncertainty : what the runs that it came from say of the parameters; settings :
-    those of the method; preprocessing : the resolved filters; provenance : versions,
-    data hash, seed; training_motion : which motion it has been identified from, None
-    where that is not recorded.
+    Parameters
+    ----------
+    problem : Problem
+        The bounds and the prior that held in the identification.
+    model : Model
+        The robot and its effects.
+    theta : (p,) array
+        A value for each of the model's parameters, each in its own unit.
+    uncertainty : Uncertainty
+        What the training runs say of the parameters: covariance and intervals.
+    method : str
+        The estimator's name.
+    certificate : Certificate
+        Violations of constraints, and the distance to the optimum.
+    preprocessing : Preprocessing
+        The filters, resolved.
+    settings : dict
+        Those of the method.
+    details : dict
+        What else the method and the posing report, plain JSON.
+    provenance : dict
+        Versions, hash of the data, seed, verdict on the training runs.
+    training_motion : MotionRecord, optional
+        The path of the motion that it was identified from, where that was recorded.
     """
 
     problem: Problem
@@ -451,11 +470,23 @@ class Estimate(Record):
 
 
 def load_estimate(path: str | Path) -> Estimate:
-    """Read the model.json at ``path``; the estimate predicts the same torques to the
-    last bit.
+    """Read a model.json.
 
-    Raises InputError for a file that is not one, is incomplete, or comes from a newer
-    version, or from an earlier one, which did not keep the problem.
+    Parameters
+    ----------
+    path : str or Path
+        The file, as :meth:`Estimate.save` wrote it.
+
+    Returns
+    -------
+    Estimate
+        It predicts the same torques as the saved one, to the last bit.
+
+    Raises
+    ------
+    InputError
+        For a file that is no model.json, is incomplete, or comes from a newer version,
+        or from an earlier one, which did not keep the problem.
     """
     return read_json(path, "model.json", "format", _from_dict)
 

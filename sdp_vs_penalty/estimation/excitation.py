@@ -200,17 +200,48 @@ def excite(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Excitation:
-    """A trajectory that excites the base parameters of a problem as evenly as the
-    limits allow.
+    """Plan a trajectory that excites the base parameters of a problem.
 
-    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
-    limits : default the robot's own; start : where to begin (its frequency, duration
-    and blend are kept), default a random trajectory with this number of ``harmonics``
-    of ``frequency`` [rad/s], ``duration`` and ``blend`` [s]; effects : whose columns
-    count, default the problem's (base parameters of the links, friction, ...);
-    objective : "condition" or "d-optimal"; iterations : at most; seed : of the random
-    start; progress : called with the condition number so far. Raises InputError for
-    limits that admit no trajectory, or an objective that does not exist.
+    Within the limits it shows all of them as evenly as possible.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        A built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    limits : Limits, optional
+        Of positions, velocities and accelerations; default: the robot's.
+    start : FourierTrajectory, optional
+        Where the search begins; its frequency, duration and blend hold. Default: a
+        random trajectory.
+    effects : str, optional
+        The effects whose columns count; default: the problem's.
+    objective : {"condition", "d-optimal"}
+        What is minimised: the columns' condition number, or the volume of the
+        parameters' ellipsoid.
+    harmonics : int
+        Of a random start.
+    frequency : float
+        Of the first harmonic of a random start [rad/s].
+    duration : float
+        Of a random start [s].
+    blend : float
+        Time from rest to the trajectory and back [s], of a random start.
+    iterations : int
+        At most so many steps of the search.
+    seed : int
+        Of the random start.
+    progress : callable
+        Hears the condition number so far, a short text each time.
+
+    Returns
+    -------
+    Excitation
+        The trajectory, and how well it shows the parameters.
+
+    Raises
+    ------
+    InputError
+        For limits that admit no trajectory, or an objective that does not exist.
     """
     problem = as_problem(problem, "excite(problem=...)")
     require_known("objective", objective, OBJECTIVES)

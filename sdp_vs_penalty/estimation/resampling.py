@@ -223,16 +223,47 @@ def cross_validate(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> CrossValidation:
-    """Judge a method on motion that its models have not seen, by phase-block
-    cross-validation.
+    """Judge a method on motion that its models have not seen.
 
-    problem, measurements, method, effects, preprocessing, weighting, seed, known : as
-    :func:`identify` takes them; folds : into how many stretches the clock of every
-    motion is cut; progress : hears what is at work; workers : who does it, a fold each.
-    Without torque the servos' law, its delay and shape constants are found once, in all
-    rows, and folds judge the parameters: by what the links' and friction's torque
-    differs from the drives'. Raises InputError for input that cannot be used, or too
-    short for so many folds.
+    The clock of every motion is cut into stretches; each is left out once, in all its
+    repetitions (phase-block cross-validation). Without torque the servos' law, its
+    delay and the shape constants are found once, in all rows, and the folds judge the
+    parameters: by how far the torque of links and friction differs from the drives'.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        As in :func:`identify`.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        The runs.
+    method : str or Estimator, default "lmi-sdp"
+        The method to judge.
+    effects : str, names or Effects, optional
+        Default: the problem's.
+    preprocessing : Preprocessing, optional
+        Filter settings; default: the problem's.
+    weighting : {"noise", "none"}
+        As in :func:`identify`.
+    folds : int
+        Into how many stretches the clock of every motion is cut.
+    seed : int
+        Of the method.
+    known : mapping of str to float, optional
+        Parameters that set the scale of a log without torque.
+    progress : callable
+        Hears what is at work, a short text each time.
+    workers : Workers
+        Who fits the folds, one each.
+
+    Returns
+    -------
+    CrossValidation
+        Errors on unseen motion, fold by fold and joint by joint.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used, or is too short for so many folds.
     """
     estimator = make_estimator(method)
     if estimator.needs_black_box:

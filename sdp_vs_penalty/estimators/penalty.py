@@ -16,8 +16,8 @@ method; its Gauss-Newton steps are semismooth Newton steps (Zhao, Sun, Toh, SIAM
 directions open (Rockafellar 1976: the proximal method of multipliers).
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -60,6 +60,30 @@ class PenaltyPart:
     scale: Array | float = 1.0
 
 
+@dataclass(frozen=True)
+class QuadraticForms:
+    """F_k = u^T A_k u + b_k u_0 of u = x[indices_k], k = 1..K; indices (K, 10), forms
+    (K, 10, 10), slopes (K,)."""
+
+    indices: NDArray[np.intp]
+    forms: Array
+    slopes: Array
+
+    def values(self, x: Array) -> Array:
+        """(K,) at x (p,)."""
+        u = x[self.indices]
+        quadratic = np.einsum("ki,kij,kj->k", u, self.forms, u)
+        return np.asarray(quadratic + self.slopes * u[:, 0])
+
+    def jacobian(self, x: Array) -> Array:
+        """(K, p) at x (p,)."""
+        local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
+        local[:, 0] += self.slopes
+        out = np.zeros((len(self.indices), len(x)))
+        out[np.arange(len(out))[:, None], self.indices] = local
+        return out
+
+
 def barycentric_part(
     bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
 ) -> PenaltyPart:
@@ -71,44 +95,47 @@ def barycentric_part(
     repair moves, and of about unit size at the reference (p,); without I_xx >= 0, which
     P(theta) >= 0 contains.
     """
-    entries = list[
-        tuple[NDArray[np.intp], Array, float]
-    ]()  # F = u^T form u + slope u_0, u = x[indices]
-    for b in bounds:
-        link = reference[b.indices]
-        scale = theta_scale[b.indices]
-        moment = link[[4, 6, 9]].sum()
-        itself = np.trace(inertia.STEINER_FORMS[b.entry]) > 0.0
-        form = np.zeros((10, 10))
-        form[0, 4 + b.entry] = form[4 + b.entry, 0] = 0.5
-        form[1:4, 1:4] = -inertia.STEINER_FORMS[b.entry]
-        for sign, end in ((1.0, b.lower), (-1.0, b.upper)):
-            if np.isfinite(end) and not (itself and sign > 0.0 and end <= 0.0):
-                limit = end + sign * TIGHT * (moment + abs(end))
-                factor = sign / (link[0] * (moment + abs(limit)))
-                entries.append(
-                    (
-                        b.indices,
-                        form * factor * np.outer(scale, scale),
-                        -factor * limit * scale[0],
-                    )
-                )
-    indices = np.array([x[0] for x in entries], np.intp).reshape(-1, 10)
-    forms = np.array([x[1] for x in entries]).reshape(-1, 10, 10)
-    slopes = np.array([x[2] for x in entries])
+    indices = list[NDArray[np.intp]]()
+    forms = list[Array]()
+    slopes = list[float]()
+    for bound in bounds:
+        link = reference[bound.indices]
+        scale = theta_scale[bound.indices]
+        size = float(link[[4, 6, 9]].sum())
+        form = _moment_form(bound.entry) * np.outer(scale, scale)
+        for sign, end in _ends(bound):
+            limit = end + sign * TIGHT * (size + abs(end))
+            factor = sign / (link[0] * (size + abs(limit)))
+            indices.append(bound.indices)
+            forms.append(factor * form)
+            slopes.append(-factor * limit * scale[0])
+    quadratic = QuadraticForms(
+        np.array(indices, np.intp).reshape(-1, 10),
+        np.array(forms).reshape(-1, 10, 10),
+        np.array(slopes),
+    )
+    return PenaltyPart("nonnegative", quadratic.values, quadratic.jacobian)
 
-    def values(x: Array) -> Array:
-        u = x[indices]
-        return np.asarray(np.einsum("ki,kij,kj->k", u, forms, u) + slopes * u[:, 0])
 
-    def jacobian(x: Array) -> Array:
-        out = np.zeros((len(indices), len(x)))
-        local = 2.0 * np.einsum("kij,kj->ki", forms, x[indices])
-        local[:, 0] += slopes
-        out[np.arange(len(out))[:, None], indices] = local
-        return out
+def _moment_form(entry: int) -> Array:
+    """(10, 10) A with u^T A u = m I_e, I_e an entry about the centre of mass and u a
+    link's standard parameters."""
+    form = np.zeros((10, 10))
+    form[0, 4 + entry] = 0.5
+    form[4 + entry, 0] = 0.5
+    form[1:4, 1:4] = -inertia.STEINER_FORMS[entry]
+    return form
 
-    return PenaltyPart("nonnegative", values, jacobian)
+
+def _ends(bound: BarycentricBound) -> list[tuple[float, float]]:
+    """Sign and value of each end that says more than that moments are positive."""
+    is_moment = np.trace(inertia.STEINER_FORMS[bound.entry]) > 0.0
+    ends = list[tuple[float, float]]()
+    if np.isfinite(bound.lower) and not (is_moment and bound.lower <= 0.0):
+        ends.append((1.0, bound.lower))
+    if np.isfinite(bound.upper):
+        ends.append((-1.0, bound.upper))
+    return ends
 
 
 def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> PenaltyPart:
@@ -210,54 +237,94 @@ class ShiftedPenalty:
         return np.concatenate(residuals), np.concatenate(slopes)
 
 
+@dataclass(frozen=True)
+class _Stage:
+    """One minimisation: of L(z; S, w) + |near (z - centre)|^2 over z (p,)."""
+
+    penalty: ShiftedPenalty
+    shifts: list[Array]
+    weight: float
+    centre: Array
+    near: Array
+
+    def rows(self, z: Array) -> tuple[Array, Array]:
+        """Residuals (p + 1,) and their slopes (p + 1, p) at z, turned into so few rows:
+        nothing that MINPACK looks at changes, and its own QR is not blocked."""
+        residuals, slopes = self.penalty.rows(z, self.shifts, self.weight)
+        penalised = np.column_stack([slopes, residuals])
+        pulled = np.column_stack([self.near, self.near @ (z - self.centre)])
+        triangle = np.asarray(np.linalg.qr(np.vstack([penalised, pulled]), mode="r"))
+        return triangle[:, -1], triangle[:, :-1]
+
+    def solve(self) -> Array:
+        """(p,) where Levenberg and Marquardt's method ends."""
+        residuals, slopes = in_turn(self.rows)
+        solution = optimize.least_squares(
+            residuals,
+            self.centre,
+            slopes,
+            method="lm",
+            ftol=1e-14,
+            xtol=1e-14,
+            gtol=1e-14,
+            max_nfev=_STEPS,
+        )
+        return np.asarray(solution.x)
+
+
 def minimise(
     penalty: ShiftedPenalty, x: Array, tolerance: float
 ) -> tuple[Array, list[Array], dict[str, Any]]:
     """Continue weight and shifts from x until violation and complementarity are below
-    tolerance, in the scaled units of the parts: x (p,), the shifts (multipliers) there,
-    and what was spent."""
-    # The first weight is in units of (scaled loss) / (scaled distance)^2.
+    tolerance.
+
+    Parameters
+    ----------
+    penalty : ShiftedPenalty
+        What is minimised.
+    x : (p,) array
+        Start, in scaled units.
+    tolerance : float
+        In the scaled units of the parts.
+
+    Returns
+    -------
+    x : (p,) array
+        The minimiser.
+    shifts : list of arrays
+        The multipliers there, an array a part.
+    spent : dict
+        The last residual, and the number of stages.
+    """
     shifts = [np.zeros_like(part.values(x)) for part in penalty.parts]
+    # In units of (scaled loss) / (scaled distance)^2.
     weight = 0.1
-    # to the last stage's x, in scaled units; each stage takes back what it cost
+    # To the last stage's x, in scaled units; each stage takes back what it cost.
     pull = 1e-6
-    residual = np.inf
-    stages = 0
     near = np.sqrt(pull) * np.eye(len(x))
-    options = {
-        "method": "lm",
-        **dict.fromkeys(("ftol", "xtol", "gtol"), 1e-14),
-        "max_nfev": _STEPS,
-    }
-
-    def rows(z: Array) -> tuple[Array, Array]:
-        r, J = penalty.rows(z, shifts, weight)
-        both = np.vstack(
-            [np.column_stack([J, r]), np.column_stack([near, near @ (z - x)])]
-        )
-        # Turned into as few rows: nothing that MINPACK looks at changes, and its own QR
-        # is not blocked.
-        turned = np.asarray(np.linalg.qr(both, mode="r"))
-        return turned[:, -1], turned[:, :-1]
-
-    while stages < _STEPS:
-        stages += 1
-        residuals, slopes = in_turn(rows)  # of this stage's shifts and weight
-        solution = optimize.least_squares(residuals, x, slopes, **options)
+    residual = np.inf
+    n_stages = 0
+    for _ in range(_STEPS):
+        n_stages += 1
         last = x
-        x = solution.x
+        x = _Stage(penalty, shifts, weight, last, near).solve()
         moved = penalty.shifted(x, shifts, weight)
-        changes = (
-            np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True)
-        )
         previous = residual
-        residual = float(max(changes, default=0.0)) / weight
+        residual = _largest_change(moved, shifts) / weight
         shifts = moved
-        if max(residual, pull * np.abs(x - last).max(initial=0.0)) <= tolerance:
+        if max(residual, pull * _largest_change([x], [last])) <= tolerance:
             break
         if residual > 0.25 * previous and weight * tolerance < 1.0:
             weight *= 10.0
-    return x, shifts, {"residual": residual, "stages": stages}
+    return x, shifts, {"residual": residual, "stages": n_stages}
+
+
+def _largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
+    """The largest absolute difference of two lists of arrays."""
+    changes = [
+        float(np.abs(a - b).max(initial=0.0)) for a, b in zip(new, old, strict=True)
+    ]
+    return max(changes, default=0.0)
 
 
 @dataclass(frozen=True)
@@ -267,9 +334,10 @@ class Penalty(Estimator):
 
     body : whether each link's mass must lie inside of its body, as for ``lmi-sdp``.
     thickness : smallest radius of gyration of a link [m]; 0 for none.
-    starts : runs; the first from the problem's nominal robot, the others from seeded random points
-        of the barycentric box, moved towards it until the convex constraints hold. Where the data
-        leave directions open a run may stop above the optimum, and its certified gap says so.
+    starts : runs at most; the first from the problem's nominal robot, the others from seeded random
+        points of the barycentric box, moved towards it until the convex constraints hold. A run whose
+        multipliers prove its optimum is the last one. Where the data leave directions open a run may
+        stop above the optimum, and its certified gap says so.
     tolerance : of violation and complementarity, relative to the size of each constraint's values.
     joint_prior : as ``lmi-sdp`` has it.
     """
@@ -318,6 +386,36 @@ class PenaltyTwoStep(Penalty):
         )
 
 
+#: A run whose own multipliers prove this gap, relative to the loss, is the last one: no
+#: other start can end lower by more.
+PROVEN_GAP = 1e-6
+#: Up to this violation, in a constraint's own units, a run is feasible.
+FEASIBLE = 1e-9
+
+
+@dataclass(frozen=True)
+class PenaltyRun:
+    """Where one start ends.
+
+    theta (p,) : made feasible; shifts : an array a part; figures : loss, objective,
+    violation, residual and number of stages.
+    """
+
+    theta: Array
+    shifts: list[Array]
+    figures: dict[str, Any]
+
+    @property
+    def is_feasible(self) -> bool:
+        """Whether every constraint holds, also those that are not convex."""
+        return bool(self.figures["violation"] <= FEASIBLE)
+
+    @property
+    def rank(self) -> float:
+        """The objective; a run that is not feasible counts behind every one that is."""
+        return float(self.figures["objective"]) if self.is_feasible else np.inf
+
+
 def fit_penalty(
     task: Task,
     data: LeastSquares,
@@ -325,61 +423,89 @@ def fit_penalty(
     starts: int,
     tolerance: float,
 ) -> Fit:
-    """The best of several runs, each made feasible; raises InputError where nothing is
-    feasible."""
+    """The best of several runs, each made feasible.
+
+    Parameters
+    ----------
+    task : Task
+        The problem, its bounds and its seed.
+    data : LeastSquares
+        What is minimised: the task's torque loss, or a distance.
+    constraints : ConstraintSet
+        What is demanded, bounds that are not convex among them.
+    starts : int
+        Runs at most: the first one that proves a gap of PROVEN_GAP is the last.
+    tolerance : float
+        Of violation and complementarity, in units of each constraint's size.
+
+    Returns
+    -------
+    Fit
+        With multipliers, and in its details the figures of every run.
+
+    Raises
+    ------
+    InputError
+        Where nothing is feasible.
+    """
     interior = interior_point(task, constraints)
     penalty = ShiftedPenalty(task, data, constraints, interior)
-    box = BarycentricBox(task)
-    rng = np.random.default_rng(task.seed)
-    runs: list[dict[str, Any]] = []
-    best: tuple[float, Array, list[Array]] | None = None
-    for run in range(max(starts, 1)):
-        random = box.theta(rng.uniform(box.lower, box.upper)) if run else interior
-        start = repair(constraints, random, interior) if run else interior
+    figures = list[dict[str, Any]]()
+    best: PenaltyRun | None = None
+    n_starts = max(starts, 1)
+    for number, start in enumerate(_starts(task, constraints, interior, n_starts)):
         x, shifts, spent = minimise(penalty, start / penalty.theta_scale, tolerance)
-        repaired = repair(constraints, penalty.theta_scale * x, interior)
-        # The nearest point towards the interior where bounds that are not convex hold
-        # too; if they hold nowhere on the way, the convex repair alone.
-        way = (
-            repaired + s * (interior - repaired)
-            for s in (0.0, *np.logspace(-14, 0, 57))
-        )
-        holds = (
-            p
-            for p in way
-            if all(bound.margin(p) >= 0.0 for bound in constraints.nonconvex)
-        )
-        theta = next(holds, repaired)
-        objective = data.loss(theta)
+        theta = made_feasible(constraints, penalty.theta_scale * x, interior)
         violation = max(constraints.worst(theta).values(), default=0.0)
-        result_details = {
-            "loss": task.data.loss(theta),
-            "objective": objective,
-            "violation": violation,
-        }
-        runs.append({**result_details, **spent})
-        # A run that could not be made feasible counts behind every one that could.
-        rank = objective if violation <= 1e-9 else np.inf
+        losses = {"loss": task.data.loss(theta), "objective": data.loss(theta)}
+        figures.append({**losses, "violation": violation, **spent})
+        run = PenaltyRun(theta, shifts, figures[-1])
+        lowest = min(f["objective"] for f in figures)
+        task.progress(
+            f"run {number + 1} of {n_starts}: best {lowest:.6g}, violation"
+            f" {violation:.1e}"
+        )
         # One that is lower by less than it violates is no better: its multipliers may
         # be worse.
-        if best is None or rank < best[0] * (1.0 - 1e-7):
-            best = (rank, theta, shifts)
-        best_objective = min(r["objective"] for r in runs)
-        task.progress(
-            f"run {run + 1} of {starts}: best {best_objective:.6g}, violation {violation:.1e}"
+        if best is not None and not run.rank < best.rank * (1.0 - 1e-7):
+            continue
+        best = run
+        multipliers = penalty.multipliers(constraints, shifts)
+        fit = Fit(
+            theta,
+            Objective(data),
+            constraints,
+            multipliers,
+            interior=interior,
+            details={"runs": figures},
         )
-    assert best is not None
-    _, theta, shifts = best
-    multipliers = penalty.multipliers(constraints, shifts)
-    details = {"runs": runs}
-    return Fit(
-        theta,
-        Objective(data),
-        constraints,
-        multipliers,
-        interior=interior,
-        details=details,
-    )
+        if run.is_feasible and replace(fit, bound=task.bound).gap <= PROVEN_GAP:
+            break
+    return fit
+
+
+def _starts(
+    task: Task, constraints: ConstraintSet, interior: Array, count: int
+) -> Iterator[Array]:
+    """theta (p,) of each start: the interior point, then random points of the box,
+    moved towards it until the convex constraints hold."""
+    yield interior
+    box = BarycentricBox(task)
+    rng = np.random.default_rng(task.seed)
+    for _ in range(count - 1):
+        random = box.theta(rng.uniform(box.lower, box.upper))
+        yield repair(constraints, random, interior)
+
+
+def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
+    """The nearest point towards the interior one at which all constraints hold; where
+    those that are not convex hold nowhere on the way, the convex ones alone do."""
+    repaired = repair(constraints, theta, interior)
+    for share in (0.0, *np.logspace(-14, 0, 57)):
+        point = repaired + share * (interior - repaired)
+        if all(bound.margin(point) >= 0.0 for bound in constraints.nonconvex):
+            return point
+    return repaired
 
 
 #: The authors' box for friction and offset parameters [N m, N m s / rad] (bounds of

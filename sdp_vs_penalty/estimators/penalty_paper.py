@@ -16,7 +16,7 @@ grows with the data: at 40 the answer is in general not physically consistent.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -29,6 +29,7 @@ from sdp_vs_penalty.estimators.penalty import BarycentricBox
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.constraint import ConeGroup
 from sdp_vs_penalty.solvers.objective import Objective
 
 #: What MATLAB's simulannealbnd, which the authors used, allows for 91 parameters in
@@ -38,16 +39,24 @@ PAPER_BUDGET = 5 * 3000 * 91
 
 @dataclass(frozen=True)
 class PenaltyPaper(Estimator):
-    """runs : independent runs from random starts inside the bounds; weights : xi of
-    each step.
+    """The published one-step retrieval.
 
-    evaluations : of the loss in one run, shared equally by the steps, and in each step by annealing and
-        local search, which finish what they have begun; PAPER_BUDGET is what the authors' program
-        allows.
+    Parameters
+    ----------
+    runs : int
+        Independent runs, each from a random start inside the bounds.
+    evaluations : int
+        Evaluations of the loss in one run, shared equally by the steps, and in each
+        step by annealing and local search, which finish what they have begun;
+        PAPER_BUDGET is what the authors' program allows.
+    weights : tuple of float
+        xi of each step.
 
-    The local search here gets analytic gradients, which the authors' had to estimate. Friction and
-    offsets are searched with the links, inside their signs and +-max(100, |tau| / |Y_k|) (the authors'
-    +-100).
+    Notes
+    -----
+    The local search here gets analytic gradients, which the authors' had to estimate.
+    Friction and offsets are searched with the links, inside their signs and +-max(100,
+    |tau| / |Y_k|) (the authors' +-100).
     """
 
     name = "penalty-paper"
@@ -85,36 +94,54 @@ def retrieve(
     """The best of several annealed runs over the parameters ``free``; the others as OLS
     has them."""
     loss = PenalisedLoss(task, data, free)
-    rng = np.random.default_rng(task.seed)
-    runs: list[dict[str, Any]] = []
-    best: tuple[float, Array] | None = None
     budget = settings.evaluations // max(len(settings.weights), 1)
-    for run in range(settings.runs):
-        u = rng.uniform(size=len(free))
-        evaluations = 0
-        for weight in settings.weights:
+    runs: list[dict[str, Any]] = []
+    best_theta, best_value = task.ols, np.inf
+    for number in range(settings.runs):
+        u = start_of_run(task.seed, number, len(free))
+        n_evaluations = 0
+        for step, weight in enumerate(settings.weights):
+            rng = random_numbers_of_step(task.seed, number, step)
             u, spent = anneal_and_search(loss, weight, u, budget, rng)
-            evaluations += spent
-        penalised = loss.value(u, settings.weights[-1])
-        p = loss.p(u)
-        theta = loss.box.theta(p)
-        broken = loss.violations(p)
-        best_runs = {
-            "loss": task.data.loss(theta),
-            "objective": data.loss(theta),
-            "penalised": penalised,
-        }
-        worst = {"violation": max(broken.values()), "violations": broken}
-        runs.append({**best_runs, **worst, "evaluations": evaluations})
-        if best is None or penalised < best[0]:
-            best = (penalised, theta)
-        violation = runs[-1]["violation"]
+            n_evaluations += spent
+        run = _run_summary(loss, task, u, settings.weights[-1], n_evaluations)
+        runs.append(run)
+        if run["penalised"] < best_value:
+            best_value = run["penalised"]
+            best_theta = loss.theta(u)
         task.progress(
-            f"run {run + 1} of {settings.runs}: best {best[0]:.6g}, violation"
-            f" {violation:.1e}"
+            f"run {number + 1} of {settings.runs}: best {best_value:.6g}, violation"
+            f" {run['violation']:.1e}"
         )
-    theta = task.ols if best is None else best[1]
-    return Fit(theta, Objective(data), task.constraints, details={"runs": runs})
+    details = {"runs": runs}
+    return Fit(best_theta, Objective(data), task.constraints, details=details)
+
+
+def start_of_run(seed: int, number: int, size: int) -> Array:
+    """(size,) a random point of the unit box, whichever runs were made before."""
+    return np.random.default_rng([seed, number]).uniform(size=size)
+
+
+def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Generator:
+    """Those of one step of one run, so that a run can go on where it stopped."""
+    # Not from 0: a zero at the end is the same seed as none.
+    return np.random.default_rng([seed, number, 1 + step])
+
+
+def _run_summary(
+    loss: PenalisedLoss, task: Task, u: Array, weight: float, n_evaluations: int
+) -> dict[str, Any]:
+    """What the details say of a run that ends at u (d,)."""
+    theta = loss.theta(u)
+    violations = loss.violations(loss.p(u))
+    return {
+        "loss": task.data.loss(theta),
+        "objective": loss.data.loss(theta),
+        "penalised": loss.value(u, weight),
+        "violation": max(violations.values()),
+        "violations": violations,
+        "evaluations": n_evaluations,
+    }
 
 
 def anneal_and_search(
@@ -123,54 +150,197 @@ def anneal_and_search(
     """Half of the budget for simulated annealing from u, half for a local search from
     its best.
 
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        What is minimised.
+    weight : float
+        xi of this step.
+    u : (d,) array
+        Start, in [0, 1]^d.
+    budget : int
+        Evaluations of the loss.
+    rng : numpy.random.Generator
+        Annealing's random numbers.
+
+    Returns
+    -------
+    u : (d,) array
+        The best point.
+    n_evaluations : int
+        How many evaluations it took.
+
+    Notes
+    -----
     The local search is SLSQP, the nearest in SciPy to the authors' fmincon; of
     L-BFGS-B, TNC and SLSQP it reached the lowest penalised losses on the Panda within
     equal evaluations.
     """
     if not len(u):
         return u, 0
-    box = [(0.0, 1.0)] * len(u)
-    settings = {"maxfun": budget // 2, "no_local_search": True, "seed": rng}
     annealed = optimize.dual_annealing(
-        lambda v: loss.value(v, weight), box, x0=u, **settings
+        loss.value,
+        _unit_box(u),
+        args=(weight,),
+        x0=u,
+        maxfun=budget // 2,
+        no_local_search=True,
+        seed=rng,
     )
-    best, spent = search_locally(loss, weight, annealed.x, budget - int(annealed.nfev))
-    return best, int(annealed.nfev) + spent
+    n_annealed = int(annealed.nfev)
+    best, n_searched = search_locally(loss, weight, annealed.x, budget - n_annealed)
+    return best, n_annealed + n_searched
 
 
 def search_locally(
     loss: PenalisedLoss, weight: float, u: Array, budget: int
 ) -> tuple[Array, int]:
     """SLSQP from u, again and again while that helps; the best point and how many
-    evaluations it took."""
-    box = [(0.0, 1.0)] * len(u)
+    evaluations it took.
+
+    SLSQP stops at kinks of the penalty, and its tolerances want values of size 1: it
+    starts again with the loss rescaled.
+    """
     best = u
     lowest = loss.value(u, weight)
-    spent = 0
-    while spent < budget and lowest > 0.0:
-        # SLSQP stops at kinks of the penalty, and its tolerances want values of size 1:
-        # start it again with the loss rescaled, while that helps.
-        told: dict[str, Any] = {
-            "maxiter": max(1, (budget - spent) * 4 // 5),
-            "ftol": 1e-9,
-        }
+    n_evaluations = 0
+    while n_evaluations < budget and lowest > 0.0:
+        scaled = _ScaledLoss(loss, weight, 1.0 / lowest)
+        steps = max(1, (budget - n_evaluations) * 4 // 5)
         local = optimize.minimize(
-            lambda v, scale: loss.value(v, weight) / scale,
+            scaled.value,
             best,
-            (lowest,),
-            "SLSQP",
-            lambda v, scale: loss.gradient(v, weight) / scale,
-            bounds=box,
-            options=told,
+            method="SLSQP",
+            jac=scaled.gradient,
+            bounds=_unit_box(u),
+            options={"maxiter": steps, "ftol": 1e-9},
         )
-        spent += int(local.nfev)
-        found = np.clip(local.x, 0.0, 1.0)
-        value = loss.value(found, weight)
+        n_evaluations += int(local.nfev)
+        point = np.clip(local.x, 0.0, 1.0)
+        value = loss.value(point, weight)
         if not value < lowest * (1.0 - 1e-6):
             break
-        best = found
+        best = point
         lowest = value
-    return best, spent
+    return best, n_evaluations
+
+
+def _unit_box(u: Array) -> list[tuple[float, float]]:
+    """The bounds of u (d,)."""
+    return [(0.0, 1.0)] * len(u)
+
+
+@dataclass(frozen=True)
+class _ScaledLoss:
+    """A penalised loss at one weight, times a factor."""
+
+    loss: PenalisedLoss
+    weight: float
+    factor: float
+
+    def value(self, u: Array) -> float:
+        """At u (d,)."""
+        return self.factor * self.loss.value(u, self.weight)
+
+    def gradient(self, u: Array) -> Array:
+        """(d,) of the value."""
+        return self.factor * self.loss.gradient(u, self.weight)
+
+
+class Demand(ABC):
+    """What is demanded of barycentric parameters p (p,) from outside of their box: each
+    margin is to be >= 0."""
+
+    family: str
+    #: How many times the margin the violation is said to be.
+    violation_scale: float = 1.0
+
+    @abstractmethod
+    def margins(self, p: Array) -> Array:
+        """(k,) >= 0 where the demand holds."""
+
+    @abstractmethod
+    def slopes(self, p: Array) -> Array:
+        """(k, p') of the margins, by the first p' parameters."""
+
+    def violation(self, p: Array) -> float:
+        """The worst of all, 0 where it holds."""
+        return max(0.0, -self.violation_scale * float(self.margins(p).min()))
+
+
+class TriangleInequality(Demand):
+    """tr(I) / 2 - lambda_max(I) >= 0 of each link; violated by D3 - D1 - D2 [kg m^2]."""
+
+    family = "triangle inequality"
+    violation_scale = 2.0
+    #: Places in I (3, 3) of the six entries, by row.
+    _matrix = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
+    #: How often each of the six entries stands in I.
+    _multiplicity = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
+
+    def __init__(self, links: NDArray[np.intp], size: int) -> None:
+        """links (n, 10) : indices of each link's parameters among ``size``."""
+        self.entries = links[:, 4:]
+        self.matrices = self.entries[:, self._matrix]
+        self.size = size
+
+    def margins(self, p: Array) -> Array:
+        moments = np.linalg.eigvalsh(p[self.matrices])
+        return 0.5 * moments.sum(axis=1) - moments[:, 2]
+
+    def slopes(self, p: Array) -> Array:
+        _, vectors = np.linalg.eigh(p[self.matrices])
+        axes = vectors[:, :, 2]
+        dyads = 0.5 * np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        rows = np.zeros((len(self.entries), self.size))
+        links = np.arange(len(self.entries))[:, None]
+        rows[links, self.entries] = inertia.inertia_entries(dyads) * self._multiplicity
+        return rows
+
+
+class TotalMass(Demand):
+    """Lower and upper bound on the sum of the masses [kg]."""
+
+    family = "total mass"
+
+    def __init__(self, group: ConeGroup) -> None:
+        self.constant = group.constant.ravel()
+        self.matrix = group.matrix
+
+    def margins(self, p: Array) -> Array:
+        return self.constant + self.matrix @ p[: self.matrix.shape[1]]
+
+    def slopes(self, p: Array) -> Array:
+        return self.matrix
+
+
+class CentreCones(Demand):
+    """Centres of mass inside their cones, of (1, c) in place of (m, m c) [m]."""
+
+    family = "centre of mass cone"
+
+    def __init__(self, group: ConeGroup, masses: NDArray[np.intp]) -> None:
+        """masses (n,) : indices of the links' masses among the parameters."""
+        self.group = group
+        self.masses = masses
+
+    def margins(self, p: Array) -> Array:
+        values = self._values(p)
+        return values[:, 0] - np.linalg.norm(values[:, 1:], axis=1)
+
+    def slopes(self, p: Array) -> Array:
+        values = self._values(p)
+        norms = nonzero_or_one(np.linalg.norm(values[:, 1:], axis=1))
+        units = values[:, 1:] / norms[:, None]
+        rows = self.group.matrix.reshape(*values.shape, -1)
+        out = rows[:, 0] - np.einsum("gi,gip->gp", units, rows[:, 1:])
+        is_mass = np.isin(np.arange(out.shape[1]), self.masses)
+        return np.where(is_mass, 0.0, out)
+
+    def _values(self, p: Array) -> Array:
+        point = p.copy()
+        point[self.masses] = 1.0
+        return self.group.values(point)
 
 
 class PenalisedLoss:
@@ -179,77 +349,68 @@ class PenalisedLoss:
 
     def __init__(self, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> None:
         """free : the parameters that are searched; the others stay as OLS has them."""
-        self.data, self.box, self.free = data, BarycentricBox(task), free
+        self.data = data
+        self.box = BarycentricBox(task)
+        self.free = free
         self.fixed = self.box.p(task.ols)
+        self.lower = self.box.lower[free]
         self.width = (self.box.upper - self.box.lower)[free]
-        self.masses = task.links[:, 0]
-        #: What is demanded of the masses, and of (1, c) in place of (m, m c).
-        self.demands = [
-            (family, group)
-            for family in ("total mass", "centre of mass cone")
-            for group in task.constraints.with_families(family.__eq__).groups
-        ]
+        self.demands = list[Demand]()
+        if len(task.links):
+            self.demands.append(TriangleInequality(task.links, len(task.bound)))
+        for group in _groups(task, TotalMass.family):
+            self.demands.append(TotalMass(group))
+        for group in _groups(task, CentreCones.family):
+            self.demands.append(CentreCones(group, task.links[:, 0]))
 
     def p(self, u: Array) -> Array:
         """Barycentric parameters (p,) at u (d,)."""
         out = self.fixed.copy()
-        out[self.free] = self.box.lower[self.free] + u * self.width
+        out[self.free] = self.lower + u * self.width
         return out
+
+    def theta(self, u: Array) -> Array:
+        """Standard parameters (p,) at u (d,)."""
+        return self.box.theta(self.p(u))
 
     def value(self, u: Array, weight: float) -> float:
         """loss + weight g at u (d,)."""
         p = self.p(u)
-        return self.data.loss(self.box.theta(p)) + weight * self.penalty(p)[0]
+        return self.data.loss(self.box.theta(p)) + weight * self.penalty(p)
 
     def gradient(self, u: Array, weight: float) -> Array:
         """(d,) of the value."""
         p = self.p(u)
         slope = self.box.pull_back(p, self.data.gradient(self.box.theta(p)))
-        return (slope + weight * self.penalty(p)[1])[self.free] * self.width
+        slope += weight * self.penalty_slope(p)
+        return slope[self.free] * self.width
 
-    def penalty(self, p: Array) -> tuple[float, Array]:
-        """g(p), and its (sub)gradient (p,)."""
-        total = 0.0
+    def penalty(self, p: Array) -> float:
+        """g at p (p,): the sum of what all demands are violated by."""
+        return -sum(
+            float(np.minimum(demand.margins(p), 0.0).sum()) for demand in self.demands
+        )
+
+    def penalty_slope(self, p: Array) -> Array:
+        """A subgradient (p,) of g."""
         slope = np.zeros_like(p)
-        for _, margins, rows in self.demanded(p):
-            bad = margins < 0.0
-            total -= float(margins[bad].sum())
-            slope[: rows.shape[1]] -= rows[bad].sum(axis=0)
-        return total, slope
+        for demand in self.demands:
+            is_violated = demand.margins(p) < 0.0
+            if is_violated.any():
+                rows = demand.slopes(p)[is_violated]
+                slope[: rows.shape[1]] -= rows.sum(axis=0)
+        return slope
 
     def violations(self, p: Array) -> dict[str, float]:
         """Worst violation of each external demand: D3 - D1 - D2 [kg m^2], total mass
         [kg], c [m]."""
-        out = {"triangle inequality": 0.0}
-        for family, margins, _ in self.demanded(p):
-            size = 2.0 if family == "triangle inequality" else 1.0
-            out[family] = max(out.get(family, 0.0), -size * float(margins.min()))
+        out = {TriangleInequality.family: 0.0}
+        for demand in self.demands:
+            before = out.get(demand.family, 0.0)
+            out[demand.family] = max(before, demand.violation(p))
         return out
 
-    def demanded(self, p: Array) -> Iterator[tuple[str, Array, Array]]:
-        """Of each external demand its family, margins (k,) and their gradients (k, p')."""
-        if len(links := self.box.links[:, 4:]):
-            # tr(I) / 2 - lambda_max(I) of each link: >= 0 is consistent.
-            moments, vectors = np.linalg.eigh(inertia.inertia_matrix(p[links]))
-            largest = vectors[:, :, 2]
-            rows = np.zeros((len(links), len(p)))
-            dyads = 0.5 * np.eye(3) - largest[:, :, None] * largest[:, None, :]
-            twice = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
-            rows[np.arange(len(links))[:, None], links] = (
-                inertia.inertia_entries(dyads) * twice
-            )
-            yield "triangle inequality", 0.5 * moments.sum(axis=1) - moments[:, 2], rows
-        for family, stack in self.demands:
-            if family == "total mass":
-                values = stack.values(p).ravel()
-                yield family, values, stack.matrix.reshape(values.size, -1)
-                continue
-            point = p.copy()
-            point[self.masses] = 1.0
-            values = stack.values(point)
-            norm = np.linalg.norm(values[:, 1:], axis=1)
-            rows = stack.matrix.reshape(*values.shape, -1)
-            unit = values[:, 1:] / nonzero_or_one(norm)[:, None]
-            rows = rows[:, 0] - np.einsum("gi,gip->gp", unit, rows[:, 1:])
-            rows[:, np.isin(np.arange(rows.shape[1]), self.masses)] = 0.0
-            yield family, values[:, 0] - norm, rows
+
+def _groups(task: Task, family: str) -> tuple[ConeGroup, ...]:
+    """A family's convex constraints side by side."""
+    return task.constraints.with_families(family.__eq__).groups

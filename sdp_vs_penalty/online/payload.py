@@ -108,22 +108,30 @@ class PayloadEstimator:
 
     Parameters
     ----------
-    estimate : of the arm without a payload, an Estimate or the path of a model.json.
-    noise : of its residuals, as :meth:`calibrated` measures it.
-    rate : Hz, at which samples come in.
-    delay : s, of the filters, at most 0.05: results speak of that long ago.
-    prior : of the payload, before it is measured.
-    forgetting : s, after which data of a payload count exp(-1).
-    drift : s, over which offsets and friction change; 0 where they are held.
+    estimate : Estimate or str
+        Of the arm without a payload, or the path of its model.json.
+    noise : ResidualNoise
+        Of the model's residuals, as :meth:`calibrated` measures it.
+    rate : float
+        At which samples come in [Hz].
+    delay : float
+        Of the filters [s], at most 0.05: results speak of that long ago.
+    prior : PayloadPrior, optional
+        Of the payload, before it is measured.
+    forgetting : float
+        After this time data of a payload count exp(-1) [s].
+    drift : float
+        Over this time offsets and friction change [s]; 0 where they are held.
 
     Raises
     ------
-    InputError for an effect that does not run in the loop, or another delay.
+    InputError
+        For an effect that does not run in the loop, or another delay.
 
     References
     ----------
-    Traversaro, Brossette, Escande, Nori, IROS 2016 (physical consistency);
-    Adams, MacKay, 2007 (changes).
+    Traversaro, Brossette, Escande, Nori, IROS 2016 (physical consistency); Adams,
+    MacKay, 2007 (changes).
     """
 
     def __init__(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.api.diagnosis import diagnose_and_add
 from sdp_vs_penalty.api.exporting import judge_as_exported
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
@@ -30,7 +31,6 @@ from sdp_vs_penalty.diagnosis.comparison import (
     predicted,
     still_missing,
 )
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
@@ -52,7 +52,7 @@ from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.render import tables, words
 from sdp_vs_penalty.render.arms import drawn_arm
-from sdp_vs_penalty.render.charts import POINTS
+from sdp_vs_penalty.render.charts import POINTS, spread_rows
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -69,6 +69,8 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 Answer = dict[str, Any]
 #: Share of a run that is identified from where the rest of it is kept for testing.
 SPLIT = 0.7
+#: Rows of which the pictures of a diagnosis are drawn.
+CARD_ROWS = 20_000
 
 
 class JobRequest(dict[str, Any]):
@@ -447,17 +449,34 @@ def find(job: JobRequest) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs = job.runs
     model = job.model
-    result = diagnose(
+    result, better = diagnose_and_add(
         model,
         runs.train,
         runs.test,
         noise_from=runs.all_runs,
         judged_recordings=runs.judged_recordings,
+        check=False,  # the stage Check has judged these runs
         **job.common_options,
     )
+    save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
     curves = [curve.effect(model.robot).text for curve in result.curves]
     said = still_missing(result, model)
     return {"diagnosis": result.to_dict(), "curves": curves, "missing": said}
+
+
+def _card_arrays(
+    model: Estimate, better: Estimate | None, judged: Measurements
+) -> dict[str, Any]:
+    """What the cards of a diagnosis draw: t (M,), q, dq, measured torque, that of the
+    model and of the model with all that is sure, each (M, n), of the judged runs."""
+    models = {"before": model, **({} if better is None else {"after": better})}
+    compared = compare(models, judged)
+    before, after = compared[0].signals, compared[-1].signals
+    keep = spread_rows(len(before.t), CARD_ROWS)
+    arrays = {name: getattr(before, name) for name in ("q", "dq", "measured")}
+    arrays |= {"before": before.modelled, "after": after.modelled}
+    small = {name: np.asarray(x[keep], np.float32) for name, x in arrays.items()}
+    return {"t": before.t[keep], **small}
 
 
 def methods(job: JobRequest) -> Answer:

@@ -15,7 +15,7 @@ from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError, command_line
-from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
@@ -51,7 +51,7 @@ class ModelStep:
     effects added to the step below, with the others held where frozen; opened : the
     file that a person brought, if any; servo : whether it knows the servos of a log
     without torque; findings : what it lacks, if it was diagnosed, and what `add` calls
-    its curves.
+    its curves; pictures : the file of what the cards of its diagnosis draw.
     """
 
     file: str
@@ -72,6 +72,7 @@ class ModelStep:
     servo: bool = False
     findings: Diagnosis | None = None
     curve_texts: Sequence[str] = ()
+    pictures: str = ""
 
 
 @dataclass
@@ -153,6 +154,11 @@ class Session:
         )
 
     @property
+    def diagnosed(self) -> ModelStep:
+        """The model that the last diagnosis is of."""
+        return self.history[self.found_for - 1]
+
+    @property
     def findings(self) -> Diagnosis | None:
         """The last diagnosis."""
         return self.history[self.found_for - 1].findings if self.found_for else None
@@ -163,6 +169,15 @@ class Session:
         return {
             text for model in self.history[self.found_for :] for text in model.added
         }
+
+    @property
+    def change(self) -> str:
+        """What became of each joint's error from the first model to the current one."""
+        first, last = self.history[0].comparison, self.current.comparison
+        floor = last["noise_floor"]
+        known = None if None in floor else np.array(floor)
+        sentence = changes(np.array(first["rmse"]), np.array(last["rmse"]), known)
+        return sentence or "no joint's error changed by more than 5 %."
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """What a job said of the current model, if it was asked."""
@@ -458,8 +473,12 @@ class Session:
     async def diagnose(self) -> None:
         """What the current model misses."""
         self._refuse_meaningless()
+        pictures = f"cards-{Path(self.current.file).stem}.npz"
         answer = await self._job(
-            "Looking for what is missing", "find", frozen=self.frozen
+            "Looking for what is missing",
+            "find",
+            frozen=self.frozen,
+            pictures=pictures,
         )
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         verdict = Verdict.from_dict(self.current.comparison["verdict"])
@@ -468,6 +487,7 @@ class Session:
             self.current,
             findings=diagnosis,
             curve_texts=answer["curves"],
+            pictures=pictures,
             comparison={**self.current.comparison, "verdict": said},
         )
         self.new = "diagnose", "findings"

@@ -305,13 +305,28 @@ def load_problem(
     gravity: Sequence[float] | None = None,
     held: Mapping[str, float] | None = None,
 ) -> Problem:
-    """The problem of ``source``: a built-in name, a folder with a problem.toml, a URDF,
-    xacro or MJCF file, or a name of the package robot_descriptions.
+    """Read what is known of a robot before anything is measured.
 
-    gravity : the gravity vector in the base frame [m/s^2], for a robot mounted
-    otherwise; held : joints that stand still at these positions [rad, m], whose links
-    belong to their parents. Raises InputError where there is no such problem, or its
-    files contradict themselves.
+    Parameters
+    ----------
+    source : str or Path
+        A built-in name, a folder with a problem.toml, a URDF, xacro or MJCF file, or a
+        name of the package robot_descriptions.
+    gravity : (3,) sequence of float, optional
+        The gravity vector in the base frame [m/s^2], for a robot mounted otherwise.
+    held : mapping of str to float, optional
+        Joints that stand still, by name, and where [rad or m]. Their links become part
+        of their parents.
+
+    Returns
+    -------
+    Problem
+        Robot, bounds, nominal links, effects and filters.
+
+    Raises
+    ------
+    InputError
+        Where there is no such problem, or its files contradict themselves.
     """
     path = Path(source)
     if str(source) in problem_names():
@@ -421,23 +436,46 @@ def convert(
     rate: float | None = None,
     scale: Mapping[str, str] | None = None,
 ) -> Measurements:
-    """Read measurements of another program, and write them in the format of ``out``'s
-    suffix.
+    """Read measurements of another program, and write them in another format.
 
-    source : a .csv, .npz, .mat, .parquet, .mcap or .bag file, or a ROS 2 bag's folder; out : .csv, .npz,
-        .parquet or .mat (default: nothing is written).
-    problem : the robot whose joint names choose the joints of a ROS bag; joints : these names, instead.
-    topic : the JointState topic, where a bag has several; rename : from t, q, dq, tau (or q1, ...) to
-        the names of the file's columns or variables.
-    motors : the channels were logged at the motors: each motor's position as a formula of the joints'
-        ("32 q5 + 32 q6"), several separated by commas or in a sequence, or True for the transmission of
-        ``problem``. The run is written on the joint side, which is what every other verb reads.
-        Columns of common loggers are recognised without it; ``{"q*": "actual_q_*"}`` names one a joint.
-    scale : what t, q, dq, tau are multiplied by: a unit (deg, ms, mNm), a number, or numbers joint by
-        joint separated by colons, as drive gains are.
-    rate : samples a second [Hz], in place of the file's clock; a table without header then has 3 n
-        columns, q1..qn, dq1..dqn, tau1..taun.
-    Raises InputError for a file that cannot be read, or columns that are missing.
+    Columns of common loggers are recognised without ``rename``.
+
+    Parameters
+    ----------
+    source : str or Path
+        A .csv, .npz, .mat, .parquet, .mcap or .bag file, or a ROS 2 bag's folder.
+    out : str or Path, optional
+        The file to write: .csv, .npz, .parquet or .mat. Default: nothing is written.
+    problem : str, Path or Problem, optional
+        The robot whose joint names choose the joints of a ROS bag.
+    joints : sequence of str, optional
+        These names, in place of the robot's.
+    topic : str, optional
+        The JointState topic, where a bag has several.
+    rename : mapping of str to str, optional
+        From t, q, dq, tau (or q1, ...) to the names of the file's columns or variables;
+        ``{"q*": "actual_q_*"}`` names one a joint.
+    motors : str, sequence of str, or bool
+        For channels that were logged at the motors: each motor's position as a formula
+        of the joints' ("32 q5 + 32 q6"), several separated by commas or in a sequence,
+        or True for the transmission of ``problem``. The run is written on the joint
+        side, which is what every other verb reads.
+    rate : float, optional
+        Samples a second [Hz], in place of the file's clock. A table without header then
+        has 3 n columns: q1..qn, dq1..dqn, tau1..taun.
+    scale : mapping of str to str, optional
+        What t, q, dq, tau are multiplied by: a unit (deg, ms, mNm), a number, or
+        numbers joint by joint separated by colons, as drive gains are.
+
+    Returns
+    -------
+    Measurements
+        The run, in SI units, on the joint side.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, or columns that are missing.
     """
     if joints is None and problem is not None:
         joints = as_problem(problem, "convert(problem=...)").robot.joint_names

@@ -82,19 +82,54 @@ _TORQUE_SIDES = {
 class Problem(Shown):
     """What is known of a robot before anything is measured.
 
-    box : (n, 10, 2) lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about
-        the centre of mass, infinite where there is none.
-    nominal_links : (n, 10) standard parameters of a plausible, strictly consistent robot.
-    defaults : (n, 2) what bounds a link where box and cones do not: its largest mass [kg] and the radius
-        [m] of the ball about its frame in which its mass lies. None: :attr:`link_defaults` states them.
-    effects : texts of the effects that a model has by default; independent : the base parameters' names.
-    bodies : where each link's mass can be; None: from the bounds and the kinematics. nominal_from :
-        where each nominal link comes from ("inertial", "bounds", "geometry", "kinematics"): a mass of
-        the last two is a guess, whose scale the data may choose.
-    nominal_values : of parameters that are no link's, by their names (I_a1, f_v1), where
-        the robot's file has them.
-    gains : (n,) what each torque channel reads over the true torque, where known loads have shown it.
-    Raises InputError where bounds contradict themselves or do not belong to the robot.
+    Parameters
+    ----------
+    name : str
+        By which verbs and files call it.
+    title : str
+        For people.
+    robot : Robot
+        Its kinematics.
+    box : (n, 10, 2) array
+        Lower and upper bounds of (m, cx, cy, cz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) about
+        the centre of mass [kg, m, kg m^2], infinite where there is none.
+    nominal_links : (n, 10) array
+        Standard parameters of a plausible, strictly consistent robot.
+    total_mass : (float, float)
+        Bounds of the moving links' mass together [kg].
+    cones : tuple of CentreOfMassCone
+        Further constraints on centres of mass.
+    torque_side : {"link", "motor", "unknown"}
+        Which side of the gear the torque is measured on.
+    preprocessing : Preprocessing
+        Filter settings that hold where a verb has none.
+    independent : tuple of str, optional
+        Names of the base parameters.
+    folder : Path, optional
+        Where it was read from.
+    effects : tuple of str, optional
+        Texts of the effects that a model has by default.
+    defaults : (n, 2) array, optional
+        What bounds a link where box and cones do not: its largest mass [kg], and the
+        radius [m] of the ball about its frame in which its mass lies. Default:
+        :attr:`link_defaults`.
+    bodies : tuple of Body, optional
+        Where each link's mass can be; default: from the bounds and the kinematics.
+    nominal_from : tuple of str, optional
+        Where each nominal link comes from: "inertial", "bounds", "geometry" or
+        "kinematics". A mass of the last two is a guess, whose scale the data may
+        choose.
+    gains : (n,) tuple of float, optional
+        What each torque channel reads over the true torque, where known loads have
+        shown it.
+    nominal_values : mapping of str to float
+        Parameters that are no link's, by name (I_a1, f_v1), where the robot's file has
+        them.
+
+    Raises
+    ------
+    InputError
+        Where bounds contradict themselves, or do not belong to the robot.
     """
 
     name: str

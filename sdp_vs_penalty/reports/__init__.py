@@ -46,17 +46,37 @@ def report(
     forward: bool = False,
     progress: Progress = no_progress,
 ) -> Verdict:
-    """Write a report, one HTML file that needs nothing else; returns its verdict on the
-    last model.
+    """Write a report, one HTML file that needs nothing else.
 
-    models : an Estimate or a model.json, a sequence of them in the order in which effects were added,
-        or a mapping from names to them; measurements : the runs to judge them on, whatever
-        :func:`~sdp_vs_penalty.data.files.as_measurements` takes; out : the .html file to write.
-    commands : how it was made, for its last section; noise_from : as in
-    :func:`~sdp_vs_penalty.diagnosis.comparison.compare`; findings : a diagnosis, or its findings.json,
-    whose findings and curves are shown; forward : run the model forward over whole runs, however long
-    that takes, not for a few seconds of processor time; progress : called with a short text.
-    Raises InputError where models and measurements do not belong together, or plotly is missing.
+    Parameters
+    ----------
+    models : Estimate, path, sequence of these, or mapping of names to these
+        In the order in which effects were added; a path is that of a model.json.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        The runs to judge the models on.
+    out : str or Path
+        The .html file to write.
+    commands : sequence of str
+        How it was made, for its last section.
+    noise_from : the same as measurements, optional
+        As in :func:`compare`.
+    findings : Diagnosis, str or Path, optional
+        A diagnosis, or its findings.json, whose findings and curves are shown.
+    forward : bool
+        Run the model forward over whole runs, however long that takes, and not for a
+        few seconds of processor time.
+    progress : callable
+        Hears where the computation stands, a short text each time.
+
+    Returns
+    -------
+    Verdict
+        On the last model.
+
+    Raises
+    ------
+    InputError
+        Where models and measurements do not belong together, or plotly is missing.
     """
     check_name(Path(out))
     script = plotly_script()

@@ -57,6 +57,13 @@ def _forms() -> tuple[Array, Array]:
 #: the centre of mass I_e = J_e - m c^T Q_e c = J_e - h^T Q_e h / m with h = m c.
 PSEUDO_INERTIA_BASIS, STEINER_FORMS = _forms()
 
+#: Row and column of each entry, and (6, 6) what an entry of c c^T adds to those of
+#: c.c 1 - c c^T.
+_ROWS, _COLUMNS = np.transpose(_ENTRIES)
+_STEINER_OF_PRODUCTS = np.where(_ROWS == _COLUMNS, 1.0, 2.0)[:, None] * (
+    STEINER_FORMS[:, _ROWS, _COLUMNS].T
+)
+
 
 def parameter_names(link: int) -> tuple[str, ...]:
     """Names of the ten parameters of a link counted from 1: m3, mx3, ..., Izz3 for
@@ -105,9 +112,14 @@ def standard_from_barycentric(p: ArrayLike) -> Array:
     >>> standard_from_barycentric([2.0, 0.0, 0.0, 0.5, 0.1, 0.0, 0.1, 0.0, 0.0, 0.02])
     array([2.  , 0.  , 0.  , 1.  , 0.6 , 0.  , 0.6 , 0.  , 0.  , 0.02])
     """
-    mass, c, about_centre = np.split(np.asarray(p, float), [1, 4], axis=-1)
-    steiner = np.einsum("...i,eij,...j->...e", c, STEINER_FORMS, c)
-    return np.concatenate([mass, mass * c, about_centre + mass * steiner], axis=-1)
+    barycentric = np.asarray(p, float)
+    mass = barycentric[..., :1]
+    centre = barycentric[..., 1:4]
+    products = centre[..., _ROWS] * centre[..., _COLUMNS]
+    out = barycentric.copy()
+    out[..., 1:4] *= mass
+    out[..., 4:] += mass * (products @ _STEINER_OF_PRODUCTS)
+    return out
 
 
 def barycentric_from_standard(theta: ArrayLike) -> Array:

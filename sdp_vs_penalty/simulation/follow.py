@@ -308,16 +308,42 @@ def follow(
     draws: int = 8,
     windows: int = 200,
 ) -> Following:
-    """Run a model forward along measured runs and compare the motion.
+    """Run a model forward along measured runs, and compare the motion.
 
-    model : an Estimate or a model.json; measurements : as for ``compare``; drive :
-    "torque" (the measured torque alone), "pd" (and a loop on the measured motion) or
-    "servo" (the command, through the model's servos); seed : of the ``draws`` of
-    parameters from their intervals for the band of the free run; steps : of the free
-    runs at most, together; progress : hears where the computation stands; horizon :
-    length of a window [s], of which there are ``windows`` a run at most; bandwidth : of
-    the loop [Hz]. Raises InputError for a model that cannot accelerate, or runs too
-    short for its filters.
+    Parameters
+    ----------
+    model : Estimate, str or Path
+        The model, or its model.json.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        The runs.
+    drive : {"torque", "pd", "servo"}
+        What moves the arm: the measured torque alone, this torque and a loop on the
+        measured motion, or the command, through the model's servos.
+    seed : int
+        Of the draws.
+    steps : int, optional
+        Of the free runs, together, at most.
+    progress : callable
+        Hears where the computation stands, a short text each time.
+    horizon : float
+        Length of a window [s].
+    bandwidth : float
+        Of the loop [Hz].
+    draws : int
+        So many models are drawn from the parameters' intervals, for the band of the
+        free run.
+    windows : int
+        So many windows a run, at most.
+
+    Returns
+    -------
+    Following
+        Errors of the simulated motion over the horizon and in the free run.
+
+    Raises
+    ------
+    InputError
+        For a model that cannot accelerate, or runs too short for its filters.
     """
     estimate = as_estimate(model, "follow(model=...)")
     if drive not in ("torque", "pd", "servo"):

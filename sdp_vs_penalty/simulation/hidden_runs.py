@@ -103,13 +103,28 @@ def simulate(
     level: str | float = "strong",
     seed: int = 0,
 ) -> HiddenRuns:
-    """Simulate three runs to identify from and one to test on, with effects hidden in
-    them.
+    """Simulate runs of a robot, with effects hidden in them.
 
-    problem : a built-in name, a folder with a problem.toml, a URDF file, or a Problem.
-    hide : ``effect[:joints]``, several separated by commas or in a sequence, or none. level :
-        strong, medium, weak, or the hidden torque's RMS over the raw noise; seed : of everything random.
-    Raises InputError for an effect that does not exist or makes no torque there, or another level.
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        A built-in name, a folder with a problem.toml, a URDF file, or a Problem.
+    hide : str or sequence of str
+        ``effect[:joints]``, several separated by commas or in a sequence, or none.
+    level : {"strong", "medium", "weak"} or float
+        The hidden torque's RMS over that of the raw noise, or a name for it.
+    seed : int
+        Of everything random.
+
+    Returns
+    -------
+    HiddenRuns
+        Three runs to identify from and one to test on.
+
+    Raises
+    ------
+    InputError
+        For an effect that does not exist or makes no torque there, or another level.
     """
     robot = as_problem(problem, "simulate(problem=...)")
     size = level

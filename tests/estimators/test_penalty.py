@@ -172,22 +172,24 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     assert after - before == pytest.approx(
         2.0 * step @ loss.gradient(u, 40.0), rel=1e-4
     )
-    assert loss.penalty(loss.p(u))[0] > 0.0
+    assert loss.penalty(loss.p(u)) > 0.0
     p = loss.p(u)
     family = "centre of mass cone"
     theta = box.theta(p)
     step = 1e-7 * rng.normal(size=len(p))
-    ways = (loss.demanded(p + s * step) for s in (1.0, -1.0, 0.0))
-    for (_, after, _), (_, before, _), (_, _, rows) in zip(*ways, strict=True):
+    for demand in loss.demands:
+        after = demand.margins(p + step)
+        before = demand.margins(p - step)
+        rows = demand.slopes(p)
         slope = rows @ step[: rows.shape[1]]
         np.testing.assert_allclose(after - before, 2.0 * slope, rtol=1e-3, atol=1e-12)
-    told = [margins for name, margins, _ in loss.demanded(p) if name == family]
+    of_family = [d.margins(p) for d in loss.demands if d.family == family]
     cones = [c for c in task.constraints.convex if c.family == family]
     margins = [
         c.margin(theta) / theta[c.indices[0]] for c in cones
     ]  # of the centre, not of m c
     np.testing.assert_allclose(
-        np.sort(np.concatenate(told)), np.sort(margins), rtol=1e-9
+        np.sort(np.concatenate(of_family)), np.sort(margins), rtol=1e-9
     )
     worst = loss.violations(p)
     assert worst[family] == pytest.approx(max(0.0, -np.min(margins)))

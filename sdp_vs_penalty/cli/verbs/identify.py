@@ -38,6 +38,7 @@ def verb(
     from sdp_vs_penalty.api import identify_and_judge
     from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.estimation import PoseOptions
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
 
@@ -56,14 +57,16 @@ def verb(
                 robot,
                 fitted_runs,
                 estimator,
-                effects=effects,
-                seed=seed,
+                PoseOptions(
+                    effects=effects,
+                    seed=seed,
+                    gain_uncertainty=gain_uncertainty or 0.0,
+                    known_loads=[runs.parsed_known_load(x) for x in known_load or []],
+                    known=runs.parsed_known(known),
+                    instruments=instruments,
+                ),
                 progress=progress,
                 proof=proof,
-                gain_uncertainty=gain_uncertainty or 0.0,
-                known_loads=[runs.parsed_known_load(x) for x in known_load or []],
-                known=runs.parsed_known(known),
-                instruments=instruments,
                 workers=Workers(jobs, scheduler, progress),
                 noise_from=runs_given if isinstance(runs_given, Measurements) else None,
                 check=not no_check,

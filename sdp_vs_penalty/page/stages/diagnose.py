@@ -104,7 +104,7 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
         with draw.tag("div", style="head"):
             draw.tag("h4", words.title)
             draw.tag("span", words.rating, f"badge {words.rating}")
-        drawn = finding_chart(session, finding, k)
+        drawn = finding_chart(session, finding)
         if drawn is not None:
             draw.chart(drawn, f"Error of joint {finding.main_joint} against its cause")
         draw.tag("p", words.gain)
@@ -209,7 +209,7 @@ def _diagnosed(session: Session) -> StageVerdict | None:
     diagnosis, added = session.findings, session.added
     sentence = ""
     if diagnosis is not None:
-        found = [f.text for f in (*diagnosis.effects, *diagnosis.retuned)]
+        found = diagnosis.texts
         left = [text for text in found if text not in added]
         if not added:
             sentence = diagnosis.headline
@@ -218,7 +218,7 @@ def _diagnosed(session: Session) -> StageVerdict | None:
         else:
             sentence = "Diagnose again to see what is missing now."
     if len(session.history) > 1:
-        change = session.current.change
+        change = session.change
         sentence = f"{change[:1].upper()}{change[1:]} {sentence}".strip()
     return StageVerdict("", sentence) if sentence else None
 
