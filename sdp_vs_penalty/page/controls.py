@@ -128,6 +128,34 @@ def text_field(
         )
 
 
+def slider(
+    label: str,
+    value: str,
+    do: Callable[[int], Any],
+    key: str,
+    least: str,
+    most: str,
+) -> None:
+    """A handle to drag between two whole numbers; heard when it is let go."""
+    with tag("label", style="field"):
+        tag("span", label)
+        handle = tag(
+            "input",
+            type="range",
+            data_key=key,
+            aria_label=label,
+            value=value,
+            min=least,
+            max=most,
+            step="1",
+        )
+        handle.on(
+            "change",
+            lambda e: do(int(e.args)),
+            js_handler="(e) => emit(e.target.value)",
+        )
+
+
 def check(
     label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = ""
 ) -> None:

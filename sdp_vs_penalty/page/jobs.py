@@ -19,6 +19,7 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.api.diagnosis import diagnose_and_add
 from sdp_vs_penalty.api.exporting import judge_as_exported
+from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
@@ -27,7 +28,6 @@ from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import (
     compare,
-    keep_noise_floor,
     predicted,
     still_missing,
 )
@@ -135,8 +135,9 @@ class JobRequest(dict[str, Any]):
             if run["use"] != "split":
                 sides[run["use"]].append(named)
                 continue
-            for side, windows in run["split"].items():
-                sides[side].append(windowed(named, [(a, b) for a, b in windows]))
+            for side, of_side in sides.items():
+                windows = [(a, b) for a, b in run["split"][side]]
+                of_side.append(windowed(named, windows))
         test = concatenate(sides["test"]) if sides["test"] else None
         judged = self._recordings("train" if test is None else "test")
         return Runs(concatenate(sides["train"]), test, loaded, judged)
@@ -295,7 +296,7 @@ def keep(
 def _of_windows(
     problem: Problem,
     part: Measurements,
-    split: Mapping[str, list[tuple[float, float]]],
+    split: Mapping[str, Any],
     whole: Report,
 ) -> list[dict[str, Any]]:
     """What the check says of the parts that a run is split into and not of the whole:
@@ -348,25 +349,43 @@ def _preview(
     return arrays
 
 
+def resplit(job: JobRequest) -> Answer:
+    """A run split anew: ``share`` of its motion is for training."""
+    (run,) = (run for run in job["runs"] if run["file"] == job["file"])
+    part = load_measurements(job.folder / run["file"])
+    split = _split(job.problem, part, job["share"])
+    if split is None:
+        raise InputError(
+            f"{run['name']} cannot be split so", "drag the bar back", run["name"]
+        )
+    return {"split": split}
+
+
 def _split(
-    problem: Problem, part: Measurements
-) -> dict[str, list[tuple[float, float]]] | None:
-    """Windows to identify from and to test on, rounded so that a command can name them."""
+    problem: Problem, part: Measurements, share: float = SPLIT
+) -> dict[str, Any] | None:
+    """Windows [s] to "train" on and to "test" on, rounded so that a command can name
+    them; "share" of the motion for training; "bar" : what the page draws of it, a side,
+    begin and length [% of the run] each. None for a run that is too short."""
     try:
         settings = problem.preprocessing.resolve(part)
-        reach = filter_reach(
-            part, settings
-        )  # half of it lies between: no filter sees both
+        # Half of it lies between: no filter sees both.
+        reach = filter_reach(part, settings)
     except InputError:  # no motion: the check says so
         return None
     (clock,) = motion_clocks(tracks_of(part))
-    windows = phase_windows(
-        clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach
-    )
+    seconds = float(part.t[-1] - part.t[0])
+    windows = phase_windows(clock, seconds, share, 0.5 * reach, 1.5 * reach)
     if windows is None:
         return None
-    rounded = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
-    return dict(zip(("train", "test"), rounded, strict=True))
+    split: dict[str, Any] = {"share": share, "bar": []}
+    for side, stretches in zip(("train", "test"), windows, strict=True):
+        split[side] = [(round(a, 3), round(b, 3)) for a, b in stretches]
+        split[f"{side}_seconds"] = round(sum(b - a for a, b in stretches), 3)
+        for a, b in stretches:
+            place = {"left": 100.0 * a / seconds, "width": 100.0 * (b - a) / seconds}
+            split["bar"].append({"side": side, **place})
+    return split
 
 
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
@@ -409,13 +428,14 @@ def robot(job: JobRequest) -> Answer:
 
 
 def fit(job: JobRequest) -> Answer:
-    """Identify a model and look where it fails."""
+    """Identify a model as the verb does, check included, and look where it fails."""
     options = job["options"]
     bounded = with_bounds(job.problem, options.get("bounds"))
     problem = with_filters(bounded, options.get("filters"))
-    estimate = estimate_parameters(
+    remarks: list[str] = []
+    estimate, _ = identify_and_judge(
         problem,
-        read_and_filter(problem, job.windowed(job.runs.train)),
+        job.windowed(job.runs.train),
         with_solver(job["method"], options.get("solver")),
         PoseOptions(
             effects=job["effects"],
@@ -424,8 +444,10 @@ def fit(job: JobRequest) -> Answer:
         ),
         progress=job.progress,
         workers=Workers(int(job.number("jobs", 1)), progress=job.progress),
+        noise_from=job.training_recordings,
+        check=not job["anyway"],
+        warn=remarks.append,
     )
-    keep_noise_floor(estimate, job.training_recordings)
     return summary(job, estimate)
 
 

@@ -416,6 +416,26 @@ class Session:
         self.runs = [run for run in runs if run["use"]]
         self.say(*self._forget_models("The runs have changed"), error=False)
 
+    async def split(self, file: str, percent: int) -> None:
+        """Split a run anew: so many per cent of its motion are for training."""
+        answer = await self._job(
+            "Splitting the run", "resplit", file=file, share=percent / 100.0
+        )
+        self.runs = [
+            {**run, "split": answer["split"]} if run["file"] == file else run
+            for run in self.runs
+        ]
+        self.say(*self._forget_models("The split has changed"), error=False)
+
+    def warnings_of(self, joint: int) -> list[str]:
+        """What the check warns of a joint (from 1) in the runs that are used."""
+        return [
+            f"{run['name']}: {issue['kind']} ({issue['where']})"
+            for run in self.runs
+            for issue in run["findings"]
+            if joint in issue["figures"].get("joints", ())
+        ]
+
     async def mount(self, gravity: str) -> None:
         """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again,
         models dropped."""
@@ -437,7 +457,11 @@ class Session:
         if not self.effects:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
-        request = {"effects": ",".join(self.effects), "method": self.method}
+        request = {
+            "effects": ",".join(self.effects),
+            "method": self.method,
+            "anyway": self.anyway,
+        }
         self._begin(
             await self._step(
                 f"Identifying by {self.method}", "fit", request, label="identified"

@@ -391,11 +391,16 @@ def _ask_server(
         server.process.stdin.write(json.dumps(request).encode() + b"\n")  # type: ignore[union-attr]
         # The server itself ends a silent parser; it takes seconds to start.
         source = _Timed(server.process.stdout, request["seconds"] + 30.0)
-        while (message := _receive(source)) is not None:
+        message = _receive(source)
+        while message is not None:
             if "end" in message[0]:
                 is_done = True
                 return
+            # Received before this one is handed on: after an error nobody asks for more.
+            following = _receive(source)
+            is_done = following is not None and "end" in following[0]
             yield message
+            message = following
         yield {"failed": "its parser has ended"}, {}
     except (BrokenPipeError, TimeoutError):
         yield {"failed": "its parser has ended"}, {}

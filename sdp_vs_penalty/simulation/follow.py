@@ -8,6 +8,8 @@ measured torque, so that the arm stays with it: what the loop has to add is then
 model's error as a torque.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path

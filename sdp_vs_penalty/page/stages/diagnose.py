@@ -119,6 +119,8 @@ def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None
                 draw.tag("pre", words.test, tabindex="0")
         if words.doubt:
             draw.note(words.doubt)
+        for warning in session.warnings_of(finding.main_joint):
+            draw.tag("p", f"The check warns of this joint: {warning}.", "finding")
         style = "primary" if k == 0 else ""
         label = f"Add {words.title}"
         _adding(session, finding.text, f"add-{k}", style, aria_label=label)

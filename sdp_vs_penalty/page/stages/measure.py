@@ -214,10 +214,42 @@ def _list(view: View) -> None:
                         draw.choice(
                             label, uses, run["use"], use, f"use-{k}", hidden_label=True
                         )
+    for k, run in enumerate(session.runs):
+        if run["use"] == "split":
+            _split_bar(session, run, k)
     if session.runs and all(run["use"] == "train" for run in session.runs):
         draw.note(
             "No run is kept for testing: the errors below are training errors, and a"
             " diagnosis holds out parts of the runs, which takes longer."
+        )
+
+
+#: Where the bar of a split begins and ends [% for training].
+_LEAST, _MOST = "40", "75"
+
+
+def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
+    """The run as a bar of what is identified from and what is kept for testing; its
+    handle can be dragged."""
+    split = run["split"]
+    with draw.tag("div", style="split"):
+        words = (
+            f"{run['name']}: {split['train_seconds']:.3g} s to identify from,"
+            f" {split['test_seconds']:.3g} s kept for testing, in blocks over the whole"
+            " run"
+        )
+        draw.tag("p", words, "soft")
+        with draw.tag("div", style="split-bar", aria_hidden="true"):
+            for part in split["bar"]:
+                place = f"left:{part['left']:.2f}%;width:{part['width']:.2f}%"
+                draw.tag("i", style=part["side"]).style(place)
+        draw.slider(
+            "Share to identify from [%]",
+            f"{split['share']:.0%}".rstrip("%"),
+            partial(session.start, session.split, run["file"]),
+            key=f"split-{k}",
+            least=_LEAST,
+            most=_MOST,
         )
 
 

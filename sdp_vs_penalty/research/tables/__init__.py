@@ -1,7 +1,7 @@
 """The comparison tables, one file each: a file with a :class:`TableSpec` is its
 registration."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,11 +35,17 @@ def makers() -> dict[str, TableSpec]:
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     """The tables as data. Raises InputError for a table that does not exist for the
     problem."""
-    for maker in (chosen := _chosen(names)):
-        if maker.problems and study.problem.name not in maker.problems:
-            what = f"table {maker.name} belongs to {' and '.join(maker.problems)}"
+    return list(_tables_in_turn(_chosen(names), study))
+
+
+def _tables_in_turn(specs: Sequence[TableSpec], study: Study) -> Iterator[Table]:
+    """Each table when it is done; errors as of :func:`build_tables`, before the first."""
+    for spec in specs:
+        if spec.problems and study.problem.name not in spec.problems:
+            what = f"table {spec.name} belongs to {' and '.join(spec.problems)}"
             raise InputError(what, "choose it with --problem, or leave the table out")
-    return [maker.made(study) for maker in chosen]
+    for spec in specs:
+        yield spec.made(study)
 
 
 def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
@@ -79,9 +85,9 @@ def make_tables(
     tables_made = []
     for name, group in groups.items():
         study = Study(as_problem(problem or name), budget, progress, workers)
-        tables_made += [
-            (t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)
-        ]
+        for table in _tables_in_turn(_chosen(group), study):
+            paths = table.write(_folder(table, Path(out)))
+            tables_made.append((table, paths))
     return tables_made
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas
 
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.plugins import summary_line
 from sdp_vs_penalty.results import table as forms
 from sdp_vs_penalty.results.table import Cell
@@ -137,8 +137,9 @@ class Table:
         forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
         if self.everything is not None:
             forms["_all.csv"] = exact_csv(self.everything)
-        for suffix, content in forms.items():
-            write_text(f"{base}{suffix}", content)
+        with folder_lock(Path(folder), patience=WRITERS_PATIENCE):
+            for suffix, content in forms.items():
+                write_text(f"{base}{suffix}", content)
         return [Path(f"{base}{suffix}") for suffix in forms]
 
 
