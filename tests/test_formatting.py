@@ -100,6 +100,6 @@ def test_a_result_shows_itself_in_five_lines():
 def test_a_result_shows_itself_in_html():
     html = Result()._repr_html_()
     assert html.startswith(
-        "<p><b>A &lt;title&gt;</b></p><table>\n<tbody>\n<tr><td>name 0</td>"
+        "<p><b>A &lt;title&gt;</b></p><table><tbody><tr><td>name 0</td>"
     )
     assert html.count("<tr>") == 6

@@ -16,7 +16,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.errors import InputError, other_robot
-from sdp_vs_penalty.estimation.constants import ROUNDING
+from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import (
@@ -132,6 +132,19 @@ class Comparison(Record):
         """100 |tau - tau_hat| / |tau| over all joints, behind the low-pass."""
         return self.relative_error_percent
 
+    @fact("%", digits=2, name="relative error not ruled out")
+    def highest_relative_error(self) -> float | None:
+        """The upper end of the relative error's 95 % interval, by leaving out one stretch
+        of a second of the judged motion after another; unknown without the signals."""
+        signals = self.signals
+        seconds, n_rows = signals.seconds, len(signals.t)
+        if seconds is None:
+            return None
+        stretch = (np.arange(n_rows) * (seconds / n_rows) / _STRETCH).astype(np.intp)
+        errors = np.bincount(stretch, np.sum(signals.residual**2, axis=1))
+        torques = np.bincount(stretch, np.sum(signals.measured**2, axis=1))
+        return upper_relative_error(errors, torques)
+
     @fact("Hz", name="band")
     def band(self) -> float:
         """The low-pass that measured and modelled torque passed."""
@@ -197,6 +210,7 @@ class Comparison(Record):
             remark=self.judged_on or "",
             seconds=self.signals.seconds,
             doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
+            highest=self.highest_relative_error,
         )
 
     def plot(
@@ -318,6 +332,32 @@ class Comparison(Record):
             "judged_on": self.judged_on,
             "facts": self.facts_to_dict(),
         }
+
+
+#: Length [s] of the stretches of which a relative error's spread is told: longer than
+#: errors of a friction or a filter stay alike.
+_STRETCH = 1.0
+
+
+def upper_relative_error(errors: Array, torques: Array) -> float | None:
+    """The upper end of the 95 % interval of 100 sqrt(sum errors / sum torques) [%], by
+    the jackknife.
+
+    errors, torques (K,) : squared sums of stretches. Of fewer than three nothing can be
+    said: infinite; None without torque.
+    """
+    if not np.sum(torques) > 0.0:
+        return None
+    n = len(errors)
+    if n < 3:
+        return float("inf")
+    error = 100.0 * np.sqrt(errors.sum() / torques.sum())
+    left = torques.sum() - torques
+    if not np.all(left > 0.0):
+        return float("inf")
+    without = 100.0 * np.sqrt((errors.sum() - errors) / left)
+    variance = (n - 1) / n * np.sum((without - without.mean()) ** 2)
+    return float(error + NORMAL_95 * np.sqrt(variance))
 
 
 def new_motion(new_share: float | None) -> str:

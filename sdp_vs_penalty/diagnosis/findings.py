@@ -41,7 +41,7 @@ REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
     "small": "its gain is small",
-    "not_held_out": "no joint's held-out error falls by 1 %",
+    "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "alone": "what is sure raises a held-out error with it",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
@@ -398,7 +398,7 @@ class Diagnosis(Record, JsonRecord):
         where = sorted({e.joint for e in self.events})
         if where:
             events = formatting.count(len(self.events), "event")
-            text += f" Besides, {events} on {formatting.joints(where)}."
+            text += f" Also {events} on {formatting.joints(where)}."
         return text
 
     @property
@@ -411,7 +411,7 @@ class Diagnosis(Record, JsonRecord):
         )
         if self.unexplained_sentence:
             if confident:
-                return f"Missing: {counted}; besides, {self.unexplained_sentence}."
+                return f"Missing: {counted}; also {self.unexplained_sentence}."
             return (
                 "Missing:"
                 f" {self.unexplained_sentence}{f'; possibly {counted}' if self.effects else ''}."
@@ -419,7 +419,7 @@ class Diagnosis(Record, JsonRecord):
         if self.effects:
             text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
             if self.retuned:
-                text += f" Shape constants to change: {_named(self.retuned)}."
+                text += f" Settings to re-estimate: {_named(self.retuned)}."
             return (
                 text
                 if self.noise_known
@@ -427,7 +427,7 @@ class Diagnosis(Record, JsonRecord):
             )
         if self.retuned:
             return (
-                "No effect is missing; shape constants should change:"
+                "No effect is missing; settings to re-estimate:"
                 f" {_named(self.retuned)}."
             )
         if self.noise_known:
@@ -441,7 +441,7 @@ class Diagnosis(Record, JsonRecord):
         if over is None or not len(over):
             return "Nothing is missing that these measurements could show."
         worst = int(np.argmax(over))
-        times = formatting.number(float(over[worst]), 2)
+        times = formatting.number(float(over[worst]))
         if above := self.joints_above_noise:
             return (
                 "No effect of the library explains the torque beyond the noise on"
@@ -483,9 +483,9 @@ class Diagnosis(Record, JsonRecord):
         """What error is left on data left out, joint by joint."""
         start = "Error on data left out, with everything found, joint by joint:"
         if self.held_out_over_noise is None:
-            errors = (formatting.number(x, 3) for x in self.held_out_rmse_with_all)
+            errors = self.facts()["left_error"].texts
             return f"{start} {', '.join(errors)} N m or N (the noise is not known)."
-        times = (formatting.number(x, 2) for x in self.held_out_over_noise)
+        times = self.facts()["left_over_noise"].texts
         return f"{start} {', '.join(times)} times the noise."
 
     @property

@@ -6,26 +6,50 @@ Columns name their unit in brackets.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.formatting import number
+from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.base_parameters import base_rows
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 
 if TYPE_CHECKING:
     import pandas
 
-    from sdp_vs_penalty.estimation.estimate import Estimate
+
+class Parameters(Protocol):
+    """What a frame needs of an estimate (estimation/estimate.py)."""
+
+    @property
+    def problem(self) -> Problem: ...
+    @property
+    def model(self) -> Model: ...
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def links(self) -> Array: ...
+    @property
+    def nominal(self) -> Array: ...
+    @property
+    def sources(self) -> tuple[str, ...]: ...
+    @property
+    def uncertainty(self) -> Uncertainty: ...
+    @property
+    def details(self) -> dict[str, Any]: ...
+
 
 #: A coefficient below this share of its row's largest is rounding.
 _ROUNDING = 1e-9
 _SYMBOLS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
-def links_frame(estimate: Estimate) -> pandas.DataFrame:
+def links_frame(estimate: Parameters) -> pandas.DataFrame:
     """One row a link: mass, centre of mass, inertia about it, the nominal mass, the
     least thickness, and what the mass is from.
 
@@ -54,7 +78,7 @@ def links_frame(estimate: Estimate) -> pandas.DataFrame:
     return pandas.DataFrame(columns, pandas.Index(numbers, name="link"))
 
 
-def base_frame(estimate: Estimate) -> pandas.DataFrame:
+def base_frame(estimate: Parameters) -> pandas.DataFrame:
     """One row a base parameter, the combinations that make torque: its full expression
     ("Izz1 + Iyy2 + 0.0998 m3"), value, 95 % interval, verdict and unit."""
     import pandas
@@ -110,14 +134,14 @@ def expression(row: Array, names: Sequence[str], leading: int) -> str:
     return text
 
 
-def covariance_frame(estimate: Estimate) -> pandas.DataFrame:
+def covariance_frame(estimate: Parameters) -> pandas.DataFrame:
     """(p, p) covariance of the parameters, labelled by name on both sides; NaN for
     those that the data do not determine. Units are products of the parameters'."""
     names = [p.name for p in estimate.model.parameters]
     return _labelled(estimate.uncertainty.covariance, names)
 
 
-def base_covariance_frame(estimate: Estimate) -> pandas.DataFrame:
+def base_covariance_frame(estimate: Parameters) -> pandas.DataFrame:
     """(b, b) covariance of the base parameters, labelled on both sides."""
     base = base_rows(estimate.problem, estimate.model)
     names = [p.name for p in estimate.model.parameters]

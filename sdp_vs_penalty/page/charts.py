@@ -124,6 +124,21 @@ def missing_chart(
     return ready(plots.missing_figure(curve, units, [] if warm else [motion]), 260)
 
 
+def failing_stretches(
+    model: ModelStep, run: str, j: int, start: float
+) -> list[tuple[float, float, str]]:
+    """Where joint j (from 0) fails on a run, in its seconds since ``start``, and the
+    cause."""
+    if not model.failures:
+        return []
+    name = run.partition(", ")[0]
+    return [
+        (s["start"] - start, s["stop"] - start, s["cause"])
+        for s in model.failures[j]["stretches"]
+        if s["run"].startswith(name)
+    ]
+
+
 def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
     """The error of a finding's joint against its cause: before, after everything sure
     was added, and what that models; None where the runs are too short to say a cause."""

@@ -74,6 +74,11 @@ class ModelStep:
     curve_texts: Sequence[str] = ()
     pictures: str = ""
 
+    @staticmethod
+    def joint_number(j: int) -> int:
+        """The number of joint j (from 0) as it is shown."""
+        return j + 1
+
 
 @dataclass
 class Session:

@@ -87,7 +87,7 @@ def test_a_joint_without_a_model_is_named():
     better."""
     found = verdict(r2=np.array([0.99, -5.7]), floor=RMSE / 3.0)
     assert found.grade == "usable"
-    assert "no model of joint 2 (worse than the mean torque)" in str(found)
+    assert "joint 2: worse than a constant torque" in str(found)
     # What is not to be used does not become usable by it.
     assert (
         verdict(r2=np.array([0.1, -5.7]), relative=60.0, floor=RMSE / 30.0).grade

@@ -9,11 +9,9 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.comparison import new_motion
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.session import ModelStep, Session
@@ -107,11 +105,11 @@ def _form(view: View) -> None:
         draw.tag("legend", "Effects of the first model")
         boxes(_USUAL)
         unusual = [name for name in effects if name not in _USUAL]
-        chosen = sum(name in map(_name, session.effects) for name in unusual)
+        chosen = [name for name in unusual if name in map(_name, session.effects)]
         with draw.details(
-            f"More effects ({chosen} of {len(unusual)} chosen)",
+            f"More effects ({len(chosen)} of {len(unusual)} chosen)",
             "more-effects",
-            chosen > 0,
+            bool(chosen),
         ):
             draw.note("The stage Diagnose tells which are needed.")
             boxes(unusual)
@@ -187,13 +185,7 @@ def fit(view: View) -> None:
     robot = view.session.robot
     comparison = model.comparison
     units = robot["units"]
-    if (
-        view.joint is None
-    ):  # whose error is the most times its noise; without noise, the largest
-        both = zip(comparison["rmse"], comparison["noise_floor"], strict=True)
-        scaled = [e / f if f else e for e, f in both]
-        view.joint = scaled.index(max(scaled))
-    view.joint = min(view.joint, robot["n"] - 1)
+    view.look_at_worst_joint()
     if view.run not in model.runs:
         view.run = model.runs[-1]
         view.span = None
@@ -239,7 +231,7 @@ def fit(view: View) -> None:
         modelled = {
             step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)
         }
-        failing = _stretches(model, view.run, j, float(read["t"][0]))
+        failing = charts.failing_stretches(model, view.run, j, float(read["t"][0]))
         run = Curves(read["t"], read["torque"], modelled)
         causes = {cause for *_, cause in failing}
         bars.content = pieces.bars(
@@ -269,16 +261,16 @@ def _figures(model: ModelStep) -> None:
     """How well the model does: as every table of models says it, and the other lines of
     the verdict."""
     draw.judged([model])
-    comparison = model.comparison
-    runs = model.judged_on
+    facts, runs = model.comparison["facts"], model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
-    below = f"below {figure(comparison['band_hz'])} Hz"
-    new = new_motion(comparison["new_motion_share"])
+    new = facts["new_motion_percent"]["texts"][0]
+    seconds = facts["judged_seconds"]["texts"][0]
+    band = facts["band"]["texts"][0]
     draw.note(
-        f"Judged on {judged}, {below}, new motion {new}; identified in"
-        f" {model.seconds:.2g} s."
+        f"On motion not used for fitting: {seconds} s of {judged}, {new} % of it new,"
+        f" below {band} Hz; identified in {model.seconds:.2g} s."
     )
-    for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
+    for line in model.comparison["verdict"]["lines"][1:]:  # the first one stands above
         draw.tag(
             "p",
             f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}",
@@ -287,16 +279,15 @@ def _figures(model: ModelStep) -> None:
 
 
 def _words(model: ModelStep, j: int, unit: str) -> str:
-    """What can be said of a joint's error in a sentence or two."""
-    error = model.comparison["rmse"][j]
-    floor = model.comparison["noise_floor"][j]
+    """What can be said of the error of joint j (from 0) in a sentence or two."""
+    facts = model.comparison["facts"]
     plain = formatting.plain_unit(unit)
-    text = f"Joint {j + 1}: the error is {figure(error)} {plain}"
-    if floor:
-        text += (
-            f", {figure(error / floor, 2)} times the noise floor of {figure(floor)}"
-            f" {plain}"
-        )
+    number, error = model.joint_number(j), facts["joint_error"]["texts"][j]
+    text = f"Joint {number}: the error is {error} {plain}"
+    if facts["error_over_noise"]["value"] is not None:
+        times = facts["error_over_noise"]["texts"][j]
+        floor = facts["joint_noise"]["texts"][j]
+        text += f", {times} times the noise floor of {floor} {plain}"
     sentences = model.failures[j]["sentences"] if model.failures else ()
     return " ".join([f"{text}.", *sentences])
 
@@ -313,17 +304,6 @@ _SHOWN_BY = {
     "standstill": "dq",
     "waves per turn": "q",
 }
-
-
-def _stretches(
-    model: ModelStep, run: str, j: int, start: float
-) -> list[tuple[float, float, str]]:
-    """Where a joint fails on a run, in its seconds since ``start``, and the cause."""
-    return [
-        (s["start"] - start, s["stop"] - start, s["cause"])
-        for s in (model.failures[j]["stretches"] if model.failures else ())
-        if s["run"].startswith(run.partition(", ")[0])
-    ]
 
 
 def _heat(
@@ -347,8 +327,7 @@ def _heat(
 def _show(view: View, event: Any) -> None:
     """The joint that was clicked, and the signal that shows the cause."""
     joint, signal = event.args
-    at = {"joint": min(max(int(joint), 1), view.session.robot["n"]) - 1}
-    view.select(**at, **({"signal": signal} if signal in charts.SIGNALS else {}))
+    view.select_joint(joint, signal if signal in charts.SIGNALS else view.signal)
 
 
 #: What a click on a button of a joint sends.

@@ -299,7 +299,7 @@ def check(view: View) -> None:
         for run in session.runs
         for finding_of_run in run["findings"]
     )
-    draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
+    draw.note(f"{crosses if mended else ''}Drag to look closer; Play moves the arm.")
     look(first)
 
 
