@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 # Before NumPy is loaded: several workers, each with threads for small matrices, only
 # hinder each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Nothing of a test is kept in the user's cache.
+os.environ.setdefault("SDP_VS_PENALTY_CACHE", "")
 
 import pytest
 
