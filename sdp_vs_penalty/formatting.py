@@ -44,6 +44,15 @@ def words(items: Sequence[object]) -> str:
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
 
 
+def sentence(text: str) -> str:
+    """A text that begins with a capital letter, otherwise as it is.
+
+    >>> sentence("joint 2 errs by 3 N m")
+    'Joint 2 errs by 3 N m'
+    """
+    return text[:1].upper() + text[1:]
+
+
 def joints(numbers: Sequence[int]) -> str:
     """Joints by numbers that count from 1.
 

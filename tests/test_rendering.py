@@ -77,7 +77,7 @@ def test_a_template_computes_nothing(path):
     )
     assert not list(tree.find_all(computed))
     filters = {node.name for node in tree.find_all(nodes.Filter)}
-    assert filters <= {"code", "join", "capitalize"}
+    assert filters <= {"code", "join", "sentence"}
 
 
 @pytest.mark.parametrize(

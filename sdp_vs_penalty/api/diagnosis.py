@@ -12,6 +12,7 @@ from sdp_vs_penalty.api.identification import WITHOUT_CHECK
 from sdp_vs_penalty.checks.gate import consented, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sizes import with_sizes_of
@@ -161,4 +162,10 @@ def diagnose_and_add(
         progress=progress,
         gain_uncertainty=gain_uncertainty,
     )
-    return with_sizes_of(diagnosis, better), better
+    sized = with_sizes_of(diagnosis, better)
+    if test is not None and diagnosis.held_out_source == "test":
+        progress("judging the model with all that is sure")
+        models = {"before": model, "after": better}
+        before, after = compare(models, test, noise_from=judged_recordings)
+        sized = sized.with_judged_errors(before.rmse, after.rmse)
+    return sized, better

@@ -143,7 +143,7 @@ class Comparison(Record):
         stretch = (np.arange(n_rows) * (seconds / n_rows) / _STRETCH).astype(np.intp)
         errors = np.bincount(stretch, np.sum(signals.residual**2, axis=1))
         torques = np.bincount(stretch, np.sum(signals.measured**2, axis=1))
-        return upper_relative_error(errors, torques)
+        return upper_relative_error(errors.astype(float), torques.astype(float))
 
     @fact("Hz", name="band")
     def band(self) -> float:

@@ -312,6 +312,30 @@ class Diagnosis(Record, JsonRecord):
             )
         return replace(self, effects=chosen, retuned=retuned, curves=curves)
 
+    def with_judged_errors(self, before: Array, after: Array) -> Diagnosis:
+        """The same with the errors (n,) that the model and the model with all that is
+        sure have on the test run, as `compare` and `add` print them.
+
+        The search fits every step again by least squares; those errors stay where the
+        sure findings are not the first of the list, and for the weak ones after them.
+        """
+        n_sure = len([f for f in self.effects if f.torque_is_certain])
+        sure = self.effects[:n_sure]
+        if not sure or self.curves or not all(f.torque_is_certain for f in sure):
+            return self
+        ladder = list(self.effects)
+        if not self.retuned:
+            ladder[0] = replace(ladder[0], held_out_rmse_before=before)
+        ladder[n_sure - 1] = replace(ladder[n_sure - 1], held_out_rmse_after=after)
+        if len(ladder) > n_sure:
+            ladder[n_sure] = replace(ladder[n_sure], held_out_rmse_before=after)
+        return replace(
+            self,
+            effects=tuple(ladder),
+            held_out_rmse_before=before,
+            held_out_rmse=after if len(ladder) == n_sure else self.held_out_rmse,
+        )
+
     @fact("", digits=9)
     def n_confident(self) -> int:
         """Findings whose effect and size are sure."""
@@ -397,7 +421,7 @@ class Diagnosis(Record, JsonRecord):
             text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
         where = sorted({e.joint for e in self.events})
         if where:
-            events = formatting.count(len(self.events), "event")
+            events = formatting.count(len(self.events), "isolated disturbance")
             text += f" Also {events} on {formatting.joints(where)}."
         return text
 
@@ -529,6 +553,8 @@ class Diagnosis(Record, JsonRecord):
                 "Record a run that tells the findings from what fits as well: all are"
                 " weak."
             )
+        if self.joints_above_noise:
+            return "Look at what the error depends on: `compare` says it."
         return "Use the model, or record motion that excites more."
 
     @property
@@ -683,7 +709,9 @@ def event_lines(
         last = max(e.t_end for e in events)
         return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
     kinds = (
-        "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz"
+        "isolated disturbance"
+        if e.frequency is None
+        else f"a hum of {e.frequency:.3g} Hz"
         for e in events
     )
     return [

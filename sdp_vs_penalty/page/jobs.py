@@ -461,10 +461,11 @@ def open_model(job: JobRequest) -> Answer:
 
 def extend(job: JobRequest) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    return summary(
-        job,
-        add(job.model, job["effect"], job.runs.train, **job.common_options),
-    )
+    effects: str | Diagnosis = job["effect"]
+    if job.get("findings"):
+        effects = Diagnosis.from_dict(job["findings"]).selected(confident=True)
+    bigger = add(job.model, effects, job.runs.train, **job.common_options)
+    return summary(job, bigger)
 
 
 def find(job: JobRequest) -> Answer:

@@ -21,6 +21,19 @@ from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
 
+#: The signal that shows what a cause of where_it_fails.py explains.
+SHOWN_BY = {
+    "position": "q",
+    "velocity": "dq",
+    "acceleration": "ddq",
+    "load": "torque",
+    "time": "t",
+    "high speed": "dq",
+    "reversal": "dq",
+    "standstill": "dq",
+    "waves per turn": "q",
+}
+
 
 @dataclass(frozen=True)
 class Notice:
@@ -73,6 +86,14 @@ class ModelStep:
     findings: Diagnosis | None = None
     curve_texts: Sequence[str] = ()
     pictures: str = ""
+
+    def signal_of(self, j: int, default: str) -> str:
+        """The signal that shows what the error of joint j (from 0) depends on most."""
+        if not self.failures:
+            return default
+        shares = self.failures[j]["held_out_shares"]
+        cause = max(shares, key=lambda name: shares[name], default="")
+        return SHOWN_BY.get(cause, default)
 
     @staticmethod
     def joint_number(j: int) -> int:
@@ -438,7 +459,7 @@ class Session:
             f"{run['name']}: {issue['kind']} ({issue['where']})"
             for run in self.runs
             for issue in run["findings"]
-            if joint in issue["figures"].get("joints", ())
+            if joint in issue.get("figures", {}).get("joints", ())
         ]
 
     async def mount(self, gravity: str) -> None:
@@ -522,23 +543,24 @@ class Session:
         self.new = "diagnose", "findings"
 
     async def add(self, texts: Sequence[str]) -> None:
-        """Add effects to the current model, a step of the history each."""
-        frozen = self.frozen or (self.findings is not None and self.findings.frozen)
-        steps = [self.current]
-        for text in texts:
-            request = {"effect": text, "frozen": frozen, "model": steps[-1].file}
-            step_fields: Any = {
-                "label": f"+ {text.partition('@')[0]}",
-                "added": (text,),
-                "frozen": frozen,
-            }
-            steps.append(
-                await self._step(
-                    "Adding what was chosen", "extend", request, **step_fields
-                )
-            )
-        self.history = [*self.history, *steps[1:]]
-        self.undone = []
+        """Add effects to the current model, a step of the history."""
+        diagnosis = self.findings
+        frozen = self.frozen or (diagnosis is not None and diagnosis.frozen)
+        request: dict[str, Any] = {"effect": ",".join(texts), "frozen": frozen}
+        if diagnosis is not None and [*texts] == [f.text for f in diagnosis.sure]:
+            # As `add --from findings.json --confident`: constants that were found
+            # together stay together.
+            request["findings"] = diagnosis.to_dict()
+        names = [text.partition("@")[0] for text in texts]
+        step = await self._step(
+            "Adding what was chosen",
+            "extend",
+            request,
+            label=f"+ {', '.join(names)}",
+            added=tuple(texts),
+            frozen=frozen,
+        )
+        self.history, self.undone = [*self.history, step], []
         self.new = "diagnose", "history"
 
     async def ask(self, title: str, job: str, **on: Any) -> None:

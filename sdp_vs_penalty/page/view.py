@@ -67,6 +67,7 @@ class View:
         if self.joint is None or self.joint >= n_joints:
             worst = self.session.current.comparison["facts"]["worst_joint"]["value"]
             self.joint = int(worst) - 1
+            self.signal = self.session.current.signal_of(self.joint, self.signal)
 
     def select_joint(self, number: Any, signal: str) -> None:
         """Look at a joint by its number from 1, as a browser says it, against a signal."""

@@ -70,7 +70,8 @@ def error_table(
         name = f"{j + 1} [{plain_unit(unit)}]"
         rows.append([name, *map(number, of_joint), change, known])
     last = "R2" if len(r2) else "change"
-    return Table(["joint", *names, last, "noise floor"], rows, title=title)
+    heads = ["joint", *names, last, "noise floor"]
+    return Table(heads, rows, title=title, style="numbers history")
 
 
 def failure_table(failures: Sequence[JointFailure]) -> Table:

@@ -263,6 +263,21 @@ def describe_worst(compared: Comparison, failures: Failures) -> str:
     return f"{size}, {when}." if when else f"{size}."
 
 
+def describe_addition(before: Comparison, after: Comparison) -> str:
+    """What adding effects did to the joint that erred most before."""
+    known = {effect.text for effect in before.estimate.model.effects}
+    new = [e.brief for e in after.estimate.model.effects if e.text not in known]
+    if not new:
+        return ""
+    joint = before.worst_joint
+    if before.error_over_noise is None:
+        error = after.facts()["joint_error"].of_joint(joint)
+        unit = plain_unit(after.estimate.robot.torque_units[joint - 1])
+        return f"With {', '.join(new)} it errs by {error} {unit}."
+    times = after.facts()["error_over_noise"].of_joint(joint)
+    return f"With {', '.join(new)} it errs {times} times its noise."
+
+
 def describe_failure(failure: JointFailure, unit: str) -> str:
     """Where one joint's error is large."""
     return " ".join(sentences(failure, unit))

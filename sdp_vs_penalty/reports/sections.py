@@ -18,7 +18,7 @@ from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.uncertainty import counts
-from sdp_vs_penalty.estimation.verdict import Verdict, changes
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.render import charts, pieces, tables, words
 from sdp_vs_penalty.render.arms import link_ellipsoid
@@ -100,9 +100,7 @@ def verdict(data: ReportData) -> Context:
     first, last = data.comparisons[0], data.comparisons[-1]
     is_alone = len(data.comparisons) == 1
     record = data.verdict
-    change = ""
-    if not is_alone:
-        change = changes(first.rmse, last.rmse, last.noise_floor)
+    change = "" if is_alone else words.describe_addition(first, last)
     joint = first.worst_joint
     cause = words.cause_of(data.failures[first.name], joint)
     picture = charts.cause_figure(
@@ -122,7 +120,8 @@ def verdict(data: ReportData) -> Context:
         "grade": record.grade.replace(" ", "-"),
         "headline": record.headline,
         "story": words.describe_worst(first, data.failures[first.name]),
-        "change": change[:1].upper() + change[1:],
+        "change": change,
+        "all_changes": "" if is_alone else words.describe_change(first, last),
         "picture": pieces.figure(
             picture, words.picture_title(first, last, joint, cause), 300
         ),

@@ -10,6 +10,8 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from sdp_vs_penalty import formatting
+
 #: Where a package's templates lie, beside the modules that fill them.
 _FOLDERS = (Path(__file__).parent / "html",)
 
@@ -25,6 +27,7 @@ def environment(*folders: Path) -> Environment:
         lstrip_blocks=True,
     )
     made.filters["code"] = mark_code
+    made.filters["sentence"] = formatting.sentence
     return made
 
 

@@ -132,10 +132,12 @@ def payload() -> tuple[str, list[Measurements]]:
 
 
 def bad_data() -> tuple[str, list[Measurements]]:
-    """Most of a torque is spikes: nothing can be identified."""
+    """Spikes in the torque: nothing can be identified."""
     runs = _simulated("two_link", [])
-    rng = np.random.default_rng(0)
-    spikes = lambda run: np.where(rng.random(len(run.t)) < 0.6, 1e6, 0.0)  # noqa: E731
+
+    def spikes(run: Measurements) -> np.ndarray:
+        return np.where(np.arange(len(run.t)) % 900 == 500, 1e4, 0.0)
+
     return "two_link", _with_torque(runs, spikes)
 
 

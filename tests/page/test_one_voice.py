@@ -21,14 +21,16 @@ from sdp_vs_penalty.formatting import number
 
 STORIES = {
     "spring": stories.spring,
+    "hum": stories.hum,
+    "bad data": stories.bad_data,
+}
+LONGER = {
     "own arm": stories.own_arm,
     "curve": stories.curve,
-    "hum": stories.hum,
     "payload": stories.payload,
-    "bad data": stories.bad_data,
     "servo log": stories.servo_log,
+    "long log": stories.long_log,
 }
-LONGER = {"long log": stories.long_log}
 REAL = {"Panda": stories.panda, "UR10e": stories.ur10e}
 CASES = [
     *(pytest.param(make, id=name) for name, make in STORIES.items()),

@@ -189,11 +189,11 @@ def _by_hand(view: View) -> None:
 def _others(words: DiagnosisWords) -> None:
     """Events, what is left, what can never be seen, and remarks."""
     for line in words.events:
-        draw.tag("p", f"{line.capitalize()}.", "finding")
+        draw.tag("p", f"{formatting.sentence(line)}.", "finding")
     if words.all_events != words.events:
         with draw.details("Every event", "events"), draw.tag("ul"):
             for line in words.all_events:
-                draw.tag("li", f"{line.capitalize()}.")
+                draw.tag("li", f"{formatting.sentence(line)}.")
     for remark in words.remarks:
         draw.note(remark)
     draw.note(words.left)
@@ -221,7 +221,7 @@ def _diagnosed(session: Session) -> StageVerdict | None:
             sentence = "Diagnose again to see what is missing now."
     if len(session.history) > 1:
         change = session.change
-        sentence = f"{change[:1].upper()}{change[1:]} {sentence}".strip()
+        sentence = f"{formatting.sentence(change)} {sentence}".strip()
     return StageVerdict("", sentence) if sentence else None
 
 

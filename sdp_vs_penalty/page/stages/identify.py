@@ -14,7 +14,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.session import ModelStep, Session
+from sdp_vs_penalty.page.session import SHOWN_BY, ModelStep, Session
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -292,20 +292,6 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     return " ".join([f"{text}.", *sentences])
 
 
-#: The signal that shows what a cause of the table explains.
-_SHOWN_BY = {
-    "position": "q",
-    "velocity": "dq",
-    "acceleration": "ddq",
-    "load": "torque",
-    "time": "t",
-    "high speed": "dq",
-    "reversal": "dq",
-    "standstill": "dq",
-    "waves per turn": "q",
-}
-
-
 def _heat(
     view: View, failures: list[dict[str, Any]], diagnosis: Diagnosis | None
 ) -> None:
@@ -319,7 +305,7 @@ def _heat(
     )
     rows = pieces.heat_rows(failures, pieces.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
-    drawn = pieces.heat_map(title, rows, len(failures), _SHOWN_BY)
+    drawn = pieces.heat_map(title, rows, len(failures), SHOWN_BY)
     drawn = pieces.piece("framed.html", inner=drawn, caption=title)
     ui.html(drawn, sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
 
