@@ -9,6 +9,7 @@ import json
 import time
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
+from sdp_vs_penalty.data.formats.column_map import ColumnMap, column_map
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
@@ -165,6 +167,7 @@ def read(job: JobRequest) -> Answer:
     runs = list[Answer]()
     refused = list[str]()
     remarks = list[str]()
+    mappings = list[Answer]()
     for file in job["files"]:
         job.progress(f"reading {file['name']}")
         path = Path(file["path"])
@@ -185,7 +188,25 @@ def read(job: JobRequest) -> Answer:
             runs.append(keep(job, problem, part, file["name"], alone=alone))
         except InputError as error:
             refused.append(str(error))
-    return {"runs": runs, "refused": refused, "remarks": remarks}
+            columns = _columns_of(path, problem)
+            if columns is not None:
+                mappings.append({**file, **columns.to_dict()})
+    return {
+        "runs": runs,
+        "refused": refused,
+        "remarks": remarks,
+        "mappings": mappings,
+    }
+
+
+def _columns_of(path: Path, problem: Problem) -> ColumnMap | None:
+    """The columns of a refused file, for a person to say which is what; None where that
+    is not what it lacks."""
+    with suppress(InputError):
+        columns = column_map(path, problem.robot.joint_names)
+        if columns is not None and "" in columns.chosen:
+            return columns
+    return None
 
 
 def _loaded(job: JobRequest, problem: Problem, path: Path) -> Measurements:

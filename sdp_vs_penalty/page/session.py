@@ -139,6 +139,8 @@ class Session:
     watchers: list[Any] = field(default_factory=list)
     left_at: float = field(default_factory=time.monotonic)
     arrived: dict[str, Path] = field(default_factory=dict)
+    #: Files that were refused for their columns, with what is known of these.
+    mappings: list[dict[str, Any]] = field(default_factory=list)
     #: The arguments of the command that makes the simulated runs.
     made_by: list[str] | None = None
     #: The stage and the part where what is new can be seen.
@@ -380,9 +382,36 @@ class Session:
         try:
             await self._take_runs("Reading measurements", "read", self.runs, **how)
         finally:
+            asked = {mapping["path"] for mapping in self.mappings}
             for path in files.values():  # copies of ours: their runs are kept
-                if path.parent == self.folder:
+                if path.parent == self.folder and str(path) not in asked:
                     path.unlink(missing_ok=True)
+
+    def choose_column(self, path: str, ours: str, theirs: str) -> None:
+        """Say which column of a file that is still to be read is what."""
+        for mapping in self.mappings:
+            if mapping["path"] == path:
+                chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
+                mapping["chosen"] = [*{**chosen, ours: theirs}.values()]
+        self.changed()
+
+    async def read_mapped(self, path: str) -> None:
+        """Read a file by the columns that were chosen for it."""
+        (mapping,) = (m for m in self.mappings if m["path"] == path)
+        pairs = zip(mapping["ours"], mapping["chosen"], strict=True)
+        chosen = {ours: theirs for ours, theirs in pairs if theirs}
+        self.mappings = [m for m in self.mappings if m is not mapping]
+        rename = ",".join(
+            f"{ours}=#{mapping['columns'].index(theirs) + 1}"
+            for ours, theirs in chosen.items()
+        )
+        before = dict(self.reading)
+        self.arrived[mapping["name"]] = Path(path)
+        self.reading = {**before, "rename": rename}
+        try:
+            await self.read_files()
+        finally:
+            self.reading = before
 
     async def simulate(
         self,
@@ -425,6 +454,7 @@ class Session:
         ):
             new[0]["use"] = "train"
         self.effects = list(answer.get("effects", self.effects))
+        self.mappings = [*self.mappings, *answer.get("mappings", ())]
         refused = answer.get("refused", ())
         remarks = [*answer.get("remarks", ())]
         remarks += self._forget_models("The runs have changed") if new else []

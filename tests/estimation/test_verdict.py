@@ -107,3 +107,16 @@ def test_it_survives_json():
                 "lines": [{"about": "fit", "grade": "fine", "text": ""}],
             }
         )
+
+
+def test_a_prediction_is_not_good_where_the_motion_is_too_short_to_tell():
+    found = verdict(highest=7.0)
+    (line,) = (line for line in found.lines if line.about == PREDICTION)
+    assert line.grade == "usable"
+    assert line.text.startswith("Too short to tell")
+
+
+def test_a_prediction_is_good_where_other_errors_are_ruled_out():
+    found = verdict(highest=4.0)
+    (line,) = (line for line in found.lines if line.about == PREDICTION)
+    assert line.grade == "good"

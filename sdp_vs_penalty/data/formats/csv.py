@@ -41,7 +41,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         if choice.rate is None:
             raise _no_header(table)
         names = _three_groups(path, names)
-    header = Header.of(path, names, choice, table=_described(table, names))
+    header = Header.of(path, names, choice, table=described(table, names))
     chosen = sorted(names.index(name) for name in header.columns)
     _refuse_texts(table, names, chosen)
     called = [names[k] for k in chosen]
@@ -53,7 +53,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     )
 
 
-def _described(table: TextTable, names: Sequence[str]) -> CellTable:
+def described(table: TextTable, names: Sequence[str]) -> CellTable:
     """What the recogniser is told of the columns."""
     kinds = dict(zip(names, table.kinds, strict=True))
     return CellTable(kinds, {n: table.first_cells(k) for k, n in enumerate(names)})

@@ -111,7 +111,7 @@ _USES = (
     "runs",
     "Measurements",
     lambda s: bool(s.robot),
-    lambda s: (s.robot["source"], s.runs, s.refusals),
+    lambda s: (s.robot["source"], s.runs, s.refusals, s.mappings),
 )
 def runs(view: View) -> None:
     """The ways to get measurements, and the runs that are there."""
@@ -121,8 +121,29 @@ def runs(view: View) -> None:
             with draw.tag("section", style="way"):
                 draw.tag("h4", title)
                 fill(view)
+    for mapping in view.session.mappings:
+        _mapping(view.session, mapping)
     if view.session.runs:
         _list(view)
+
+
+def _mapping(session: Session, mapping: dict[str, Any]) -> None:
+    """Which column of a refused file is what: a drop-down each, as far as it was
+    recognised."""
+    path = mapping["path"]
+    draw.tag("h4", f"Which column of {mapping['name']} is what?")
+    options = [("", "not there"), *((name, name) for name in mapping["columns"])]
+    chosen = zip(mapping["ours"], mapping["chosen"], strict=True)
+    with draw.tag("div", style="fields"):
+        for ours, theirs in chosen:
+            choose = partial(session.choose_column, path, ours)
+            draw.choice(_OURS.get(ours, ours), options, theirs, choose, f"map-{ours}")
+    read = partial(session.start, session.read_mapped, path)
+    draw.button("Read it with these columns", read, "read-mapped", "primary")
+
+
+#: What our names are, where they do not say it.
+_OURS = {"t": "t, the clock"}
 
 
 def _own(view: View) -> None:
