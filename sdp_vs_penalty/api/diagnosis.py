@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sizes import with_sizes_of
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 
@@ -149,19 +151,22 @@ def diagnose_and_add(
         gain_uncertainty=gain_uncertainty,
         judged_recordings=judged_recordings,
     )
-    if not diagnosis.sure:
+    if not diagnosis.sure or not recording.torque_logged:
         return diagnosis, None
     progress("adding what is sure")
-    sure = diagnosis.selected(confident=True)
-    better = add(
-        model,
-        sure,
-        recording,
-        frozen=frozen,
-        seed=seed,
-        progress=progress,
-        gain_uncertainty=gain_uncertainty,
-    )
+    try:
+        better = add(
+            model,
+            diagnosis.selected(confident=True),
+            recording,
+            frozen=frozen,
+            seed=seed,
+            progress=progress,
+            gain_uncertainty=gain_uncertainty,
+        )
+    except InputError as error:
+        remark = f"What is sure cannot be added to this model: {error}"
+        return replace(diagnosis, remarks=(*diagnosis.remarks, remark)), None
     sized = with_sizes_of(diagnosis, better)
     if test is not None and diagnosis.held_out_source == "test":
         progress("judging the model with all that is sure")

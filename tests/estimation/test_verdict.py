@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.estimation import Certificate, Verdict, judge
-from sdp_vs_penalty.estimation.verdict import GRADES, MISSING
+from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, PREDICTION
 
 RMSE = np.array([0.1, 0.2])
 R2 = np.array([0.99, 0.98])
