@@ -36,7 +36,7 @@ from typing import (
     get_type_hints,
 )
 
-from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.errors import InputError, given, unreadable
 
 T = TypeVar("T")
 
@@ -252,6 +252,39 @@ def read_json(
     return _built(
         Path(path), read_text(path), _parse_json, checked, "write the file anew"
     )
+
+
+def require_format(
+    data: Mapping[str, Any],
+    newest: int,
+    oldest: int = 1,
+    *,
+    unmarked: int | None = None,
+    older: str = "",
+    remedy: str = "write it anew with this version",
+) -> int:
+    """The number of a JSON document's format, which has to be one that this version
+    reads.
+
+    oldest, newest : formats that are read; unmarked : that of a document without the
+    field; older, remedy : what an older format lacks, and what to do about it. Raises
+    InputError that names the document's format.
+    """
+    number = data.get("format", unmarked)
+    if not isinstance(number, int) or isinstance(number, bool):
+        what = f"its format is {given(number)}, which is no whole number"
+        raise InputError(what, "write the file anew")
+    if number < oldest:
+        what = f"written by an earlier version (format {number})"
+        reason = older or f"this one reads from {oldest} on"
+        raise InputError(f"{what}, {reason}", remedy)
+    if number > newest:
+        raise InputError(
+            f"written by a newer version (format {number}, this one reads up to"
+            f" {newest})",
+            "upgrade sdp-vs-penalty",
+        )
+    return number
 
 
 def _parse_json(text: str) -> Any:

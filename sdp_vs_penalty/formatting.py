@@ -1,11 +1,12 @@
 """Numbers, units, joints and enumerations as text; axes of matplotlib if asked."""
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.errors import command_line, missing_extra
+from sdp_vs_penalty.errors import command_line, missing_extra, printable
 
 
 def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
@@ -27,6 +28,27 @@ def plain_unit(unit: str) -> str:
         if unit == "-"
         else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
     )
+
+
+#: What Markdown would take for markup: escapes, code, tables, tags, entities, links,
+#: strikethrough, and emphasis by _, which is none within a word.
+_MARKUP = re.compile(
+    r"\\(?=[!-/:-@\[-`{-~])|[`|]|<(?=[A-Za-z/!?])|&(?=#?\w+;)|\](?=[(\[:])|~(?=~)"
+    r"|(?<![A-Za-z0-9])_(?=\S)|(?<=\S)_(?![A-Za-z0-9])"
+)
+
+
+def escape_markdown(text: str) -> str:
+    r"""A text as Markdown shows it, on one line.
+
+    >>> escape_markdown("*a* <b> q_1"), escape_markdown("[x](y)")
+    ('\\*a\\* \\<b> q_1', '[x\\](y)')
+    """
+    line = " ".join(printable(text).split())
+    escaped = _MARKUP.sub(lambda found: f"\\{found[0]}", line)
+    if line.count("*") > 1:  # one alone is no emphasis: N*m
+        escaped = escaped.replace("*", r"\*")
+    return escaped
 
 
 def finite(x: float) -> float | None:

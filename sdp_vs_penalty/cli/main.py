@@ -9,13 +9,14 @@ import errno
 import gc
 import io
 import os
+import signal
 import stat
 import sys
 import textwrap
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -172,15 +173,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="backslashreplace")
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
-        if category is Remark:  # to the user, without the place in our code
+        if issubclass(category, Remark):  # without the place in our code
             _complain(message)
+            if words_without_debug[:1] != ["convert"]:  # it shows what it writes
+                for row in getattr(message, "rows", ()):
+                    print(printable(row), file=sys.stderr)
         else:
             _complain(f"{category.__name__}: {message}")
 
     warnings.showwarning = remark
+    # A second Ctrl-C, once all is done, would end in words of the interpreter.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     code = 0
     try:
-        with protecting():
+        with protecting(), _ending_politely():
             _run(words_without_debug)
     except BrokenPipeError:
         # Whoever read our output has closed it; the interpreter would complain at exit
@@ -196,6 +202,29 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
+class Terminated(KeyboardInterrupt):
+    """The system asks this process to end (SIGTERM)."""
+
+
+@contextmanager
+def _ending_politely() -> Iterator[None]:
+    """While this runs, SIGTERM ends the command as Ctrl-C does: nothing temporary is
+    left."""
+
+    def end(number: int, frame: Any) -> None:
+        raise Terminated
+
+    try:
+        before = signal.signal(signal.SIGTERM, end)
+    except ValueError:  # in a thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 #: What a full disk, a folder that is not ours and a limit of open files say.
 _OF_THE_SYSTEM = (
     errno.ENOSPC,
@@ -209,6 +238,8 @@ _OF_THE_SYSTEM = (
 
 def explain(error: BaseException) -> tuple[str, int]:
     """One sentence about an error and the exit code that it deserves."""
+    if isinstance(error, Terminated):
+        return "ended by SIGTERM; existing files are unchanged.", 143
     if isinstance(error, KeyboardInterrupt):
         return "interrupted; existing files are unchanged.", 130
     if isinstance(error, InputError):

@@ -24,7 +24,7 @@ from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
-from sdp_vs_penalty.data.formats.column_map import ColumnMap, column_map
+from sdp_vs_penalty.data.formats.column_report import describe_columns
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
@@ -175,7 +175,7 @@ def read(job: JobRequest) -> Answer:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
                 part = _loaded(job, problem, path)
-            remarks += [str(w.message) for w in heard if w.category is Remark]
+            remarks += [str(w.message) for w in heard if issubclass(w.category, Remark)]
             for twin in (
                 run for run in (*job["runs"], *runs) if run["file"] == _file(part)
             ):
@@ -190,7 +190,7 @@ def read(job: JobRequest) -> Answer:
             refused.append(str(error))
             columns = _columns_of(path, problem)
             if columns is not None:
-                mappings.append({**file, **columns.to_dict()})
+                mappings.append({**file, **columns})
     return {
         "runs": runs,
         "refused": refused,
@@ -199,13 +199,23 @@ def read(job: JobRequest) -> Answer:
     }
 
 
-def _columns_of(path: Path, problem: Problem) -> ColumnMap | None:
-    """The columns of a refused file, for a person to say which is what; None where that
-    is not what it lacks."""
+def _columns_of(path: Path, problem: Problem) -> Answer | None:
+    """What the recogniser makes of a refused file's columns, for a person to correct:
+    its columns with their first cells, our names, and the column chosen for each; None
+    where it lacks no column."""
+    joints = problem.robot.joint_names
     with suppress(InputError):
-        columns = column_map(path, problem.robot.joint_names)
-        if columns is not None and "" in columns.chosen:
-            return columns
+        report = describe_columns(path, joints)
+        if report is None or not (report.missing or report.problem):
+            return None
+        numbers = range(1, len(joints) + 1)
+        ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
+        return {
+            "columns": [row.name for row in report.rows],
+            "cells": [", ".join(row.first_cells[:3]) for row in report.rows],
+            "ours": ours,
+            "chosen": [report.rename.get(name, "") for name in ours],
+        }
     return None
 
 

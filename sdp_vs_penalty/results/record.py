@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
+from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.results.fact import Fact, facts_of
 from sdp_vs_penalty.results.table import Table
 
@@ -37,7 +38,7 @@ class Shown:
 
     def _repr_html_(self) -> str:
         title, entries = self._summary()
-        html = f"<p><b>{escape(title)}</b></p>" + Table((), entries).html()
+        html = f"<p><b>{escape(printable(title))}</b></p>" + Table((), entries).html()
         table = self._table()
         return html if table is None else html + table.html()
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.files import read_text
+from sdp_vs_penalty.formatting import escape_markdown
 
 if TYPE_CHECKING:
     import pandas
@@ -36,6 +37,8 @@ _LATEX = str.maketrans(
         for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)
     }
 )
+#: Between two characters of which LaTeX would make one: a dash, a quotation mark.
+_LIGATURE = re.compile("(?<=-)(?=-)|(?<=`)(?=`)|(?<=')(?=')|(?<=[?!])(?=`)")
 #: Longer text wraps in LaTeX.
 _WRAPPED = 80
 
@@ -124,13 +127,15 @@ class Table:
 
     def markdown(self) -> str:
         """With its title as a heading, its caption above and its notes below."""
-        cells = [[_markdown_cell(cell) for cell in row] for row in self.cells()]
+        cells = [[escape_markdown(cell) for cell in row] for row in self.cells()]
+        headings = [escape_markdown(heading) for heading in self.headings]
         numeric = self.numeric()
         sides = ["---:" if is_number else ":---" for is_number in numeric]
-        table = markdown_lines(self.headings, cells, sides)
+        table = markdown_lines(headings, cells, sides)
         notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
-        head = [f"# {self.title}", ""] if self.title else []
-        about = [self.caption, ""] if self.caption or self.title else []
+        head = [f"# {escape_markdown(self.title)}", ""] if self.title else []
+        caption = escape_markdown(self.caption)
+        about = [caption, ""] if self.caption or self.title else []
         return "\n".join([*head, *about, *table, *notes]) + "\n"
 
     def html(self) -> str:
@@ -233,12 +238,6 @@ def markdown_lines(
     return [f"| {' | '.join(cells)} |" for cells in (headings, marks, *rows)]
 
 
-def _markdown_cell(cell: str) -> str:
-    """What Markdown would read as a border or a tag is escaped."""
-    bordered = cell.replace("|", r"\|")
-    return re.sub(r"<(?=[A-Za-z/!?])", r"\\<", bordered).replace("\n", " ")
-
-
 def _latex_header(name: str) -> str:
     """The data set on a line of its own, so that columns stay narrow."""
     first, _, data = name.rpartition("_")
@@ -250,4 +249,4 @@ def _latex_header(name: str) -> str:
 def escape_latex(plain: str) -> str:
     """Text that LaTeX sets as it is written, control characters as Python writes
     them."""
-    return printable(plain).translate(_LATEX)
+    return _LIGATURE.sub("{}", printable(plain).translate(_LATEX))

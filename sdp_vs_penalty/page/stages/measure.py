@@ -132,7 +132,9 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     recognised."""
     path = mapping["path"]
     draw.tag("h4", f"Which column of {mapping['name']} is what?")
-    options = [("", "not there"), *((name, name) for name in mapping["columns"])]
+    described = zip(mapping["columns"], mapping["cells"], strict=True)
+    options = [("", "not there")]
+    options += [(name, f"{name}: {cells} ...") for name, cells in described]
     chosen = zip(mapping["ours"], mapping["chosen"], strict=True)
     with draw.tag("div", style="fields"):
         for ours, theirs in chosen:
