@@ -210,6 +210,8 @@ def _columns_of(path: Path, problem: Problem) -> Answer | None:
             return None
         numbers = range(1, len(joints) + 1)
         ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
+        if len(report.rows) < len(ours):
+            return None  # no choice gives every joint a column
         return {
             "columns": [row.name for row in report.rows],
             "cells": [", ".join(row.first_cells[:3]) for row in report.rows],

@@ -58,7 +58,7 @@ def test_half_the_torque_unexplained_is_no_model():
     bad = verdict(relative=48.5, floor=None)
     assert bad.grade == "do not use"
     assert bad.headline.startswith(
-        "Do not use. 48.5 % relative error; the noise floor is unknown"
+        "Do not use. 48.5 % error; the noise floor is unknown"
     )
     # What is noise is not the model's fault.
     assert verdict(relative=20.0, floor=RMSE / 1.01).grade == "good"
