@@ -49,13 +49,15 @@ class Attack:
     """A command against which something was prepared.
 
     words : of the command; surround : changes the process before the command begins;
-    kill : seconds after which it gets a signal, and the signal; rival : the words of a
-    command that runs at the same time; again : whether the same command must succeed,
-    undisturbed, afterwards; encoding : of its terminal.
+    clean_up : ends what was prepared; kill : seconds after which it gets a signal, and
+    the signal; rival : the words of a command that runs at the same time; again :
+    whether the same command must succeed, undisturbed, afterwards; encoding : of its
+    terminal.
     """
 
     words: Sequence[str]
-    surround: Callable[[], None] = nothing
+    surround: Callable[[], object] = nothing
+    clean_up: Callable[[], object] = nothing
     kill: tuple[float, signal.Signals] | None = None
     rival: Sequence[str] = ()
     again: bool = False
@@ -68,11 +70,20 @@ Kind = Callable[[Path, Rng], Attack]
 
 def start(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
     """Start the command in a process of its own; its number."""
-    from sdp_vs_penalty.cli.main import main as command_line
-
+    code = 130
     child = os.fork()
     if child:
         return child
+    try:
+        code = run_here(attack, words, folder, printed)
+    finally:
+        os._exit(code)
+
+
+def run_here(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
+    """The exit code of the command, run in this process, which is to end then."""
+    from sdp_vs_penalty.cli.main import main as command_line
+
     code = 70
     try:
         os.setsid()
@@ -92,11 +103,10 @@ def start(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> 
         code = 130
     except BaseException as error:
         os.write(2, f"Traceback: {error!r}".encode())
-    finally:
-        with suppress(OSError, ValueError, AttributeError):
-            sys.stdout.flush()
-            sys.stderr.flush()
-        os._exit(code)
+    with suppress(OSError, ValueError, AttributeError, KeyboardInterrupt):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    return code
 
 
 def open_stream(handle: int, encoding: str) -> TextIO | None:
@@ -194,11 +204,16 @@ def attack_all(kinds: Mapping[str, Kind], number: int, seed: int) -> int:
             rng = np.random.default_rng([seed, k])
             begin = time.monotonic()
             attack = kinds[name](folder, rng)
-            result, printed = outcome(attack, folder)
+            try:
+                result, printed = outcome(attack, folder)
+            finally:
+                attack.clean_up()
             n_tried[name] += 1
             if result != "ok":
                 n_failed[name] += 1
-                text = printed.decode("utf-8", "backslashreplace")[-400:]
+                text = printed.decode("utf-8", "backslashreplace")
+                place = max(text.find("Traceback"), len(text) - 400, 0)
+                text = text[place : place + 900]
                 print(f"{k} {name}: {result}: {attack.words}: {text!r}", flush=True)
             if time.monotonic() - begin > 0.5 * PATIENCE:
                 print(f"{k} {name}: {time.monotonic() - begin:.0f} s", flush=True)

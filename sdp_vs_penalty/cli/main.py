@@ -9,7 +9,6 @@ import errno
 import gc
 import io
 import os
-import signal
 import stat
 import sys
 import textwrap
@@ -84,6 +83,17 @@ def _require_memory() -> None:
         )
 
 
+def _require_folder() -> None:
+    """InputError where the current folder was removed."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(
+            f"the current folder cannot be used ({error.strerror})",
+            "change to another folder",
+        ) from error
+
+
 def _help() -> str:
     """The program's, without importing a verb."""
     lines = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
@@ -120,6 +130,7 @@ def _run(words: Sequence[str]) -> None:
         raise InputError(
             "python -OO drops the docstrings that options come from", "use -O"
         )
+    _require_folder()
     verb = named(first)
     arguments = Parser(first, verb).given(words[1:])
     _require_different({name: x for name, x in arguments.items() if name in OUTPUTS})
@@ -127,7 +138,8 @@ def _run(words: Sequence[str]) -> None:
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
-    verb(**arguments)
+    with _ending_politely():
+        verb(**arguments)
 
 
 def _require_different(outputs: Mapping[str, Any]) -> None:
@@ -182,11 +194,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _complain(f"{category.__name__}: {message}")
 
     warnings.showwarning = remark
-    # A second Ctrl-C, once all is done, would end in words of the interpreter.
-    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     code = 0
     try:
-        with protecting(), _ending_politely():
+        with protecting():
             _run(words_without_debug)
     except BrokenPipeError:
         # Whoever read our output has closed it; the interpreter would complain at exit
@@ -211,9 +221,13 @@ def _ending_politely() -> Iterator[None]:
     """While this runs, SIGTERM ends the command as Ctrl-C does: nothing temporary is
     left."""
 
+    import signal
+
     def end(number: int, frame: Any) -> None:
         raise Terminated
 
+    # A second Ctrl-C, once all is done, would end in words of the interpreter.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     try:
         before = signal.signal(signal.SIGTERM, end)
     except ValueError:  # in a thread
