@@ -306,7 +306,8 @@ def keep(
     findings = [
         {**f.to_dict(), "gravity": f.gravity} for f in report_of_run.errors_and_warnings
     ]
-    if alone and split is not None:
+    # Of a long run the check looks at windows all over it anyway.
+    if alone and split is not None and not report_of_run.is_long:
         findings += _of_windows(problem, part, split, report_of_run)
     file = _file(part)
     view = f"view-{file}"

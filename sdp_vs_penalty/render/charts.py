@@ -361,16 +361,22 @@ def cause_figure(
     plot = Figure()
 
     def cloud(error: Array, name: str, colour: str) -> None:
+        """Rows as dots, their mean as a line, which the legend names."""
         y = (error * axis.sign)[inside]
-        look = {"size": 3, "color": colour, "opacity": 0.45}
+        look = {"size": 3, "color": colour, "opacity": 0.4}
+        group: dict[str, Any] = {"legendgroup": name, "name": name}
         plot.add(
-            "scatter", x=x[rows], y=y[rows], mode="markers", marker=look, name=name
+            "scatter",
+            x=x[rows],
+            y=y[rows],
+            mode="markers",
+            marker=look,
+            showlegend=False,
+            **group,
         )
         centres, means = mean_curve(x, y)
         line = {"color": colour, "width": 2.5}
-        plot.add(
-            "scatter", x=centres, y=means, mode="lines", line=line, showlegend=False
-        )
+        plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
 
     if len(x):
         cloud(before.residual[:, j], f"error, {names[0]}", MEASURED)
@@ -428,7 +434,13 @@ def styled(plot: Any, height: int) -> Any:
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         font={"family": "system-ui, sans-serif", "color": MEASURED, "size": 12},
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        legend={
+            "itemsizing": "constant",
+            "orientation": "h",
+            "y": 1.0,
+            "yanchor": "bottom",
+            "x": 0.0,
+        },
         hovermode="closest",
     )
     axis = {
