@@ -25,7 +25,7 @@ from sdp_vs_penalty.estimators import (
     PenaltyTwoStep,
 )
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.formatting import markdown_lines
 from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.research.provenance import write_note
 from sdp_vs_penalty.research.tables.study import Study
@@ -155,7 +155,7 @@ def report(rows: pandas.DataFrame) -> str:
             [arm, *(format(float(x), digits) for x in table.loc[arm])]
             for arm in table.index
         ]
-        text += ["", f"## {title}", "", *markdown_table(["arm", *METHODS], cells)]
+        text += ["", f"## {title}", "", *markdown_lines(["arm", *METHODS], cells)]
     return "\n".join(text) + "\n"
 
 
