@@ -14,7 +14,6 @@ import glob
 import io
 import json
 import os
-import secrets
 import stat
 import time
 import tomllib
@@ -433,7 +432,7 @@ def _part_name(path: Path) -> Path:
         if number.isdigit() and not lives(int(number)):
             with suppress(OSError):
                 file.unlink()
-    unique = secrets.token_hex(6)
+    unique = os.urandom(6).hex()
     return path.parent / f"{prefix}{os.getpid()}.{unique}{end}"
 
 

@@ -5,8 +5,8 @@
 
 Each attack is a command in a process of its own. It fails where the process ends by a
 signal, takes more than 30 s, prints a traceback, an internal error, a warning of NumPy,
-a raw control character or a command that a shell takes for something else, leaves a
-process or a partial file, or runs what a name says. Kinds of files are bytes and
+a raw control character or a command that a shell takes for something else, changes what
+was there, leaves a process or a partial file, or runs what a name says. Kinds of files are bytes and
 structure of what is read; kinds of surroundings are what a command meets while it runs.
 """
 
@@ -16,6 +16,7 @@ import re
 import shlex
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
@@ -49,13 +50,15 @@ class Attack:
     """A command against which something was prepared.
 
     words : of the command; surround : changes the process before the command begins;
-    kill : seconds after which it gets a signal, and the signal; rival : the words of a
-    command that runs at the same time; again : whether the same command must succeed,
-    undisturbed, afterwards; encoding : of its terminal.
+    clean_up : ends what was prepared; kill : seconds after which it gets a signal, and
+    the signal; rival : the words of a command that runs at the same time; again :
+    whether the same command must succeed, undisturbed, afterwards; encoding : of its
+    terminal.
     """
 
     words: Sequence[str]
-    surround: Callable[[], None] = nothing
+    surround: Callable[[], object] = nothing
+    clean_up: Callable[[], object] = nothing
     kill: tuple[float, signal.Signals] | None = None
     rival: Sequence[str] = ()
     again: bool = False
@@ -68,11 +71,20 @@ Kind = Callable[[Path, Rng], Attack]
 
 def start(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
     """Start the command in a process of its own; its number."""
-    from sdp_vs_penalty.cli.main import main as command_line
-
+    code = 130
     child = os.fork()
     if child:
         return child
+    try:
+        code = run_here(attack, words, folder, printed)
+    finally:
+        os._exit(code)
+
+
+def run_here(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> int:
+    """The exit code of the command, run in this process, which is to end then."""
+    from sdp_vs_penalty.cli.main import main as command_line
+
     code = 70
     try:
         os.setsid()
@@ -92,11 +104,10 @@ def start(attack: Attack, words: Sequence[str], folder: Path, printed: Path) -> 
         code = 130
     except BaseException as error:
         os.write(2, f"Traceback: {error!r}".encode())
-    finally:
-        with suppress(OSError, ValueError, AttributeError):
-            sys.stdout.flush()
-            sys.stderr.flush()
-        os._exit(code)
+    with suppress(OSError, ValueError, AttributeError, KeyboardInterrupt):
+        sys.stdout.flush()
+        sys.stderr.flush()
+    return code
 
 
 def open_stream(handle: int, encoding: str) -> TextIO | None:
@@ -109,7 +120,7 @@ def open_stream(handle: int, encoding: str) -> TextIO | None:
 
 def outcome(attack: Attack, folder: Path) -> tuple[str, bytes]:
     """What becomes of an attack, "ok" or what is wrong, and what was printed."""
-    before = {path.name for path in folder.iterdir()}
+    before = contents(folder)
     sheets = [folder.parent / name for name in ("printed", "printed by the rival")]
     known = killing.descendants()
     processes = [start(attack, attack.words, folder, sheets[0])]
@@ -134,6 +145,8 @@ def outcome(attack: Attack, folder: Path) -> tuple[str, bytes]:
             return wrong, printed
     if living := killing.survivors(known):
         return f"left {living}", printed
+    if lost := before.items() - contents(folder).items():
+        return f"lost {sorted(name for name, _ in lost)}", printed
     new = [path for path in folder.iterdir() if path.name not in before]
     if broken := broken_outputs(new):
         return f"left {broken}", printed
@@ -143,6 +156,14 @@ def outcome(attack: Attack, folder: Path) -> tuple[str, bytes]:
     if attack.again:
         return outcome(Attack(attack.words), folder)
     return "ok", printed
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """What each file of a folder holds; nothing for links, pipes and folders."""
+    return {
+        path.name: path.read_bytes() if stat.S_ISREG(path.lstat().st_mode) else b""
+        for path in folder.iterdir()
+    }
 
 
 def wrong_end(code: int, attack: Attack) -> str:
@@ -194,11 +215,16 @@ def attack_all(kinds: Mapping[str, Kind], number: int, seed: int) -> int:
             rng = np.random.default_rng([seed, k])
             begin = time.monotonic()
             attack = kinds[name](folder, rng)
-            result, printed = outcome(attack, folder)
+            try:
+                result, printed = outcome(attack, folder)
+            finally:
+                attack.clean_up()
             n_tried[name] += 1
             if result != "ok":
                 n_failed[name] += 1
-                text = printed.decode("utf-8", "backslashreplace")[-400:]
+                text = printed.decode("utf-8", "backslashreplace")
+                place = max(text.find("Traceback"), len(text) - 400, 0)
+                text = text[place : place + 900]
                 print(f"{k} {name}: {result}: {attack.words}: {text!r}", flush=True)
             if time.monotonic() - begin > 0.5 * PATIENCE:
                 print(f"{k} {name}: {time.monotonic() - begin:.0f} s", flush=True)

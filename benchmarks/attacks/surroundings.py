@@ -1,23 +1,24 @@
 """Attacks by what a command meets while it runs: kills, a full disk, other writers, other
 locales, closed terminals, odd options; and files of kinds that it does not expect."""
 
+import atexit
 import csv
 import io
 import json
-import locale as locales
 import os
 import resource
 import shutil
 import signal
 import socket
-import subprocess
 import tempfile
 import threading
 from functools import cache, partial
 from pathlib import Path
 
+from disks import mount_small_disk, unmount
 from hostile_names import hostile_names
 from mutations import ODD, change_structure, odd_name, pick, sound_meshes
+from other_locales import LOCALES, make_locales, set_locale
 
 from attacks.attack import Attack, Kind, Rng
 from attacks.files import VERBS_OF_LOGS, change_file, command, damaged, with_mesh
@@ -71,18 +72,11 @@ def full_disk(folder: Path, rng: Rng) -> Attack:
 def small_disk(folder: Path, rng: Rng) -> Attack:
     """A file system with little room, where one can be mounted; else as full_disk."""
     room = int(rng.choice([4, 8, 16, 64, 128]))
-    words = pick(WRITERS, rng).split()
-    (folder / "out").mkdir()
-
-    def mount() -> None:
-        # A name space of mounts of its own, which ends with the process.
-        os.unshare(os.CLONE_NEWNS) if hasattr(os, "unshare") else None
-        options = ["-t", "tmpfs", "-o", f"size={room}k", "tmpfs", "out"]
-        subprocess.run(["mount", *options], capture_output=True, check=False)
-
-    if os.getuid() != 0 or not hasattr(os, "unshare"):
+    place = folder / "out"
+    place.mkdir()
+    if not mount_small_disk(place, room):
         return full_disk(folder, rng)
-    return Attack(words, surround=mount)
+    return Attack(pick(WRITERS, rng).split(), clean_up=partial(unmount, place))
 
 
 def odd_output(folder: Path, rng: Rng) -> Attack:
@@ -167,44 +161,25 @@ def odd_stream(folder: Path, rng: Rng) -> Attack:
 
 
 @cache
-def made_locales() -> Path | None:
-    """A folder of locales with another decimal point and other letters, where the system
-    can make them."""
-    if shutil.which("localedef") is None:
-        return None
+def folder_of_locales() -> Path:
+    """Locales that the system does not have."""
     folder = Path(tempfile.mkdtemp(prefix="attack-locales-"))
-    for name, charset in (
-        ("de_DE", "UTF-8"),
-        ("tr_TR", "UTF-8"),
-        ("fr_FR", "ISO-8859-1"),
-    ):
-        options = ["-c", "-i", name, "-f", charset, folder / f"{name}.{charset}"]
-        subprocess.run(["localedef", *options], capture_output=True, check=False)
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    make_locales(folder)
     return folder
 
 
 def other_locale(folder: Path, rng: Rng) -> Attack:
     """Decimal commas, a dotless i, no UTF-8; also set for the libraries in C."""
-    name = pick(
-        ("de_DE.UTF-8", "tr_TR.UTF-8", "fr_FR.ISO-8859-1", "C", "POSIX", "xx"), rng
-    )
-    place = made_locales()
-
-    def set_locale() -> None:
-        if place is not None:
-            os.environ["LOCPATH"] = str(place)
-        os.environ["LC_ALL"] = name
-        try:
-            locales.setlocale(locales.LC_ALL, "")
-        except locales.Error:
-            return
-
-    suffix = pick(list(sound_meshes()), rng)
+    names = [f"{name}.{charset}" for name, charset in LOCALES.items()]
+    name = pick([*names, "C", "POSIX", "xx"], rng)
+    surround = partial(set_locale, name, folder_of_locales())
     verbs = [*WRITERS, "verify proof.json", "check run.mat --problem two_link"]
-    attack = Attack(pick(verbs, rng).split(), surround=set_locale)
+    words = pick(verbs, rng).split()
     if rng.random() < 0.3:
-        attack = Attack(with_mesh(folder, f"mesh{suffix}").words, surround=set_locale)
-    return attack
+        suffix = pick(list(sound_meshes()), rng)
+        words = list(with_mesh(folder, f"mesh{suffix}").words)
+    return Attack(words, surround=surround)
 
 
 def wrong_place(folder: Path, rng: Rng) -> Attack:

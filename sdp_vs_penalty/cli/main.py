@@ -9,7 +9,6 @@ import errno
 import gc
 import io
 import os
-import signal
 import stat
 import sys
 import textwrap
@@ -22,7 +21,14 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.errors import InputError, Remark, printable, require_known
+from sdp_vs_penalty.errors import (
+    InputError,
+    Remark,
+    RepairableError,
+    command_line,
+    printable,
+    require_known,
+)
 from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
@@ -84,6 +90,17 @@ def _require_memory() -> None:
         )
 
 
+def _require_folder() -> None:
+    """InputError where the current folder was removed."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(
+            f"the current folder cannot be used ({error.strerror})",
+            "change to another folder",
+        ) from error
+
+
 def _help() -> str:
     """The program's, without importing a verb."""
     lines = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
@@ -120,6 +137,7 @@ def _run(words: Sequence[str]) -> None:
         raise InputError(
             "python -OO drops the docstrings that options come from", "use -O"
         )
+    _require_folder()
     verb = named(first)
     arguments = Parser(first, verb).given(words[1:])
     _require_different({name: x for name, x in arguments.items() if name in OUTPUTS})
@@ -127,7 +145,26 @@ def _run(words: Sequence[str]) -> None:
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
-    verb(**arguments)
+    try:
+        with _ending_politely():
+            verb(**arguments)
+    except RepairableError as error:
+        raise _naming_the_repair(error, arguments) from error
+
+
+def _naming_the_repair(
+    error: RepairableError, arguments: Mapping[str, Any]
+) -> InputError:
+    """The error of runs that `check --fix` can repair, with this command where the verb
+    names a problem and its data."""
+    problem = arguments.get("problem")
+    data = arguments.get("data")
+    if not problem or not data:
+        return error
+    fixed = "fixed.csv" if len(data) == 1 else "fixed"
+    words = ["sdp-vs-penalty", "check", *data, "--problem", problem, "--fix", fixed]
+    remedy = f"{error.remedy}; `{command_line(words)}` writes a repaired copy"
+    return InputError(error.what, remedy, error.where)
 
 
 def _require_different(outputs: Mapping[str, Any]) -> None:
@@ -182,11 +219,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             _complain(f"{category.__name__}: {message}")
 
     warnings.showwarning = remark
-    # A second Ctrl-C, once all is done, would end in words of the interpreter.
-    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     code = 0
     try:
-        with protecting(), _ending_politely():
+        with protecting():
             _run(words_without_debug)
     except BrokenPipeError:
         # Whoever read our output has closed it; the interpreter would complain at exit
@@ -211,9 +246,13 @@ def _ending_politely() -> Iterator[None]:
     """While this runs, SIGTERM ends the command as Ctrl-C does: nothing temporary is
     left."""
 
+    import signal
+
     def end(number: int, frame: Any) -> None:
         raise Terminated
 
+    # A second Ctrl-C, once all is done, would end in words of the interpreter.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     try:
         before = signal.signal(signal.SIGTERM, end)
     except ValueError:  # in a thread
