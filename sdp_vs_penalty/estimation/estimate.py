@@ -21,7 +21,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.constants import ROUNDING
+from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import make_estimator
@@ -393,12 +393,13 @@ class Estimate(Record):
         for p, value, spread, known, source in zip(
             self.model.parameters, *columns, strict=True
         ):
-            plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
+            half = NORMAL_95 * spread
+            plus = "" if np.isnan(half) else f" ± {half:.2g}"
             before = "" if np.isnan(known) else f"{known:.4g}"
             rows.append(
                 (p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect)
             )
-        heads = ("parameter", "value", "nominal", "from", "unit", "effect")
+        heads = ("parameter", "value ± 95 %", "nominal", "from", "unit", "effect")
         return Table(heads, rows, words=(0, 3, 4, 5))
 
     def to_frame(self) -> pandas.DataFrame:
