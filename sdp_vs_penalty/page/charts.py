@@ -364,32 +364,40 @@ def _reach(about: Mapping[str, Any]) -> float:
     return sum(float(np.linalg.norm(j["at"])) for j in about["joints"]) or 0.5
 
 
+#: The direction from which an arm is looked at.
+_VIEW = np.array([0.58, -0.63, 0.52])
+
+
 def _camera(poses: Any, about: Mapping[str, Any], angle: float) -> dict[str, float]:
     """Where a camera stands and what it looks at, so that base and links of all poses
     (F, k, 4, 4) fill its picture, ``angle`` degrees high: the arguments of NiceGUI's
     ``move_camera``."""
-    centres = [
-        poses[:, body["joint"]] @ np.array(body["place"]) for body in about["bodies"]
-    ]
-    places = np.concatenate(
-        [np.zeros((1, 3)), *(x[..., :3, 3] for x in (*centres, *poses.swapaxes(0, 1)))]
-    )
+    bodies = about["bodies"]
+    centres = [poses[:, body["joint"]] @ np.array(body["place"]) for body in bodies]
+    frames = [*centres, *poses.swapaxes(0, 1)]
+    places = np.concatenate([np.zeros((1, 3)), *(f[..., :3, 3] for f in frames)])
     centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
-    radius = np.linalg.norm(places - centre, axis=1).max() + 0.1 * _reach(
-        about
-    )  # and a link's own
-    direction = np.array([0.58, -0.63, 0.52]) / np.linalg.norm([0.58, -0.63, 0.52])
-    eye = centre + radius / np.sin(0.5 * np.deg2rad(angle)) * direction
-    names = "x", "y", "z", "look_at_x", "look_at_y", "look_at_z"
-    return dict(zip(names, [*eye.tolist(), *centre.tolist()], strict=True))
+    distances = np.linalg.norm(places - centre, axis=1)
+    radius = distances.max() + 0.1 * _reach(about)  # and a link's own
+    away = radius / np.sin(0.5 * np.deg2rad(angle))
+    eye = centre + away * _VIEW / np.linalg.norm(_VIEW)
+    return {
+        "x": float(eye[0]),
+        "y": float(eye[1]),
+        "z": float(eye[2]),
+        "look_at_x": float(centre[0]),
+        "look_at_y": float(centre[1]),
+        "look_at_z": float(centre[2]),
+    }
 
 
 def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
     """(F, n) torque errors at the instants of the poses, 0 to 1: four times the noise
     floor, or where that is not known the error's own root mean square."""
-    left = np.abs(read["torque"] - read["modelled"])
-    rms = np.sqrt(np.mean(left**2, axis=0))
-    floors = zip(model.comparison["noise_floor"], rms, strict=True)
-    scale = 4.0 * np.array([max(f or x, 1e-12) for f, x in floors])
-    at = np.searchsorted(read["t"], read["tf"]).clip(0, len(left) - 1)
-    return np.round(np.clip(left[at] / scale, 0.0, 1.0), 2)
+    error = np.abs(read["torque"] - read["modelled"])
+    rms = np.sqrt(np.mean(error**2, axis=0))
+    floors = model.comparison["noise_floor"]
+    sizes = [floor or own for floor, own in zip(floors, rms, strict=True)]
+    scale = 4.0 * np.maximum(sizes, 1e-12)
+    at = np.searchsorted(read["t"], read["tf"]).clip(0, len(error) - 1)
+    return np.round(np.clip(error[at] / scale, 0.0, 1.0), 2)

@@ -8,7 +8,7 @@ models there, so that a job that is killed has changed nothing.
 import json
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -128,18 +128,14 @@ class JobRequest(dict[str, Any]):
         A run of use "split" gives part of its motion to the first, the rest to the
         others.
         """
+        files = [self.folder / run["file"] for run in self["runs"]]
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
-        loaded = load_measurements(*(self.folder / run["file"] for run in self["runs"]))
+        loaded = load_measurements(*files)
         sides: dict[str, list[Measurements]] = {"train": [], "test": []}
         for run, part in zip(self["runs"], loaded.runs(), strict=True):
-            named = replace(part, names=(run["name"],))
-            if run["use"] != "split":
-                sides[run["use"]].append(named)
-                continue
-            for side, of_side in sides.items():
-                windows = [(a, b) for a, b in run["split"][side]]
-                of_side.append(windowed(named, windows))
+            for side, stretch in _by_use(run, part):
+                sides[side].append(stretch)
         test = concatenate(sides["test"]) if sides["test"] else None
         judged = self._recordings("train" if test is None else "test")
         return Runs(concatenate(sides["train"]), test, loaded, judged)
@@ -158,6 +154,20 @@ class JobRequest(dict[str, Any]):
     def training_recordings(self) -> Measurements:
         """The runs that are identified from, without windows."""
         return self._recordings("train")
+
+
+def _by_use(
+    run: Mapping[str, Any], part: Measurements
+) -> Iterator[tuple[str, Measurements]]:
+    """What a run is used for, "train" or "test", with what of it is; of a split run
+    both."""
+    named = replace(part, names=(run["name"],))
+    if run["use"] != "split":
+        yield run["use"], named
+        return
+    for side in ("train", "test"):
+        windows = [(a, b) for a, b in run["split"][side]]
+        yield side, windowed(named, windows)
 
 
 def read(job: JobRequest) -> Answer:
@@ -361,26 +371,44 @@ def _preview(
     positions and torques that the check would put there (NaN where it changes nothing),
     and the arm's poses."""
     raw = np.hstack([part.q, part.tau])
-    there = np.hstack([mended.q, mended.tau])
-    if len(there) != len(raw):  # rows that were left out come between their neighbours
-        ordered = np.all(np.diff(mended.t) > 0.0)
-        there = (
-            np.column_stack([np.interp(part.t, mended.t, x) for x in there.T])
-            if ordered
-            else raw
-        )
-    # What a picture shows of it.
-    changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
-    repaired = np.where(changed, there, np.nan)
-    shown_rows = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
-    rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
-    k = np.unique(np.concatenate([shown_rows, rare[:: 1 + len(rare) // POINTS]]))
-    n = part.n
-    dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
-    arrays = {"t": part.t[k], "q": part.q[k], "dq": dq[k], "torque": part.tau[k]}
-    arrays |= {"repaired_q": repaired[k, :n], "repaired_torque": repaired[k, n:]}
-    arrays["tf"], arrays["poses"] = placed(problem.robot, part.t, part.q)
-    return arrays
+    repaired = _where_changed(raw, _repaired_rows(part, mended))
+    shown = spread_rows(len(part.t))
+    changed = np.flatnonzero(np.isfinite(repaired).any(axis=1))
+    thinned = changed[:: 1 + len(changed) // POINTS]
+    k = np.unique(np.concatenate([shown, thinned]))
+    velocity = part.dq
+    if velocity is None:
+        velocity = np.gradient(part.q, part.t, axis=0)
+    tf, poses = placed(problem.robot, part.t, part.q)
+    return {
+        "t": part.t[k],
+        "q": part.q[k],
+        "dq": velocity[k],
+        "torque": part.tau[k],
+        "repaired_q": repaired[k, : part.n],
+        "repaired_torque": repaired[k, part.n :],
+        "tf": tf,
+        "poses": poses,
+    }
+
+
+def _repaired_rows(part: Measurements, mended: Measurements) -> Array:
+    """(N, 2 n) positions and torques of the repaired run at the run's instants; rows
+    that were left out come between their neighbours."""
+    rows = np.hstack([mended.q, mended.tau])
+    if len(rows) == len(part.t):
+        return rows
+    if not np.all(np.diff(mended.t) > 0.0):
+        return np.hstack([part.q, part.tau])
+    columns = [np.interp(part.t, mended.t, column) for column in rows.T]
+    return np.column_stack(columns)
+
+
+def _where_changed(raw: Array, repaired: Array) -> Array:
+    """The repaired values (N, k) where a picture shows the difference, else NaN."""
+    size = np.nanmax(np.abs(repaired), axis=0)
+    is_changed = np.abs(repaired - raw) > 1e-3 * size
+    return np.where(is_changed, repaired, np.nan)
 
 
 def resplit(job: JobRequest) -> Answer:

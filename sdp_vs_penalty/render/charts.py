@@ -314,15 +314,16 @@ def cause_axis(
 def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
     """(M,) seconds from the nearest change of the velocity's sign, below zero before it,
     and the direction after it; far away and zero where there is none."""
-    turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
+    direction = np.sign(velocity)
+    turns = np.flatnonzero(direction[1:] != direction[:-1])
     if not len(turns):
         return np.full(len(t), np.inf), np.zeros(len(t))
     instants = 0.5 * (t[turns] + t[turns + 1])
-    after = np.searchsorted(instants, t).clip(1, max(len(instants) - 1, 1))
-    candidates = np.stack([after - 1, after.clip(0, len(instants) - 1)])
-    nearest = np.argmin(np.abs(t - instants[candidates]), axis=0)
-    chosen = candidates[nearest, np.arange(len(t))]
-    return t - instants[chosen], np.sign(velocity[turns[chosen] + 1])
+    after = np.searchsorted(instants, t).clip(0, len(instants) - 1)
+    before = (after - 1).clip(0)
+    is_nearer = np.abs(t - instants[before]) < np.abs(t - instants[after])
+    nearest = np.where(is_nearer, before, after)
+    return t - instants[nearest], direction[turns[nearest] + 1]
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
