@@ -607,54 +607,62 @@ def take(job: JobRequest) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the
     model in the format of the name's suffix; says which effects have no place in it."""
     name = job["name"]
-    findings_given = job.get("findings")
     out = job.folder / name
-    lost = tuple[str, ...]()
-    judged: tuple[Verdict, str] | None = None
     job.progress(f"writing {name}")
     if name.startswith("run-"):
-        save(
-            load_measurements(job.folder / job["runs"][int(name[4:-4]) - 1]["file"]),
-            out,
-        )
+        _write_run(job, out, number=int(name[4:-4]))
     elif name == "findings.json":
-        write_text(out, json.dumps(findings_given, indent=1, allow_nan=False) + "\n")
+        write_text(out, json.dumps(job["findings"], indent=1, allow_nan=False) + "\n")
     elif name == "model.json":
         write_bytes(out, Path(job["model"]).read_bytes())
     elif name == "report.html":
-        models = {m["label"]: load_estimate(m["file"]) for m in job["models"]}
-        runs = job.runs
-        how: dict[str, Any] = {
-            "commands": job["commands"],
-            "forward": job["forward"],
-            "progress": job.progress,
-        }
-        diagnosis = findings_given and Diagnosis.from_dict(findings_given)
-        write_report(
-            models,
-            runs.judge,
-            out,
-            noise_from=runs.judged_recordings,
-            findings=diagnosis,
-            **how,
-        )
+        _write_report(job, out)
     else:
-        urdf_given = job.get("urdf") if name == "robot.urdf" else None
-        x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
-        model = job.model
-        if job.get("runs"):
-            there = job.runs
-            judged = judge_as_exported(model, out, there.judge, there.judged_recordings)
-        verdict = None if judged is None else judged[0]
-        lost = write_model(model, out, urdf_given, flange=(x, y, z), judged=verdict)
-    diagnosis = []
-    if lost:
-        diagnosis = [
-            f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
-        ]
-        if judged is not None:
-            diagnosis += [f"As exported: {judged[0].headline}", judged[1]]
-    return {"notice": [text for text in diagnosis if text]}
+        return {"notice": _write_export(job, out)}
+    return {"notice": []}
+
+
+def _write_run(job: JobRequest, out: Path, number: int) -> None:
+    """A run by its number on the page."""
+    run = job["runs"][number - 1]
+    save(load_measurements(job.folder / run["file"]), out)
+
+
+def _write_report(job: JobRequest, out: Path) -> None:
+    """The report on all models of the history."""
+    models = {m["label"]: load_estimate(m["file"]) for m in job["models"]}
+    findings = job.get("findings")
+    runs = job.runs
+    write_report(
+        models,
+        runs.judge,
+        out,
+        noise_from=runs.judged_recordings,
+        findings=None if findings is None else Diagnosis.from_dict(findings),
+        commands=job["commands"],
+        forward=job["forward"],
+        progress=job.progress,
+    )
+
+
+def _write_export(job: JobRequest, out: Path) -> list[str]:
+    """The model in the format of the suffix; what the file cannot hold, and what that
+    does to the error, a sentence each."""
+    urdf = job.get("urdf") if out.name == "robot.urdf" else None
+    x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
+    model = job.model
+    judged: tuple[Verdict, str] | None = None
+    if job.get("runs"):
+        runs = job.runs
+        judged = judge_as_exported(model, out, runs.judge, runs.judged_recordings)
+    verdict = None if judged is None else judged[0]
+    lost = write_model(model, out, urdf, flange=(x, y, z), judged=verdict)
+    if not lost:
+        return []
+    sentences = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
+    if judged is not None:
+        sentences += [f"As exported: {judged[0].headline}", judged[1]]
+    return [text for text in sentences if text]
 
 
 def forward(job: JobRequest) -> Answer:
