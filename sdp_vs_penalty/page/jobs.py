@@ -467,14 +467,9 @@ def robot(job: JobRequest) -> Answer:
     """What the page shows of the robot: a built-in name or a URDF file."""
     problem = job.problem
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
-    bounds = np.isfinite(problem.box).any(axis=2)
-    settings = problem.preprocessing
-    both = settings.state_cutoff, settings.torque_cutoff
-    cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
     known = (
-        f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states"
-        f" and torque: {', '.join(cutoffs)}. The stage Identify, or a folder with a"
-        " problem.toml, sets others."
+        f"{_limits_in_words(problem)}; {_filters_in_words(problem)}. The stage Identify,"
+        " or a folder with a problem.toml, sets others."
     )
     return {
         "title": summary_words if problem.folder is None else problem.title,
@@ -487,6 +482,28 @@ def robot(job: JobRequest) -> Answer:
         "own_gravity": problem.robot.gravity,
         "known": known,
     }
+
+
+def _limits_in_words(problem: Problem) -> str:
+    """For how many of the links' parameters a limit is set."""
+    has_limit = np.isfinite(problem.box).any(axis=2)
+    if has_limit.all():
+        return "Limits are set for all links"
+    if not has_limit.any():
+        return "No limits are set for links"
+    return (
+        f"Limits are set for {has_limit.sum()} of {has_limit.size} parameters of links"
+    )
+
+
+def _filters_in_words(problem: Problem) -> str:
+    """The cut-offs of the filters."""
+    settings = problem.preprocessing
+    cutoffs = [settings.state_cutoff, settings.torque_cutoff]
+    if cutoffs == [None, None]:
+        return "filters are chosen from the data"
+    words = ["chosen from the data" if f is None else f"{f:g} Hz" for f in cutoffs]
+    return f"filters of states and torque: {', '.join(words)}"
 
 
 def fit(job: JobRequest) -> Answer:

@@ -324,9 +324,8 @@ def _heat(
     first."""
     draw.tag("h4", "Where it fails, and why")
     draw.note(
-        "Share of each joint's error that a function of a cause explains on held-out"
-        " data, in per cent; causes that explain nothing are left out. Click a cell to"
-        " see the joint."
+        "Share of the error explained by each cause, in per cent, on data left out."
+        " Click a cell to see the joint."
     )
     rows = pieces.heat_rows(failures, pieces.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
@@ -428,9 +427,9 @@ def methods(view: View) -> None:
         return
     draw.table(Table.from_dict(answer["table"]), "Methods compared")
     draw.note(
-        "On the runs that the model is judged on. Possible: every link can exist,"
-        " within its bounds; thinnest: a link's thickness, zero or less where it"
-        " cannot; gap: of the certified optimum."
+        "On the runs that the model is judged on. The thinnest link is zero or less"
+        " where it cannot exist; distance to best fit: how far the loss can be above"
+        " the best possible one, as a share of it."
     )
 
 

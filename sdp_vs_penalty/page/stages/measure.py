@@ -316,7 +316,7 @@ def check(view: View) -> None:
             draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
-    crosses = "Crosses: what the check would put there. "
+    crosses = "Crosses: corrected values. "
     mended = any(
         finding_of_run["can_fix"]
         for run in session.runs
