@@ -339,8 +339,8 @@ class Estimate(Record):
         return self.torque(Motion(times, states[0], states[1], states[2]))
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw link masses and the other effects' parameters, with two standard
-        deviations.
+        """Draw link masses and the other effects' parameters with 95 % intervals; what
+        the prior or the bounds decide is hatched.
 
         axes : one for each effect (default: a new figure); returns them.
         Raises InputError without matplotlib (extra [plot]).
@@ -355,12 +355,15 @@ class Estimate(Record):
             formatting.axes(axes, 1, len(shown), figsize=size, layout="constrained")
         )
         for panel, (effect, parameters) in zip(panels, shown, strict=False):
-            panel.bar(
+            drawn = panel.bar(
                 parameters.index,
                 parameters["value"],
-                yerr=2.0 * parameters["std"].astype(float).fillna(0.0),
+                yerr=NORMAL_95 * parameters["std"].astype(float).fillna(0.0),
                 capsize=2,
             )
+            for bar, source in zip(drawn, parameters["source"], strict=True):
+                if source != "data":  # the prior's or a bound's: not measured
+                    bar.set(hatch="//", alpha=0.5)
             panel.set(title=effect, ylabel=f"[{parameters['unit'].iloc[0]}]")
             panel.tick_params(axis="x", labelrotation=90)
         return panels
