@@ -14,6 +14,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
+from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.session import SHOWN_BY, ModelStep, Session
 from sdp_vs_penalty.page.view import (
     PagePart,
@@ -211,9 +212,7 @@ class _Fit:
             draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
         label = "Measured and modelled torque, and the error"
         caption = "redder: larger torque error"
-        self.chart, self.move = charts.chart_and_arm(
-            view, label, self.model.about, caption
-        )
+        self.chart, self.move = chart_and_arm(view, label, self.model.about, caption)
         self.chart.on("plotly_relayout", self.zoom)
         self.legend = ui.html("", sanitize=False)
         self.words = draw.tag("p", "", "words")

@@ -9,7 +9,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
+from sdp_vs_penalty.page.arm_scene import chart_and_arm
+from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
