@@ -99,20 +99,21 @@ def _valleys(
     Between two lags the difference grows linearly, its square has the vertex of a
     parabola.
     """
-    x, y = (
-        interpolated(np.arange(t[0], t[-1], step), t, q / scale).T for t, q in (a, b)
-    )
-    middle, (n, M), N = x.mean(axis=1, keepdims=True), x.shape, y.shape[1]
-    length = fft.next_fast_len(M + N, real=True)
-    spectra = [fft.rfft(z - middle, length) for z in (x, y)]
-    product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
+    x = _on_grid(a, scale, step)
+    y = x if b is a else _on_grid(b, scale, step)
+    n, M = x.shape
+    N = y.shape[1]
+    middle = x.mean(axis=1, keepdims=True)
+    x = x - middle
+    y = y - middle
+    product = _correlation(x, y)[lags]
     first = np.maximum(0, -lags)
     last = np.minimum(M, N - lags)
-    first_samples = np.append(0.0, np.cumsum(np.sum((x - middle) ** 2, axis=0)))
-    other = np.append(0.0, np.cumsum(np.sum((y - middle) ** 2, axis=0)))
+    energy = np.append(0.0, np.cumsum(np.sum(x**2, axis=0)))
+    other = np.append(0.0, np.cumsum(np.sum(y**2, axis=0)))
     total = (
-        first_samples[last]
-        - first_samples[first]
+        energy[last]
+        - energy[first]
         + other[last + lags]
         - other[first + lags]
         - 2.0 * product
@@ -127,6 +128,24 @@ def _valleys(
     ground = center - 0.25 * (left - right) * shift
     at = np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2))
     return list(zip(ground[at], (lags[1 + at] + shift[at]) * step, strict=True))
+
+
+def _on_grid(track: Track, scale: Array, step: float) -> Array:
+    """(n, M) positions every ``step`` [s], each joint in units of its scale (n,)."""
+    t, q = track
+    return interpolated(np.arange(t[0], t[-1], step), t, q / scale).T
+
+
+def _correlation(x: Array, y: Array) -> Array:
+    """(L,) sum over joints and k of x(k) y(k + lag) by the lag, x (n, M), y (n, N).
+
+    Negative lags stand at the end. One joint after the other, in the memory of one.
+    """
+    length = fft.next_fast_len(x.shape[1] + y.shape[1], real=True)
+    spectrum = np.zeros(length // 2 + 1, complex)
+    for of_joint, other in zip(x, y, strict=True):
+        spectrum += np.conj(fft.rfft(of_joint, length)) * fft.rfft(other, length)
+    return np.asarray(fft.irfft(spectrum, length))
 
 
 def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
