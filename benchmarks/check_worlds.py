@@ -7,7 +7,8 @@ not share, some with an effect that `diagnose` would name. Nothing was done to t
 so that every error is false, and so is every explanation that names a fault of the log,
 unless the world has that very thing (a delay, a gain, a tilt of the base). What is left
 unexplained, an event, or a motion that shows little are statements about the arm: they
-are counted apart. Writes check_worlds.csv and check_worlds.md.
+are counted apart. Writes check_worlds.csv, check_worlds.md, and worlds_claims.csv for
+reliability.py. What is in check_worlds.csv already is not run again.
 """
 
 import argparse
@@ -16,7 +17,7 @@ import sys
 import time
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
@@ -27,8 +28,15 @@ from challenge.cases import CLASSES, Case, build_case, wanted  # noqa: E402
 from challenge.judge import share  # noqa: E402
 from challenge.worlds.conditions import NUISANCES  # noqa: E402
 from challenge.worlds.runs import urdf_of  # noqa: E402
+from reliability import (  # noqa: E402
+    OF_THE_MOTION,
+    Claim,
+    claim,
+    read_claims,
+    write_claims,
+)
 
-from sdp_vs_penalty.checks import check_runs  # noqa: E402
+from sdp_vs_penalty.checks import Issue, check_runs  # noqa: E402
 from sdp_vs_penalty.errors import InputError  # noqa: E402
 from sdp_vs_penalty.files import write_text  # noqa: E402
 from sdp_vs_penalty.formatting import markdown_table  # noqa: E402
@@ -77,40 +85,67 @@ class Row:
     seconds: float
 
 
-def run_case(case: Case) -> Row:
+def run_case(case: Case) -> tuple[Row, list[Claim]]:
     """Check all runs of a world together, as a user would."""
     built = build_case(case)
     problem = load_problem(urdf_of(built.conditions.arm))
-    runs = [x.run for x in built.logged[:-1]]
+    runs = [logged.run for logged in built.logged[:-1]]
     begin = time.process_time()
     try:
         reports = check_runs(problem, runs, problem.preprocessing, False)
     except InputError as error:
-        return Row(case.key, "", True, str(error), "", "", "", "", 0.0)
-    spent = time.process_time() - begin
+        return Row(case.key, "", True, str(error), "", "", "", "", 0.0), []
+    seconds = time.process_time() - begin
     truth = " ".join([*(h.effect for h in built.hidden), case.kind, case.nuisance])
-    said = {
-        (f.kind, f.where): f for r in reports for f in r.errors_and_warnings
-    }.values()
-    false = []
-    true = []
-    arm = []
-    errors = []
-    facts = []
-    for f in said:
-        text = f"{f.kind} ({f.where})"
-        if f.severity == "error":
-            errors.append(text)
-        elif f.kind in ABOUT_THE_ARM:
-            arm.append(text)
-        elif any(word in truth for word in TRUE_OF.get(f.kind, ())):
-            true.append(text)
-        elif f.nature == "fact":
-            facts.append(text)
-        else:
-            false.append(f"{text}: {f.what}")
-    words = ["; ".join(x) for x in (errors, false, true, facts, arm)]
-    return Row(case.key, truth, bool(errors), *words, spent)
+    issues = {
+        (issue.kind, issue.where): issue
+        for report in reports
+        for issue in report.errors_and_warnings
+    }
+    texts: dict[str, list[str]] = {place: [] for place in PLACES}
+    claims = []
+    for issue in issues.values():
+        place = place_of(issue, truth)
+        words = f"{issue.kind} ({issue.where})"
+        if place == "false_explanations":
+            words = f"{words}: {issue.what}"
+        texts[place].append(words)
+        if issue.kind not in OF_THE_MOTION:
+            is_right = place == "true_explanations" or is_seen_in(issue, truth)
+            claims.append(claim("worlds", case.key, issue, is_right))
+    columns = {place: "; ".join(words) for place, words in texts.items()}
+    is_refused = bool(texts["errors"])
+    row = Row(
+        case=case.key, effects=truth, refused=is_refused, seconds=seconds, **columns
+    )
+    return row, claims
+
+
+#: Where a row has what was said.
+PLACES = (
+    "errors",
+    "false_explanations",
+    "true_explanations",
+    "other_facts",
+    "about_the_arm",
+)
+
+
+def place_of(issue: Issue, truth: str) -> str:
+    """In which column an issue stands, of a world that has what these words say."""
+    if issue.severity == "error":
+        return "errors"
+    if issue.kind in ABOUT_THE_ARM:
+        return "about_the_arm"
+    if any(word in truth for word in TRUE_OF.get(issue.kind, ())):
+        return "true_explanations"
+    return "other_facts" if issue.nature == "fact" else "false_explanations"
+
+
+def is_seen_in(issue: Issue, truth: str) -> bool:
+    """Whether unexplained torque, or an event, has a hidden cause in such a world."""
+    is_clean = truth.split(" ")[0] == "clean"
+    return issue.kind in ABOUT_THE_ARM and not is_clean
 
 
 def markdown(rows: Sequence[Row], command: str) -> str:
@@ -146,6 +181,15 @@ def markdown(rows: Sequence[Row], command: str) -> str:
     return "\n".join([*text, ""])
 
 
+def read_rows(path: Path) -> list[Row]:
+    """The rows of a table that has been begun."""
+    if not path.exists():
+        return []
+    table = pandas.read_csv(path, keep_default_na=False)
+    names = [field.name for field in fields(Row)]
+    return [Row(*values) for values in table[names].itertuples(index=False)]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -154,23 +198,38 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=1, help="one case in so many")
     parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--seconds", type=float, default=1e9, help="stop after so long")
     parser.add_argument("--out", type=Path, default=Path("results"))
-    given = parser.parse_args()
-    todo = wanted(given.cases, given.seed, [*CLASSES], [*NUISANCES])[:: given.every]
+    options = parser.parse_args()
+    cases = wanted(options.cases, options.seed, [*CLASSES], [*NUISANCES])
     command = (
-        f"python benchmarks/check_worlds.py --cases {given.cases} --seed {given.seed}"
-        f" --every {given.every}"
+        f"python benchmarks/check_worlds.py --cases {options.cases} --seed"
+        f" {options.seed} --every {options.every}"
     )
-    rows: list[Row] = []
-    with ProcessPoolExecutor(given.workers) as pool:
-        for row in pool.map(run_case, todo):
-            rows.append(row)
-            print(row.case, row.errors, row.false_explanations, flush=True)
-            table = pandas.DataFrame(map(asdict, rows)).to_csv(
-                index=False, lineterminator="\n", float_format="%.3g"
-            )
-            write_text(given.out / "check_worlds.csv", table)
-            write_text(given.out / "check_worlds.md", markdown(rows, command))
+    rows = read_rows(options.out / "check_worlds.csv")
+    claims = read_claims(options.out / "worlds_claims.csv") if rows else []
+    known = {row.case for row in rows}
+    todo = [case for case in cases[:: options.every] if case.key not in known]
+    begin = time.monotonic()
+    with ProcessPoolExecutor(options.workers) as pool:
+        while todo and time.monotonic() - begin < options.seconds:
+            for row, made in pool.map(run_case, todo[:10]):
+                rows.append(row)
+                claims += made
+                print(row.case, row.errors, row.false_explanations, flush=True)
+            todo = todo[10:]
+            write_all(options.out, rows, claims, command)
+
+
+def write_all(
+    folder: Path, rows: Sequence[Row], claims: Sequence[Claim], command: str
+) -> None:
+    """The table of worlds, its summary, and the claims."""
+    table = pandas.DataFrame([asdict(row) for row in rows])
+    text = table.to_csv(index=False, lineterminator="\n", float_format="%.3g")
+    write_text(folder / "check_worlds.csv", text)
+    write_text(folder / "check_worlds.md", markdown(rows, command))
+    write_claims(claims, folder / "worlds_claims.csv")
 
 
 if __name__ == "__main__":

@@ -92,9 +92,29 @@ class InputError(ValueError):
         return type(self)(self.what, self.remedy, place)
 
 
+class RepairableError(InputError):
+    """Measurements that cannot be used as they are, and that `check --fix` can repair."""
+
+
 class Remark(UserWarning):
     """What the user should know of the data and need not act on; the command line
     prints it."""
+
+
+class ColumnsRemark(Remark):
+    """What the columns of a file were taken for.
+
+    Parameters
+    ----------
+    sentence : str
+        What was taken for what, and the command that repeats it.
+    rows : tuple of str
+        The first rows as they were read, a line a channel.
+    """
+
+    def __init__(self, sentence: str, rows: tuple[str, ...] = ()) -> None:
+        super().__init__(sentence)
+        self.rows = rows
 
 
 class Infeasible(InputError):  # noqa: N818 (the field's word)

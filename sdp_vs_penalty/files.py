@@ -15,7 +15,7 @@ import io
 import json
 import os
 import stat
-import tempfile
+import time
 import tomllib
 import types
 from collections.abc import Callable, Iterator, Mapping
@@ -35,7 +35,7 @@ from typing import (
     get_type_hints,
 )
 
-from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.errors import InputError, given, unreadable
 
 T = TypeVar("T")
 
@@ -50,6 +50,9 @@ LARGEST_TOML = 2**16
 #: channels unpack to 3 to 20 times their size.
 _ROOM = 384 * 2**20
 _PER_BYTE = 25
+#: Seconds for which a command that writes several files waits for another one that
+#: writes into the same folder.
+WRITERS_PATIENCE = 10.0
 #: Device and inode of every file that the running command was given or has read. None
 #: outside of one: in a notebook a model may be written over the file that it came from.
 _inputs = ContextVar[set[tuple[int, int]] | None]("inputs", default=None)
@@ -250,6 +253,39 @@ def read_json(
     )
 
 
+def require_format(
+    data: Mapping[str, Any],
+    newest: int,
+    oldest: int = 1,
+    *,
+    unmarked: int | None = None,
+    older: str = "",
+    remedy: str = "write it anew with this version",
+) -> int:
+    """The number of a JSON document's format, which has to be one that this version
+    reads.
+
+    oldest, newest : formats that are read; unmarked : that of a document without the
+    field; older, remedy : what an older format lacks, and what to do about it. Raises
+    InputError that names the document's format.
+    """
+    number = data.get("format", unmarked)
+    if not isinstance(number, int) or isinstance(number, bool):
+        what = f"its format is {given(number)}, which is no whole number"
+        raise InputError(what, "write the file anew")
+    if number < oldest:
+        what = f"written by an earlier version (format {number})"
+        reason = older or f"this one reads from {oldest} on"
+        raise InputError(f"{what}, {reason}", remedy)
+    if number > newest:
+        raise InputError(
+            f"written by a newer version (format {number}, this one reads up to"
+            f" {newest})",
+            "upgrade sdp-vs-penalty",
+        )
+    return number
+
+
 def _parse_json(text: str) -> Any:
     return json.loads(text, object_pairs_hook=unique_fields)
 
@@ -309,11 +345,11 @@ def _built(
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """A temporary file beside the target, to be renamed: an interruption keeps the old
-    file.
+    """A new file that takes the target's place once it is whole: an interruption keeps
+    the old one.
 
-    A writer that is killed leaves at most that one file, which the next writer of the
-    target removes.
+    A writer that is killed leaves nothing; where files cannot be without a name, at
+    most one file beside the target, which its next writer removes.
 
     A link stays, its target is replaced. A device or a pipe is written to as it is.
     Raises InputError where the file is an input of this command, or cannot be written.
@@ -359,27 +395,21 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 @contextmanager
 def _replacing(path: Path) -> Iterator[BinaryIO]:
-    """The new file whole under a name of its own, on the disk, and only then under the
-    old name."""
+    """The new file without a name, whole and on the disk, and only then under the old
+    name."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".{path.name[:100]}."
-    end = ".part"
-    # What a writer that was killed has left: its name tells its process, which is no
-    # more.
-    for file in path.parent.glob(f"{glob.escape(prefix)}*{end}"):
-        number = file.name.removeprefix(prefix).split(".")[0]
-        if number.isdigit() and not lives(int(number)):
-            with suppress(OSError):
-                file.unlink()
-    umask = os.umask(0)
-    os.umask(umask)
-    handle, temporary = tempfile.mkstemp(end, f"{prefix}{os.getpid()}.", path.parent)
+    temporary = _part_name(path)
+    handle = _nameless_file(path.parent)
+    has_name = handle is None
+    if handle is None:
+        handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
     try:
         try:
             with open(handle, "wb", closefd=False) as part:
                 yield part
-            os.fchmod(handle, 0o666 & ~umask)
             os.fsync(handle)
+            if not has_name:
+                _name_file(handle, temporary)
         finally:
             os.close(handle)
         os.replace(temporary, path)
@@ -387,14 +417,55 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
         with suppress(OSError):
             os.unlink(temporary)
         raise
-    with suppress(
-        OSError
-    ):  # the new name on the disk as well; not every file system can
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+    with suppress(OSError):  # not every file system can
+        _sync_folder(path.parent)
+
+
+def _part_name(path: Path) -> Path:
+    """What to call a new file until it takes the place of the old one. Removes what a
+    writer that was killed has left: such a name holds the number of its process."""
+    # A name has at most 255 bytes.
+    prefix = f".{os.fsdecode(os.fsencode(path.name)[:100])}."
+    end = ".part"
+    for file in path.parent.glob(f"{glob.escape(prefix)}*{end}"):
+        number = file.name.removeprefix(prefix).split(".")[0]
+        if number.isdigit() and not lives(int(number)):
+            with suppress(OSError):
+                file.unlink()
+    unique = os.urandom(6).hex()
+    return path.parent / f"{prefix}{os.getpid()}.{unique}{end}"
+
+
+def _nameless_file(folder: Path) -> int | None:
+    """A file of the folder that is gone when its writer is, as Linux has them; None
+    where the system or the file system has none."""
+    if not hasattr(os, "O_TMPFILE"):
+        return None
+    try:
+        return os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666)
+    except OSError as error:
+        if error.errno in (errno.EOPNOTSUPP, errno.EISDIR, errno.ENOENT, errno.EINVAL):
+            return None
+        raise
+
+
+def _name_file(handle: int, path: Path) -> None:
+    """Give a nameless file a name."""
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        # With the handle of a folder Python follows the link to the file.
+        os.link(f"/proc/self/fd/{handle}", path, src_dir_fd=folder)
+    finally:
+        os.close(folder)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Put the names of a folder on the disk."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def lives(process: int) -> bool:
@@ -409,13 +480,13 @@ def lives(process: int) -> bool:
 
 
 @contextmanager
-def folder_lock(folder: Path) -> Iterator[None]:
+def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
     """While this runs, no other command adds its results to this folder; the lock ends
     with the process.
     A folder that was made for it goes again where nothing was written there.
 
-    Raises InputError where another command does so already, and where the folder cannot
-    be made.
+    patience : how long to wait for the other command [s]. Raises InputError where it
+    still writes then, and where the folder cannot be made.
     """
     try:
         import fcntl
@@ -423,24 +494,29 @@ def folder_lock(folder: Path) -> Iterator[None]:
         yield
         return
     try:
-        new = not folder.exists()
+        is_new = not folder.exists()
         folder.mkdir(parents=True, exist_ok=True)
         handle = os.open(folder, os.O_RDONLY)
     except OSError as error:
         raise _unwritable(error, folder) from error
+    end = time.monotonic() + patience
     try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise InputError(
-                "another command is writing its results there",
-                "wait until it ends, or name another folder",
-                folder,
-            ) from None
+        while True:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                if time.monotonic() >= end:
+                    raise InputError(
+                        "another command is writing its results there",
+                        "wait until it ends, or name another folder",
+                        folder,
+                    ) from None
+            time.sleep(0.05)
         yield
     finally:
         with suppress(OSError):  # it holds something
-            if new:
+            if is_new:
                 folder.rmdir()
         os.close(handle)
 

@@ -161,6 +161,7 @@ def _here(
 def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
     """A worker process: to each item an answer, or an error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     end_with(parent)
     while True:
         place, item = line.recv()
@@ -191,14 +192,23 @@ class Workers:
         :func:`spread`."""
         todo = list(items)
         result_by_place: dict[int, Result] = {}
+        begin = time.monotonic()
         results: Iterable[tuple[int, Result]] = enumerate(map(function, todo))
         if self.scheduler is not None or min(self.jobs, len(todo)) > 1:
             results = spread(function, todo, self.scheduler, self.jobs)
         for k, result in results:
             result_by_place[k] = result
             if len(todo) > 1:
-                self.progress(f"{len(result_by_place)} of {len(todo)} done")
+                self.progress(_progress_words(len(result_by_place), len(todo), begin))
         return [result_by_place[k] for k in range(len(todo))]
+
+
+def _progress_words(done: int, total: int, begin: float) -> str:
+    """How much of the work is done, and how long the rest takes at this pace; begin :
+    by the monotonic clock [s]."""
+    left = (time.monotonic() - begin) * (total - done) / done
+    words = f"{done} of {total} done"
+    return words if left < 1.0 else f"{words}, about {left:.0f} s left"
 
 
 #: This process alone.

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 # Before NumPy is loaded: several workers, each with threads for small matrices, only
 # hinder each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Nothing of a test is kept in the user's cache.
+os.environ.setdefault("SDP_VS_PENALTY_CACHE", "")
 
 # Where Python is told to write no bytecode, each worker and each command of a test would
 # compile all modules anew: they share it in pytest's own cache.

@@ -105,21 +105,36 @@ def test_a_link_stays_and_its_target_is_replaced(tmp_path):
     assert (tmp_path / "real" / "later.json").read_text() == "made"
 
 
+@pytest.mark.parametrize("name", ["x" * 250, "機" * 80])
+def test_a_name_as_long_as_it_may_be_is_written(tmp_path, name):
+    files.write_text(tmp_path / name, "content")
+    assert (tmp_path / name).read_text() == "content"
+
+
 @pytest.mark.parametrize("name", ["x" * 300, "a\0b"])
 def test_a_name_that_cannot_be_is_one_sentence(tmp_path, name):
     refusal(lambda: files.write_text(tmp_path / name, "content"), "cannot be written")
     assert list(tmp_path.iterdir()) == []
 
 
-STEPS = ("content", "open", "fchmod", "fsync", "close", "replace")
+STEPS = ("content", "open", "fsync", "link", "close", "replace")
 FAULTS = [OSError(28, "No space left on device"), KeyboardInterrupt(), None]
 
 
 @pytest.mark.parametrize("step", STEPS)
 @pytest.mark.parametrize("error", FAULTS, ids=repr)
-def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypatch):
+@pytest.mark.parametrize("is_nameless", [True, False], ids=["nameless", "named"])
+def test_a_fault_at_any_step_keeps_the_old_file(
+    step, error, is_nameless, tmp_path, monkeypatch
+):
     """An error, an interruption, and the end of the process (None), after which nothing
     is tidied up."""
+    if is_nameless and not hasattr(os, "O_TMPFILE"):
+        pytest.skip("no nameless files on this system")
+    if not is_nameless:
+        if step == "link":
+            pytest.skip("a named file needs no link")
+        monkeypatch.setattr(files, "_nameless_file", lambda folder: None)
     path = tmp_path / "model.json"
     files.write_text(path, "old")
     whole = getattr(os, step, None)
@@ -148,6 +163,8 @@ def test_a_fault_at_any_step_keeps_the_old_file(step, error, tmp_path, monkeypat
             os._exit(1)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9
         assert path.read_text() == "old"
+        if is_nameless and step in ("content", "open", "fsync", "link"):
+            assert [p.name for p in tmp_path.iterdir()] == ["model.json"]
         files.write_text(path, "old")  # and the next writer takes away what is left
     else:
         with pytest.raises((InputError, KeyboardInterrupt)):

@@ -1,27 +1,30 @@
-"""Every reader with bytes changed, cut and put in, and logs with absurd numbers: a
-result or a sentence.
+"""Every reader with bytes changed, cut and put in, with the parts of its format lost,
+doubled and exchanged, and logs with absurd numbers: a result or a sentence.
 
 `pytest -m fuzz` takes about a minute, from the same cases on each time. Others, and more
 of them, each night: `SDP_VS_PENALTY_FUZZ=3600s:$(date +%Y%m%d) pytest -n 0 -m fuzz` (an
-hour, or how many cases, and the seed). Inputs that fail are kept in data/failed.
+hour, or how many cases, and the seed); it ends with a report by format. Inputs that fail
+are kept in data/failed.
 """
 
 import json
 import os
 import shutil
+import tempfile
 import time
 import warnings
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import count, islice
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import peak_memory
-from mutations import change_structure, sound_meshes
+from mutations import change_structure, pick, sound_meshes
+from scipy import sparse
 from small_runs import hostile_log, small_run, write_bag
 
 import sdp_vs_penalty as sdp
@@ -33,6 +36,7 @@ from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.problem.load import problems_folder
 from sdp_vs_penalty.regression import load_answers
 from sdp_vs_penalty.robot.mesh import read_mesh
+from sdp_vs_penalty.solvers import Cone, ConicProblem, solver_types
 
 CORPUS = Path(__file__).parent / "data" / "corpus"
 #: Where inputs that failed are put, to be mended and moved to the corpus.
@@ -74,42 +78,38 @@ def damaged(content: bytes, rng: np.random.Generator) -> bytes:
     return ways[int(rng.integers(len(ways)))]
 
 
-def replaced(content: bytes, rng: np.random.Generator) -> bytes:
-    """Another value at any place of a JSON document; damage to what is none."""
-    try:
-        inner = document = json.loads(content)
-    except (ValueError, RecursionError):
-        return damaged(content, rng)
-    odd = [
-        None,
-        True,
-        -3,
-        10**400,
-        float("nan"),
-        0.5,
-        1e300,
-        5e-324,
-        "x",
-        [],
-        [0.0],
-        {},
-        {"a": 1},
-    ]
-    while isinstance(inner, dict | list) and inner:
-        places = list(inner) if isinstance(inner, dict) else range(len(inner))
-        place = places[int(rng.integers(len(places)))]
-        if not isinstance(inner[place], dict | list) or rng.random() < 0.2:
-            inner[place] = odd[int(rng.integers(len(odd)))]
-            break
-        inner = inner[place]
-    return json.dumps(document).encode()
-
-
 #: Files that are read as a folder: its name, and what reads it.
 FOLDERS: dict[str, Callable[[Path], object]] = {
     "arm": sdp.load_problem,
     "log": sdp.load_measurements,
 }
+
+
+#: A conic problem of two unknowns, and what the programs csdp and sdpa answer to such.
+CONES = ConicProblem(
+    sparse.csc_matrix((2, 2)),
+    np.ones(2),
+    -sparse.eye(4, 2, format="csc"),
+    np.ones(4),
+    (Cone("psd", 2), Cone("nonnegative", 1)),
+)
+ANSWERS = {
+    "csdp.solution": "1.0 2.0\n1 1 1 1 3.0\n2 1 1 1 0.5\n2 1 1 2 0.1\n2 2 1 1 1e-9\n",
+    "sdpa.solution": (
+        "phase.value = pdOPT\n   Iteration = 12\nxVec =\n{1.0,2.0}\nxMat =\n{ {1}, {2} }\n"
+        "yMat =\n{ { {0.5,0.1}, {0.1,0.5} }, {1e-9} }\nmain loop time = 0.1\n"
+    ),
+}
+
+
+def read_answer(path: Path, name: str) -> object:
+    """What a solver makes of the answer of a program."""
+    is_csdp = name.startswith("csdp")
+    program = solver_types()["csdp" if is_csdp else "sdpa-program"]()
+    with tempfile.TemporaryDirectory() as folder:
+        shutil.copy(path, Path(folder) / ("solution" if is_csdp else "answer"))
+        program.ended(path.read_text(errors="replace"), 0)
+        return program.answer(Path(folder), CONES)
 
 
 def sound_files(folder: Path) -> list[Path]:
@@ -141,9 +141,21 @@ def sound_files(folder: Path) -> list[Path]:
         )
     for suffix, content in sound_meshes().items():
         (folder / f"sound{suffix}").write_bytes(content)
+    for name, text in ANSWERS.items():
+        (folder / name).write_text(text)
     parts = [p for name in FOLDERS for p in (folder / name).glob("*.*")]
     alone = [*folder.glob("sound.*"), *folder.glob("*.json"), folder / "box.npz"]
-    return sorted([*alone, *parts, *CORPUS.iterdir()])
+    answers = [folder / name for name in ANSWERS]
+    return sorted([*alone, *answers, *parts, *CORPUS.iterdir()])
+
+
+def sources_by_format(sources: list[Path]) -> list[list[Path]]:
+    """The files of each format and kind, so that each is changed as often."""
+    groups: dict[str, list[Path]] = {}
+    for path in sources:
+        kind = path.name if path.suffix == ".json" else path.suffix
+        groups.setdefault(kind, []).append(path)
+    return list(groups.values())
 
 
 def read(path: Path, source: Path) -> Any:
@@ -152,6 +164,8 @@ def read(path: Path, source: Path) -> Any:
         return verify_proof_file(path)
     if source.name == "findings.json":
         return load_diagnosis(path)
+    if source.name in ANSWERS:
+        return read_answer(path, source.name)
     if source.name == "box.npz":
         return load_answers([path])
     if source.parent.name in FOLDERS:
@@ -197,17 +211,21 @@ def outcome(case: str, act: Callable[[], object], size: float = np.inf) -> str:
     return found
 
 
-def read_mutated(seed: int, sources: list[Path], folder: Path) -> str:
-    """Read one of the files, changed in one to six places; the kind of outcome."""
+def read_mutated(seed: int, sources: list[list[Path]], folder: Path) -> str:
+    """Read one of the files, changed in one to six places; the kind of outcome.
+
+    Half of the files are changed by the parts of their format alone, a quarter by bytes
+    alone.
+    """
     rng = np.random.default_rng(seed)
-    source = sources[int(rng.integers(len(sources)))]
+    source = pick(pick(sources, rng), rng)
     content = source.read_bytes()
+    structured_share = pick((1.0, 1.0, 0.5, 0.0), rng)
     for _ in range(int(rng.integers(1, 7))):
-        way = rng.random()
-        if content and way < 0.4:
+        if content and rng.random() < structured_share:
             content = change_structure(source.suffix, content, rng)
         elif content:
-            content = (replaced if way < 0.55 else damaged)(content, rng)
+            content = damaged(content, rng)
     path = folder / f"mutated{source.suffix}"
     path.write_bytes(content)
     try:
@@ -233,34 +251,47 @@ def verbs() -> dict[str, Callable[[sdp.Measurements], object]]:
     }
 
 
+#: One case in so many is a log with absurd numbers, which takes a hundred times longer.
+CASES_PER_LOG = 200
+
+
+def numbers_of_cases(amount: str, first: int) -> Iterator[int]:
+    """So many numbers from the first on, or as many as there is time for ("60s")."""
+    if not amount.endswith("s"):
+        yield from range(first, first + int(amount))
+        return
+    end = time.monotonic() + float(amount[:-1])
+    numbers = count(first)
+    while time.monotonic() < end:
+        yield next(numbers)
+
+
 @pytest.mark.fuzz
 def test_thousands_of_files(tmp_path, capsys):
-    """Changed files, and every fiftieth time a log: so many cases, or seconds of them."""
-    many, _, seed = os.environ.get("SDP_VS_PENALTY_FUZZ", "60s").partition(":")
-    sources = sound_files(tmp_path)
+    """Changed files, and now and then a log: so many cases, or seconds of them."""
+    amount, _, seed = os.environ.get("SDP_VS_PENALTY_FUZZ", "60s").partition(":")
+    sources = sources_by_format(sound_files(tmp_path))
     uses = list(verbs().items())
-    seen = Counter[str]()
-    first = int(seed or 0) * 1_000_000
+    outcomes = Counter[str]()
     failures = list[str]()
-    begin = time.monotonic()
-    for k in islice(count(first), None if many.endswith("s") else int(many)):
-        if many.endswith("s") and time.monotonic() - begin > float(many[:-1]):
-            break
-        name, verb = uses[k // 50 % len(uses)]
+    for k in numbers_of_cases(amount, int(seed or 0) * 1_000_000):
         try:
-            if k % 50:
-                seen[read_mutated(k, sources, tmp_path)] += 1
+            if k % CASES_PER_LOG:
+                kind = read_mutated(k, sources, tmp_path)
             else:
-                log = hostile_log(k)
-                act = partial(verb, log)
-                seen[f"{name} {outcome(f'{name} of log {k}', act)}"] += 1
+                name, verb = pick(uses, np.random.default_rng(k))
+                act = partial(verb, hostile_log(k))
+                kind = f"{name} {outcome(f'{name} of log {k}', act)}"
+            outcomes[kind] += 1
         except AssertionError as error:
             failures.append(str(error)[:300])
     with capsys.disabled():
-        kinds = dict(sorted(seen.items()))
-        print(f"\n{seen.total()} cases, {len(failures)} failures: {kinds}")
+        n_cases = outcomes.total() + len(failures)
+        print(f"\n{n_cases} cases, {len(failures)} failures")
+        for kind, number in sorted(outcomes.items()):
+            print(f"{kind:24} {number:6}")
         print("\n".join(failures))
-    assert len(seen) > 10
+    assert len(outcomes) > 10
     assert not failures
 
 

@@ -17,8 +17,8 @@ from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.score import orthonormal
-from sdp_vs_penalty.diagnosis.whitening import (
+from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
+from sdp_vs_penalty.diagnosis.white_rows import (
     diagnosis_rows,
     model_columns,
     white_rows,

@@ -13,14 +13,14 @@ sim5, drawn and any number. Outcome of a case:
 Harm is the held-out error on clean data of what is identified all the same, over that of the model from
 the clean run. It is measured where nothing is said. Clean runs, and both halves of each, have to stay
 silent ("poor excitation" is true of a stretch whose model is harmed), and no two issues of one output
-may state the same number of the same joint. Writes corruptions.csv and corruptions.md; thresholds are
-judged on arms that nobody looked at.
+may state the same number of the same joint. Writes corruptions.csv, corruptions.md, and
+corruptions_claims.csv for reliability.py; thresholds are judged on arms that nobody looked at.
 """
 
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from itertools import combinations, product
 from pathlib import Path
@@ -28,6 +28,7 @@ from pathlib import Path
 import numpy as np
 import pandas
 from challenge.judge import share
+from reliability import OF_THE_MOTION, Claim, claim, read_claims, write_claims
 
 from corruptions.arms import Arm, arm
 from corruptions.kinds import Corruption
@@ -73,14 +74,18 @@ _WORDS = ("named", "refused", "warned", "wrong", "silent")
 
 @dataclass(frozen=True)
 class Case:
+    """One log: what was done to which arm, and what came of it; harm is NaN where it is
+    not measured."""
+
     arm: str
     kind: str
     joints: str
     size: str
     outcome: str
-    harm: float  # NaN: not measured
+    harm: float
     said: str
     contradicts: bool
+    claims: tuple[Claim, ...] = ()
 
 
 def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
@@ -99,8 +104,8 @@ def given(arm: Arm, corruption: Corruption) -> tuple[Problem, Measurements]:
 def run_case(arm: Arm, corruption: Corruption) -> Case:
     problem, run = given(arm, corruption)
     reports = check(problem, run)
-    problems = [f for report in reports for f in report.errors_and_warnings]
-    outcome = _outcome(corruption, problems)
+    issues = [f for report in reports for f in report.errors_and_warnings]
+    outcome = _outcome(corruption, issues)
     harm = np.nan
     if outcome == "silent":
         try:
@@ -108,23 +113,40 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
         except InputError:
             outcome = "refused"
     joints = "+".join(str(j + 1) for j in corruption.joints)
-    return _case(
-        (arm.problem.name, corruption.kind, joints, corruption.size),
-        outcome,
-        harm,
-        reports,
-    )
+    what = (arm.problem.name, corruption.kind, joints, corruption.size)
+    right = [_is_right(corruption, issue) for issue in issues]
+    return _case(what, outcome, harm, reports, right)
 
 
 def _case(
-    of: tuple[str, str, str, str], outcome: str, harm: float, reports: Sequence[Report]
+    what: tuple[str, str, str, str],
+    outcome: str,
+    harm: float,
+    reports: Sequence[Report],
+    right: Sequence[bool],
 ) -> Case:
-    said = "; ".join(
-        f"{f.kind} ({f.where})"
-        for report in reports
-        for f in report.errors_and_warnings
+    """what : arm, kind, joints and size of a corruption; right : whether each error or
+    warning is."""
+    issues = [f for report in reports for f in report.errors_and_warnings]
+    arm, kind, joints, size = what
+    source = "clean runs" if kind == "(clean)" else "corruptions"
+    name = f"{arm}: {kind} {joints} {size}"
+    claims = tuple(
+        claim(source, name, issue, is_right)
+        for issue, is_right in zip(issues, right, strict=True)
+        if issue.kind not in OF_THE_MOTION
     )
-    return Case(*of, outcome, harm, said, any(map(contradicts, reports)))
+    return Case(
+        arm=arm,
+        kind=kind,
+        joints=joints,
+        size=size,
+        outcome=outcome,
+        harm=harm,
+        said="; ".join(f"{f.kind} ({f.where})" for f in issues),
+        contradicts=any(map(contradicts, reports)),
+        claims=claims,
+    )
 
 
 def contradicts(report: Report) -> bool:
@@ -138,18 +160,26 @@ def contradicts(report: Report) -> bool:
     )
 
 
-def _outcome(corruption: Corruption, problems: Sequence[Issue]) -> str:
+def _names(corruption: Corruption, issue: Issue) -> bool:
+    """Whether an issue names what was done, and to which joint."""
     joints = {j + 1 for j in corruption.joints}
-    if any(
-        f.kind in corruption.causes and (not joints or _joints(f) == joints)
-        for f in problems
-    ):
+    return issue.kind in corruption.causes and (not joints or _joints(issue) == joints)
+
+
+def _is_right(corruption: Corruption, issue: Issue) -> bool:
+    """Whether an issue is true of a corrupted log: it names the cause, or no cause."""
+    return _names(corruption, issue) or issue.kind in _GENERAL
+
+
+def _outcome(corruption: Corruption, issues: Sequence[Issue]) -> str:
+    if any(_names(corruption, issue) for issue in issues):
         return "named"
-    if not problems:
+    if not issues:
         return "silent"
-    if not all(f.kind in _GENERAL for f in problems):
+    if not all(issue.kind in _GENERAL for issue in issues):
         return "wrong"
-    return "refused" if any(f.severity == "error" for f in problems) else "warned"
+    is_error = any(issue.severity == "error" for issue in issues)
+    return "refused" if is_error else "warned"
 
 
 def _joints(issue: Issue) -> set[int]:
@@ -163,17 +193,23 @@ def clean(arm: Arm) -> list[Case]:
     for run in (arm.train, *arm.others):
         span = run.t[-1] - run.t[0]
         for a, b in ((0.0, span), (0.0, 0.5 * span), (0.5 * span, span)):
-            part = run.window(a, b)
-            harm = np.nan
-            (report,) = check(arm.problem, part)
-            outcome = "false warning" if report.errors_and_warnings else "silent"
-            outcome = "false error" if report.meaningless else outcome
-            if {f.kind for f in report.errors_and_warnings} == {"poor excitation"}:
-                harm = arm.harm(identify(arm.problem, part))
-                outcome = "true warning" if harm > HARMFUL else outcome
-            what = arm.problem.name, "(clean)", run.names[0], f"{a:.3g}-{b:.3g} s"
-            cases.append(_case(what, outcome, harm, [report]))
+            cases.append(_clean_part(arm, run.window(a, b), f"{a:.3g}-{b:.3g} s"))
     return cases
+
+
+def _clean_part(arm: Arm, part: Measurements, span: str) -> Case:
+    """A part of a clean run: every claim about it is wrong."""
+    reports = check(arm.problem, part)
+    issues = reports[0].errors_and_warnings
+    harm = np.nan
+    outcome = "false warning" if issues else "silent"
+    if reports[0].meaningless:
+        outcome = "false error"
+    if {f.kind for f in issues} == {"poor excitation"}:
+        harm = arm.harm(identify(arm.problem, part))
+        outcome = "true warning" if harm > HARMFUL else outcome
+    what = (arm.problem.name, "(clean)", part.names[0], span)
+    return _case(what, outcome, harm, reports, [False] * len(issues))
 
 
 def bench(name: str, data: Path, kinds: str, every: int, part: int) -> list[Case]:
@@ -264,16 +300,35 @@ def main() -> None:
     work = partial(
         bench, data=given.data, kinds=given.kinds, every=given.every, part=given.part
     )
-    cases: list[Case] = []
+    cases = read_cases(given.out)
+    known = {case.arm for case in cases}
+    todo = [name for name in given.arms.split(",") if name not in known]
     with ProcessPoolExecutor(given.workers) as pool:
-        for found in pool.map(work, given.arms.split(",")):  # kept after each arm
+        for found in pool.map(work, todo):  # kept after each arm
             cases += found
-            table = pandas.DataFrame(cases).to_csv(
-                index=False, lineterminator="\n", float_format="%.3g"
-            )
-            write_text(given.out / "corruptions.csv", table)
-            write_text(
-                given.out / "corruptions.md",
-                markdown(cases, f"{command} --part {given.part}"),
-            )
+            write_all(given.out, cases, f"{command} --part {given.part}")
             print(" | ".join(summary(found[0].arm, found)), flush=True)
+
+
+def read_cases(folder: Path) -> list[Case]:
+    """The cases of a bench that has been begun."""
+    path = folder / "corruptions.csv"
+    if not path.exists():
+        return []
+    table = pandas.read_csv(path, keep_default_na=False)
+    table["harm"] = pandas.to_numeric(table["harm"], errors="coerce")
+    names = [field.name for field in fields(Case) if field.name != "claims"]
+    cases = [Case(*values) for values in table[names].itertuples(index=False)]
+    claims = read_claims(folder / "corruptions_claims.csv")
+    return [replace(cases[0], claims=tuple(claims)), *cases[1:]] if cases else []
+
+
+def write_all(folder: Path, cases: Sequence[Case], command: str) -> None:
+    """The table of cases, its summary, and the claims."""
+    rows = [{**asdict(replace(case, claims=()))} for case in cases]
+    table = pandas.DataFrame(rows).drop(columns="claims")
+    text = table.to_csv(index=False, lineterminator="\n", float_format="%.3g")
+    write_text(folder / "corruptions.csv", text)
+    write_text(folder / "corruptions.md", markdown(cases, command))
+    claims = [claim for case in cases for claim in case.claims]
+    write_claims(claims, folder / "corruptions_claims.csv")

@@ -11,6 +11,7 @@ from typing import Any
 from sdp_vs_penalty.api.identification import WITHOUT_CHECK
 from sdp_vs_penalty.checks.gate import consented, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements
+from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -88,9 +89,20 @@ def diagnose(
     ['joint_spring']
     """
     model = as_estimate(estimate, "diagnose(estimate=...)")
-    names = model.robot.joint_names
+
+    def read(source: Source, argument: str) -> Measurements | None:
+        if source is None:
+            return None
+        return as_measurements(
+            source,
+            names=model.robot.joint_names,
+            what=f"diagnose({argument}=...)",
+        )
+
     recording = as_measurements(
-        measurements, names=names, what="diagnose(measurements=...)"
+        measurements,
+        names=model.robot.joint_names,
+        what="diagnose(measurements=...)",
     )
     model.require_joints(recording, "measurements")
     if check and not consented(model, recording):
@@ -101,11 +113,11 @@ def diagnose(
     return find_missing_effects(
         model,
         recording,
-        test,
+        read(test, "test"),
         frozen=frozen,
         seed=seed,
         progress=progress,
-        noise_from=noise_from,
+        noise_from=read(noise_from, "noise_from"),
         gain_uncertainty=gain_uncertainty,
-        judged_recordings=judged_recordings,
+        judged_recordings=read(judged_recordings, "judged_recordings"),
     )

@@ -11,18 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.checks import channels, residual
-from sdp_vs_penalty.checks.clock import velocity
-from sdp_vs_penalty.checks.constants import RUN
+from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
+from sdp_vs_penalty.checks.dynamics import judge_dynamics
 from sdp_vs_penalty.checks.facts import mended
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
-from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
-from sdp_vs_penalty.checks.problem_units import problem_units
-from sdp_vs_penalty.checks.regression_data import RegressionData
-from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.search import RepairSearch
+from sdp_vs_penalty.checks.velocity import velocity
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
@@ -123,7 +119,9 @@ def _facts_of_windows(
         try:
             check_usable(run.names[0], run)
         except InputError as error:
-            issue = _stopped("unusable rows", error, "certain: read from the file")
+            issue = Issue.of_refusal(
+                "unusable rows", error, "certain: read from the file"
+            )
             return [Report(run.names[0], (issue,), run, run)]
     return [judge_facts(problem, window, settings) for window in windows]
 
@@ -136,7 +134,7 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
-        issue = _stopped("no rows", error, "certain: read from the file")
+        issue = Issue.of_refusal("no rows", error, "certain: read from the file")
         return Report(run.names[0], (issue,), run, run)
     issues, work, fixed = mended(run, problem.robot, settings.standstill)
     report = Report(run.names[0], tuple(issues), work, fixed, original=run)
@@ -144,7 +142,9 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         return report
     if len(work.t) < RUN:
         error = InputError(f"fewer than {RUN} usable rows", "record longer", report.run)
-        issues.append(_stopped("too little data", error, "certain: too few rows"))
+        issues.append(
+            Issue.of_refusal("too little data", error, "certain: too few rows")
+        )
         return replace(report, issues=tuple(issues))
     glance = RunSummary(work, problem.robot, settings.standstill)
     issues += [*channels.idle(glance)]
@@ -157,21 +157,6 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     return replace(report, issues=tuple(issues))
 
 
-#: Facts after which nothing is left to be judged.
-NO_ROWS = "no rows", "channel without numbers"
-#: Facts after which no dynamics are judged: what they would say of the torques is theirs.
-NO_DYNAMICS = (
-    *NO_ROWS,
-    "no motion",
-    "too little data",
-    "unusable rows",
-    "torque magnitude",
-    "change of rate",
-    "clock against velocity",
-    "units of the problem",
-)
-
-
 def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
     """Whether rate and steps of the positions are fine enough."""
     try:
@@ -182,142 +167,44 @@ def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
         return []
 
 
-def judge_dynamics(
-    problem: Problem, reports: Sequence[Report], settings: Preprocessing
-) -> list[Report]:
-    """What explains the torques of all runs together.
-
-    Order, signs, units, clock and mounting belong to the logger: one search over the
-    rows of all runs finds them, and each has to hold in every run. Loads, zeros and
-    temperature may belong to one run: runs are compared at last.
-    """
-    out = [*reports]
-    units = [*problem_units(problem)]
-    if units:
-        return [replace(r, issues=(*r.issues, *units)) for r in out]
-    asked = [k for k, r in enumerate(out) if _has_dynamics(r)]
-    logs = dict[int, Likelihood]()
-    for k in asked:
-        try:
-            logs[k] = _log(problem, out[k].repaired_all, settings)
-        except InputError as error:
-            issue = _stopped("too little data", error, "certain: the filters need more")
-            out[k] = replace(out[k], issues=(*out[k].issues, issue))
-    if not logs:
-        return out
-    common = Likelihood.together([*logs.values()])
-    kind = [*residual.kind_of_torque(common)]
-    if kind:
-        for k in logs:
-            out[k] = replace(out[k], issues=(*out[k].issues, *kind))
-        return out
-    search = RepairSearch(common, [*logs.values()], [out[k].issues for k in logs])
-    net = search.confirmed(search.run())
-    stated = search.describe_faults(net)
-    counted = any(f.kind == "torque in counts" for r in out for f in r.issues)
-    size = [] if counted else [*residual.torque_magnitude(common, net)]
-    if any(f.kind in ("torque channel kind", "external torque") for f in size):
-        stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
-    for k, log in logs.items():
-        own = net
-        apart = list[Issue]()
-        if not _is_poor(out[k]) and (parted := [*residual.two_arms(log, net)]):
-            own = replace(net, events=())
-            apart = parted
-        poor = [] if search.is_poor else [*residual.unexplained_torque(log, own)]
-        left = [*size, *poor, *apart]
-        issues = [*out[k].issues, *_without_repetition(stated, out[k].issues), *left]
-        out[k] = _with_repairs(out[k], issues, net, log, left)
-    return of_one_arm(out)
-
-
-def _has_dynamics(report: Report) -> bool:
-    """Whether there are torques and rows of a run whose dynamics can be judged."""
-    stops = any(f.kind in NO_DYNAMICS for f in report.issues)
-    return report.repaired_all.torque_logged and not stops
-
-
-def _log(problem: Problem, run: Measurements, settings: Preprocessing) -> Likelihood:
-    """The rows of one run. Raises InputError for one shorter than the filters need."""
-    data = RegressionData.of(problem, run, settings.resolve(run))
-    return Likelihood(problem, data)
-
-
-def _is_poor(report: Report) -> bool:
-    """Whether the motion of a run has half as many directions as joints, or fewer."""
-    ranks = [f.figures for f in report.issues if f.kind == "lockstep motion"]
-    return any(2 * x["rank"] <= x["moving"] for x in ranks)
-
-
-def _without_repetition(stated: Sequence[Issue], facts: Sequence[Issue]) -> list[Issue]:
-    """Explanations of what no fact has named already."""
-    clipped = [f.figures["joints"] for f in facts if f.kind == "saturation"]
-    out = []
-    for issue in stated:
-        is_clipped = issue.kind == "saturation" and issue.figures["joints"] in clipped
-        if not is_clipped:
-            out.append(issue)
-    return out
-
-
-def _with_repairs(
-    report: Report,
-    issues: Sequence[Issue],
-    net: LogTransform,
-    log: Likelihood,
-    left: Sequence[Issue],
-) -> Report:
-    """The report with what explains its torques, and the run as it would be repaired."""
-    work = net.apply(report.repaired_all)
-    for issue in left:
-        if issue.repair is not None:
-            work = issue.repair(work)
-    return replace(
-        report,
-        issues=tuple(issues),
-        repaired_all=work,
-        unexplained=log.score(net).unexplained,
-        # A report holds the rows, not what was worked out of them.
-        arm=(Likelihood(log.problem, log.data), net) if log.spare > 0.0 else None,
-    )
-
-
-def of_one_arm(reports: Sequence[Report]) -> list[Report]:
-    """Runs of one arm share its mounting, its zeros, its gains and its load: where one
-    run's differ, it is named."""
-    out = list(reports)
-    whole = [k for k, r in enumerate(reports) if r.arm and not _is_poor(r)]
-    arms = [(*arm, reports[k].run) for k in whole if (arm := reports[k].arm)]
-    for number, issue in residual.compare_runs(arms):
-        report = out[k := whole[number]]
-        if (issue.kind, issue.where) not in [(f.kind, f.where) for f in report.issues]:
-            out[k] = replace(report, issues=(*report.issues, issue))
-    return out
-
-
 def judge_ranges(problem: Problem, report: Report) -> Report:
     """Positions against the joints' ranges: what `identify` refuses is an error."""
     issues = [*report.issues]
-    run = report.original or report.repaired_all
     explained = "encoder offset", *POSITION_UNITS
-    rows = len(report.repaired_all.t) >= RUN
-    if rows and not any(f.kind in explained for f in issues):
-        glance = RunSummary(
-            report.repaired_all, problem.robot, problem.preprocessing.standstill
-        )
+    has_rows = len(report.repaired_all.t) >= RUN
+    if has_rows and not any(f.kind in explained for f in issues):
+        standstill = problem.preprocessing.standstill
+        glance = RunSummary(report.repaired_all, problem.robot, standstill)
         issues += [*channels.beside(glance)]
     if not any(f.severity == "error" for f in issues):
-        try:
-            check_plausible(problem.robot, run)
-        except InputError as error:
-            far = far_outside(problem.robot, run.q)
-            sure = "certain: `identify` refuses it"
-            units = [k for k, f in enumerate(issues) if f.kind in POSITION_UNITS]
-            for k in units:  # the range says so, whatever the torques say
-                issues[k] = replace(issues[k], nature=FACT, severity="error")
-            if not units:
-                issues.append(_stopped("position range", error, sure, far))
+        issues = _with_range_error(problem, report, issues)
     return replace(report, issues=tuple(issues))
+
+
+def _with_range_error(
+    problem: Problem, report: Report, issues: Sequence[Issue]
+) -> list[Issue]:
+    """The issues, with an error where positions cannot be this robot's.
+
+    Where torques say that positions are in degrees, the range makes that a fact.
+    Otherwise nothing that a model makes of impossible positions is worth saying.
+    """
+    run = report.original or report.repaired_all
+    try:
+        check_plausible(problem.robot, run)
+    except InputError as error:
+        if any(f.kind in POSITION_UNITS for f in issues):
+            return [_as_fact(f) if f.kind in POSITION_UNITS else f for f in issues]
+        far = far_outside(problem.robot, run.q)
+        certainty = "certain: `identify` refuses it"
+        refused = Issue.of_refusal("position range", error, certainty, far)
+        return [*(f for f in issues if f.nature == FACT), refused]
+    return [*issues]
+
+
+def _as_fact(issue: Issue) -> Issue:
+    certainty = "certain: outside what the joints can reach, and inside it as degrees"
+    return replace(issue, nature=FACT, severity="error", certainty=certainty)
 
 
 #: Issues that say in which unit positions are.
@@ -330,7 +217,7 @@ def judge_excitation(
     """Base parameters that the motion of a run, as repaired, does not show."""
     if report.unexplained is None:
         return report
-    gravity = report.arm[1].gravity if report.arm else problem.robot.gravity
+    gravity = report.gravity or problem.robot.gravity
     run = report.repaired_all
     known = settings.resolve(run)
     rows = FilteredRuns.of(run, known)
@@ -353,20 +240,5 @@ def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
         repaired_all=run,
         repaired_certain=run,
         unexplained=float(np.mean(shares)) if shares else None,
-        arm=next((w.arm for w in windows if w.arm is not None), None),
-    )
-
-
-def _stopped(
-    kind: str, error: InputError, sure: str, joints: Sequence[int] = ()
-) -> Issue:
-    """The issue of what identification would refuse."""
-    return Issue.of(
-        kind=kind,
-        severity="error",
-        joints=joints,
-        what=f"{error.what.rstrip('.')}.",
-        certainty=sure,
-        remedy=error.remedy,
-        where="" if joints else "the run",
+        gravity=next((w.gravity for w in windows if w.gravity is not None), None),
     )

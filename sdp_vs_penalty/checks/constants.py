@@ -112,3 +112,18 @@ SAMPLES_A_PERIOD = 30.0
 #: magnitude smaller. As far as the second they may be from those of a nominal arm, beside what its
 #: masses allow: friction, another place of the masses, a gear that was left out.
 EFFORT = (0.2, 3.0)
+
+# -- what a fact leaves to be judged
+#: Facts after which nothing is left to be judged.
+NO_ROWS = "no rows", "channel without numbers"
+#: Facts after which no dynamics are judged: what they would say of the torques is theirs.
+NO_DYNAMICS = (
+    *NO_ROWS,
+    "no motion",
+    "too little data",
+    "unusable rows",
+    "torque magnitude",
+    "change of rate",
+    "clock against velocity",
+    "units of the problem",
+)

@@ -6,6 +6,7 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
 
 #: The two natures of an issue.
 FACT = "fact"
@@ -74,6 +75,21 @@ class Issue:
             figures={**numbers, **figures},
             nature=nature,
             apply=apply,
+        )
+
+    @classmethod
+    def of_refusal(
+        cls, kind: str, error: InputError, certainty: str, joints: Sequence[int] = ()
+    ) -> "Issue":
+        """Of what identification would refuse."""
+        return cls.of(
+            kind=kind,
+            severity="error",
+            joints=joints,
+            what=f"{error.what.rstrip('.')}.",
+            certainty=certainty,
+            remedy=error.remedy,
+            where="" if joints else "the run",
         )
 
     @property

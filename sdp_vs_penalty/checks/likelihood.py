@@ -482,6 +482,11 @@ class ArmFit:
         """The same of all joints that move together."""
         return float(self.left[self.of.moving].sum() / self.total[self.of.moving].sum())
 
+    @property
+    def mean_share(self) -> float:
+        """The mean of the shares of joints that move."""
+        return float(np.mean(self.shares[self.of.moving]))
+
     @cached_property
     def score(self) -> float:
         """sum_j log of what is left, of joints that move."""

@@ -148,6 +148,30 @@ class LogTransform:
         same = all(getattr(self, name) == value for name, value in right.items())
         return self if same else replace(self, **right)
 
+    def then(self, later: LogTransform) -> LogTransform:
+        """This repair of a log's channels and clock, and another one of what it makes.
+
+        Everything but order, scale, zero, gain, delays and clock is the later one's.
+        """
+        order = later.order
+        tau_order = later.tau_order
+        scale = tuple(later.scale[j] * self.scale[k] for j, k in enumerate(order))
+        zero = tuple(
+            later.scale[j] * self.zero[k] + later.zero[j] for j, k in enumerate(order)
+        )
+        gain = tuple(later.gain[j] * self.gain[k] for j, k in enumerate(tau_order))
+        return replace(
+            later,
+            order=tuple(self.order[k] for k in order),
+            scale=scale,
+            zero=zero,
+            tau_order=tuple(self.tau_order[k] for k in tau_order),
+            gain=gain,
+            lead=tuple(later.lead[j] + self.lead[k] for j, k in enumerate(tau_order)),
+            rate=later.rate * self.rate,
+            reversed=later.reversed != self.reversed,
+        )
+
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""
         return np.asarray(

@@ -6,9 +6,7 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.issue import Issue
-from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.long_runs import is_long
-from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.formatting import Shown, Summary, Table
 
@@ -18,8 +16,8 @@ class Report(Shown):
     """issues : of one run, the gravest first; repaired_all : the run with every repair made,
     those that are only likely included; repaired_certain : with the certain ones only; unexplained
     : share of the torques' energy that the arm's dynamics leave over, after mending,
-    None where there is nothing to fit; arm : the rows and their net repair, where these
-    had samples to spare for its parameters.
+    None where there is nothing to fit; gravity : [m/s^2] that the torques speak of,
+    where the rows had samples to spare for the arm's parameters.
     """
 
     run: str
@@ -27,9 +25,7 @@ class Report(Shown):
     repaired_all: Measurements
     repaired_certain: Measurements
     unexplained: float | None = None
-    arm: tuple[Likelihood, LogTransform] | None = field(
-        default=None, compare=False, repr=False
-    )
+    gravity: tuple[float, ...] | None = field(default=None, compare=False, repr=False)
     original: Measurements | None = field(default=None, compare=False, repr=False)
 
     @property

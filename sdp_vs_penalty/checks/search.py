@@ -352,6 +352,11 @@ class RepairSearch:
             if e.kind.startswith("gravity"):
                 share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
                 gravity = tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
+            equivalents = e.equivalents
+            if e.kind == "torque sign":
+                equivalents = self.signs_as_likely(net, e.joints)
+                if equivalents:
+                    what = f"{what} As likely: {'; '.join(equivalents)}."
             mend = self.alone(net, e).apply if e.mends else None
             issue = Issue(
                 kind=e.kind,
@@ -365,10 +370,23 @@ class RepairSearch:
                 figures=figures,
                 gravity=gravity,
                 apply=e.apply,
-                equivalents=e.equivalents,
+                equivalents=equivalents,
             )
             out.append(issue)
         return out
+
+    def signs_as_likely(
+        self, net: LogTransform, turned: Sequence[int]
+    ) -> tuple[str, ...]:
+        """Sets of torques whose sign may as well be the wrong ones: one joint more, or
+        one less, at posterior odds below those against a fault."""
+        others = []
+        for j in self.log.joints:
+            joints = sorted({*turned} ^ {j})
+            other = net.times("gain", (j,), -1.0)
+            if joints and self.posterior(other) > self.posterior(net) - c.ODDS:
+                others.append(f"the torque of {joints_text(joints)} has the wrong sign")
+        return tuple(others)
 
 
 def _same_fit(a: LogTransform, b: LogTransform) -> bool:

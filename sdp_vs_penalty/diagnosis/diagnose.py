@@ -1,37 +1,42 @@
-"""The verb: which effect does the model miss?"""
+"""Which effects does a model miss? The method, one function a step."""
 
-from collections.abc import Sequence
-from copy import copy
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
+from functools import cached_property
 
-from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.candidates import Key, list_candidates
+from sdp_vs_penalty.diagnosis.candidates import list_candidates
 from sdp_vs_penalty.diagnosis.comparison import noise_floor
-from sdp_vs_penalty.diagnosis.conclude import SearchOutcome, conclude, what_is_left
-from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
-from sdp_vs_penalty.diagnosis.curves.measure import Measured, in_parts, measured_curves
+from sdp_vs_penalty.diagnosis.conclude import Conclusion
+from sdp_vs_penalty.diagnosis.curves.accept import accept_curves
+from sdp_vs_penalty.diagnosis.curves.measure import measure_curves
+from sdp_vs_penalty.diagnosis.explanation import (
+    Ladder,
+    drop_harmful,
+    explain_in_order,
+    held_out_errors,
+    judge_without_events,
+)
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.held_out import HeldOutData, harm, lowers
-from sdp_vs_penalty.diagnosis.score import ScoredEffect
-from sdp_vs_penalty.diagnosis.search import Search, changed
-from sdp_vs_penalty.diagnosis.whitening import (
+from sdp_vs_penalty.diagnosis.held_out import HeldOutData
+from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
+from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
+from sdp_vs_penalty.diagnosis.search import search
+from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
+from sdp_vs_penalty.diagnosis.white_rows import (
     diagnosis_rows,
-    folds_of,
     whiten_rows,
     with_estimate,
 )
-from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimation.build_problem import independent_gains
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.estimation.shapes import with_shapes
-from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.segments import (
+    SegmentedRuns,
     segmented,
     subsample_sentence,
     window_subsample,
@@ -39,200 +44,147 @@ from sdp_vs_penalty.signals.segments import (
 
 
 def diagnose(
-    estimate: Estimate | str | Path,
-    measurements: Source,
-    test: Source = None,
+    model: Estimate,
+    measurements: Measurements,
+    test: Measurements | None = None,
     *,
     frozen: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
-    noise_from: Source = None,
+    noise_from: Measurements | None = None,
     gain_uncertainty: float | None = None,
-    judged_recordings: Source = None,
+    judged_recordings: Measurements | None = None,
+    rules: Rules = ALL_RULES,
 ) -> Diagnosis:
-    """Which physical effects the model misses, judged against the noise; see
-    :class:`Diagnosis`.
-
-    estimate : the model in question, or its model.json; measurements : the runs to search in, whatever
-    :func:`~sdp_vs_penalty.data.files.as_measurements` takes; test : a run only for the held-out
-    errors (without it, folds by the phase of the motion).
-    frozen : keep the model's parameters, so that changes of the links
-    show (a payload); otherwise they are refitted along with every candidate. seed : of the draws of a
-    curve's band; progress : called with a short text of where the search stands;
-    noise_from : the runs whose repetition shows the noise (default: the measurements);
-    gain_uncertainty : relative
-    standard deviation of the torque channels' gains; default: the model's; judged_recordings : of which
-    the test run, or the measurements without one, are windows: errors are shown beside the noise floor
-    that :func:`~.comparison.compare` has of them. In a long recording windows
-    are searched (:mod:`~sdp_vs_penalty.signals.segments`), and a remark says so.
-    Raises InputError where model and measurements do not belong together or nothing is left after
-    filtering.
-    """
-    model_given = as_estimate(estimate, "diagnose(estimate=...)")
-
-    def logged(source: Source, argument: str, what: str) -> Measurements:
-        runs = as_measurements(
-            source,
-            names=model_given.robot.joint_names,
-            what=f"diagnose({argument}=...)",
-        )
-        model_given.require_joints(runs, what)
-        return runs
-
-    recording = logged(measurements, "measurements", "measurements")
-    test_as_given = test
-    test = None if test is None else logged(test, "test", "test run")
-    settings = model_given.preprocessing.resolve(recording)
-    estimate, recording = driven(model_given, recording)
-
-    def windows(run: Measurements) -> Measurements:
-        return window_subsample(driven(model_given, run)[1], settings)
-
+    """The diagnosis of a model on recordings that are read already; ``rules`` may leave
+    steps of the search out."""
     progress("filtering the runs")
-    searched = window_subsample(recording, settings)
-    noise_rows = None
-    looked = subsample_sentence(searched, recording, "effects were searched for in")
-    test = None if test is None else windows(test)
-    rows = diagnosis_rows(searched, estimate, settings)
-    if noise_from is not None:
-        noisy = windows(logged(noise_from, "noise_from", "runs for the noise"))
-        noise_rows = with_estimate(segmented(noisy, settings), estimate)
+    runs = DiagnosisRuns(model, measurements, test, noise_from)
     progress("noise, and columns of all candidates")
-    data = whiten_rows(rows, estimate, frozen, noise_rows)
-    search = Search(data, list_candidates(data))
-    search.run(progress)
-    before = list[set[Key]]()
-    while (
-        search.delays_torque and (keys := {t.key for t in search.terms}) not in before
-    ):
-        before.append(keys)
-        search = search.refer_to_current_model()
-        search.library = search.library.with_current_columns(search.data)
-        search.terms = search.refine_and_drop(
-            search.terms, frozenset(range(search.data.n))
-        )
-        search.run(progress)
+    data = whiten_rows(runs.rows, runs.estimate, frozen, runs.noise_rows)
+    found = search(data, list_candidates(data), rules, progress)
+    found = refer_columns_to_current_model(found, progress)
     progress("held-out errors")
-    unseen = None if test is None else diagnosis_rows(test, estimate, settings)
-    outcome = accept_on_held_out_data(search, HeldOutData(estimate, unseen, frozen))
-    gain_errors = estimate.uncertainty.gain_errors
-    if gain_uncertainty is not None:
-        gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-    record = (
-        None if test is None else record_motion(FilteredRuns.of(searched, settings))
+    judge = HeldOutData(runs.estimate, runs.test_rows, frozen)
+    explanation = explain_in_order(found, runs.estimate)
+    judged = explanation.terms
+    held_out = held_out_errors(explanation, judge)
+    explanation = drop_harmful(explanation, held_out, found)
+    left = unexplained_error(explanation.search)
+    explanation, left = judge_without_events(explanation, left)
+    measured = measure_curves(explanation.search, left.joints_above_noise)
+    curves = accept_curves(explanation.search, measured, judge)
+    conclusion = Conclusion(
+        explanation=explanation,
+        left=left,
+        curves=curves,
+        ladder=Ladder.of(explanation, held_out, judged),
+        gain_errors=gain_errors(runs.estimate, gain_uncertainty),
+        new_motion_share=runs.new_motion_share(frozen),
+        seed=seed,
     )
-    if (
-        frozen and record is not None
-    ):  # a frozen model has seen what it was identified from, too
-        known_motion = estimate.training_motion
-        record = None if known_motion is None else record.joined(known_motion)
-    share = None
-    if record is not None and test is not None:
-        share = record.new_share(FilteredRuns.of(test, settings))
-    done = conclude(outcome, gain_errors, share, seed)
-    judged = judged_recordings or test_as_given or measurements
-    floor, _ = noise_floor(
-        model_given, logged(judged, "judged_recordings", "judged runs")
-    )
-    done = done if floor is None else replace(done, noise_floor=floor)
-    return replace(done, remarks=(looked, *done.remarks)) if looked else done
+    out = conclusion.diagnosis()
+    floor, _ = noise_floor(model, judged_recordings or test or measurements)
+    if floor is not None:
+        out = replace(out, noise_floor=floor)
+    if runs.subsample_remark:
+        out = replace(out, remarks=(runs.subsample_remark, *out.remarks))
+    return out
 
 
-def accept_on_held_out_data(search: Search, judge: HeldOutData) -> SearchOutcome:
-    """Findings and constants in order that data left out do not speak against."""
-    first = judge.first
-    own_constants = [t for t in search.terms if t.form.replaces_own_constant]
+def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:
+    """(n, e) a factor of the covariance of the torque channels' gains."""
+    if gain_uncertainty is None:
+        return model.uncertainty.gain_errors
+    return independent_gains(gain_uncertainty, model.robot.n)
 
-    def refit_beside(
-        kept_constants: Sequence[ScoredEffect], findings: Sequence[ScoredEffect]
-    ) -> tuple[Estimate, Search]:
-        """Findings beside the model with other constants of its own."""
-        effects = with_shapes(first.model.effects, changed(kept_constants, first.model))
-        now = (
-            replace(first, model=replace(first.model, effects=effects))
-            if kept_constants
-            else first
+
+@dataclass(frozen=True)
+class DiagnosisRuns:
+    """Recordings as a diagnosis sees them: with the drives' torque, windows of what is
+    long, filtered.
+
+    noise_from : the runs whose repetition shows the noise, if not the measurements.
+    """
+
+    model: Estimate
+    measurements: Measurements
+    test: Measurements | None
+    noise_from: Measurements | None
+
+    def __post_init__(self) -> None:
+        named = {
+            "measurements": self.measurements,
+            "test run": self.test,
+            "runs for the noise": self.noise_from,
+        }
+        for what, runs in named.items():
+            if runs is not None:
+                self.model.require_joints(runs, what)
+
+    @cached_property
+    def _driven(self) -> tuple[Estimate, Measurements]:
+        return driven(self.model, self.measurements)
+
+    @property
+    def estimate(self) -> Estimate:
+        """The model that predicts torque, whatever it was made from."""
+        return self._driven[0]
+
+    @cached_property
+    def settings(self) -> Preprocessing:
+        """The model's filters."""
+        return self.model.preprocessing.resolve(self.measurements)
+
+    @cached_property
+    def searched(self) -> Measurements:
+        """What effects are searched in."""
+        return window_subsample(self._driven[1], self.settings)
+
+    @property
+    def subsample_remark(self) -> str | None:
+        """What is said where only windows are searched."""
+        return subsample_sentence(
+            self.searched, self._driven[1], "effects were searched for in"
         )
-        refitted_search = copy(search)
-        refitted_search.terms = [*findings]
-        if own_constants:
-            refitted_search = refitted_search.beside_model(now)
-        while True:
-            if (
-                kept_constants
-                or refitted_search.delays_torque
-                or any(depends(t.form.effect) for t in refitted_search.terms)
-            ):
-                refitted_search = refitted_search.refer_to_current_model()
-            left = refitted_search.drop_disfavoured(refitted_search.terms)
-            if len(left.terms) == len(refitted_search.terms):
-                return left.data.estimate, left
-            refitted_search = left  # no part of the torque that others delay
 
-    now, final = refit_beside(
-        own_constants, [t for t in search.terms if not t.form.replaces_own_constant]
-    )
-    terms = [*own_constants, *sorted(final.terms, key=lambda t: -t.evidence)]
-    effects = [t.form.effect for t in terms]
-    held_out = judge.held_out_errors(
-        final.data.rows, effects, replace(first, theta=now.theta)
-    )
-    # Evidence against a noise that is guessed proves nothing by itself.
-    order = held_out.drop_harmful(range(len(terms)), needed=not search.data.known)
-    kept_constants = [terms[k] for k in order if (k < len(own_constants)) is True]
-    left_in = [terms[k] for k in order if (k < len(own_constants)) is False]
-    if len(order) < len(terms):
-        now, final = refit_beside(kept_constants, left_in)
-    else:  # in the order of evidence
-        final = final.drop_disfavoured(left_in)
-    left = what_is_left(final)
-    if (
-        left.joints_unexplained and left.outlier_rows.any()
-    ):  # what happens once is no evidence, if it is that alone
-        without_outliers = final.beside_model(now, left.outlier_rows)
-        without_outliers = without_outliers.drop_disfavoured(without_outliers.terms)
-        left_without_outliers = what_is_left(without_outliers, left.outlier_rows)
-        if len(left_without_outliers.joints_unexplained) < len(left.joints_unexplained):
-            final = without_outliers
-            left = left_without_outliers
-    shapes = tuple(changed(kept_constants, first.model))
-    stay = {t.text for t in final.terms}
-    order = [k for k in order if k < len(own_constants) or terms[k].text in stay]
-    outcome = SearchOutcome(first, now, shapes, final, left, held_out, tuple(order))
-    parts = in_parts(final)
-    if not left.joints_above_noise and not parts:
-        return outcome
-    curves = measured_curves(
-        final, left.joints_above_noise, parts, folds_of(final.data.rows, THIRDS)
-    )
-    return _with_curves(outcome, curves, judge) if curves else outcome
+    @property
+    def rows(self) -> SegmentedRuns:
+        """Filtered rows of what is searched."""
+        return diagnosis_rows(self.searched, self.estimate, self.settings)
 
+    @property
+    def noise_rows(self) -> SegmentedRuns | None:
+        """What the noise is measured in, if not in the rows."""
+        if self.noise_from is None:
+            return None
+        return with_estimate(
+            segmented(self._windows(self.noise_from), self.settings), self.estimate
+        )
 
-def _with_curves(
-    outcome: SearchOutcome, curves: Sequence[Measured], judge: HeldOutData
-) -> SearchOutcome:
-    """Those curves that lower their joint's held-out error by more than what is minor,
-    raise no other's, and whose tables the test run does not leave; each with what it
-    does to the errors."""
-    named = [t.form.effect for t in outcome.search.terms]
-    out = list[Measured]()
-    places = range(len(named), len(named) + len(curves))
-    effects = [*named, *(c.table for c in curves)]
-    by_fold = {k: c.by_fold for k, c in zip(places, curves, strict=True)}
-    held = judge.held_out_errors(
-        outcome.search.data.rows, effects, outcome.estimate, by_fold
-    )
-    before = held.errors(range(len(named)))
-    taken = list[int]()
-    for k, curve in zip(places, curves, strict=True):
-        gone = {t for c in (*out, curve) for t in c.replaced}
-        terms = [i for i, t in enumerate(outcome.search.terms) if t not in gone]
-        after = held.errors([*terms, *taken, k])
-        on = [curve.joint]
-        helps = lowers(before[on], after[on]) and harm(before, after) < MINOR
-        # Most of the test run has to be where the table is no constant.
-        if helps and judge.outside(curve.table) <= MOSTLY_NEW:
-            out.append(replace(curve, before=float(before[curve.joint]), errors=after))
-            before = after
-            taken = [*taken, k]
-    return replace(outcome, curves=tuple(out))
+    @cached_property
+    def _test_windows(self) -> Measurements | None:
+        return None if self.test is None else self._windows(self.test)
+
+    @property
+    def test_rows(self) -> SegmentedRuns | None:
+        """Filtered rows of the test run."""
+        if self._test_windows is None:
+            return None
+        return diagnosis_rows(self._test_windows, self.estimate, self.settings)
+
+    def _windows(self, runs: Measurements) -> Measurements:
+        return window_subsample(driven(self.model, runs)[1], self.settings)
+
+    def new_motion_share(self, frozen: bool) -> float | None:
+        """Of the test run's rows those whose motion is not in the runs that were
+        searched; nor, of a frozen model, in those that it was identified from."""
+        if self._test_windows is None:
+            return None
+        record = record_motion(FilteredRuns.of(self.searched, self.settings))
+        if frozen and record is not None:
+            known = self.estimate.training_motion
+            record = None if known is None else record.joined(known)
+        if record is None:
+            return None
+        return record.new_share(FilteredRuns.of(self._test_windows, self.settings))

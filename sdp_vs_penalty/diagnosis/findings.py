@@ -13,17 +13,19 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
-from sdp_vs_penalty.diagnosis.remaining import Event
+from sdp_vs_penalty.diagnosis.events import Event
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
-from sdp_vs_penalty.files import JsonRecord, read_json
+from sdp_vs_penalty.files import JsonRecord, read_json, require_format
 from sdp_vs_penalty.formatting import Shown, Summary, Table, plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 
+#: Of findings.json.
+FINDINGS_FORMAT = 1
 #: What is said where no motion repeats: the residual was taken for noise, which it then
 #: equals.
 NOISE_UNKNOWN = (
@@ -70,10 +72,10 @@ class Rated(JsonRecord):
         return self.rating != "weak"
 
 
-def size_with_interval(size: float, std: float, unit: str) -> str:
+def format_size(size: float, std: float, unit: str) -> str:
     """A size with its 95 % interval, as every place shows it.
 
-    >>> size_with_interval(3.1234, 0.25, "N m")
+    >>> format_size(3.1234, 0.25, "N m")
     '3.123 ± 0.49 N m (95 %)'
     """
     amount = f"{size:.4g} ± {NORMAL_95 * std:.2g} {plain_unit(unit)}".rstrip()
@@ -111,7 +113,7 @@ class Finding(Rated):
     @property
     def size_text(self) -> str:
         """The size with its 95 % interval."""
-        return size_with_interval(self.size, self.std, self.unit)
+        return format_size(self.size, self.std, self.unit)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; half_width_95 : half the size's 95 % interval."""
@@ -459,7 +461,7 @@ class Diagnosis(Shown, JsonRecord):
 
     def to_dict(self) -> dict[str, Any]:
         """findings.json; :meth:`from_dict` restores the same diagnosis."""
-        out = super().to_dict()
+        out = {"format": FINDINGS_FORMAT, **super().to_dict()}
         for k, finding in enumerate(out["effects"], start=1):
             finding["number"] = k
         return out
@@ -488,9 +490,15 @@ def _named(findings: Sequence[Finding | Retune]) -> str:
 def load_diagnosis(path: str | Path) -> Diagnosis:
     """The diagnosis of a findings.json, as `diagnose --json` writes it.
 
-    Raises InputError for a file that is not one or lacks a field.
+    Raises InputError for a file that is not one, lacks a field or is of another format.
     """
-    return read_json(path, "findings.json", "verdict", Diagnosis.from_dict)
+    return read_json(path, "findings.json", "verdict", _diagnosis_of)
+
+
+def _diagnosis_of(data: Mapping[str, Any]) -> Diagnosis:
+    # The first versions did not name the format.
+    require_format(data, FINDINGS_FORMAT, unmarked=1)
+    return Diagnosis.from_dict(data)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
-from sdp_vs_penalty.diagnosis.whitening import folds_of, model_columns, spread_columns
+from sdp_vs_penalty.diagnosis.white_rows import folds_of, model_columns, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.estimate import Estimate

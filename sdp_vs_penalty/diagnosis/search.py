@@ -1,215 +1,99 @@
-"""The search: terms are added, exchanged and dropped while the score says so."""
+"""The search: effects are added, exchanged and dropped while the score says so."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence, Set
 from copy import copy
 from dataclasses import replace
-from functools import cached_property
+from functools import partial
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.candidates import STEPS, Candidate, Key, Library, may_join
 from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_ADD,
     EVIDENCE_TO_DISTINGUISH,
     LAW_TOLERANCE,
     MAX_CANDIDATES_REFINED,
 )
-from sdp_vs_penalty.diagnosis.nuisances import Nuisance, law_misfit_columns
-from sdp_vs_penalty.diagnosis.remaining import least_squares_refit
-from sdp_vs_penalty.diagnosis.score import EvidenceScorer, ScoredEffect, WhiteFit
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, whitened, with_estimate
-from sdp_vs_penalty.effects.model import Model
-from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
+from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
+from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
+from sdp_vs_penalty.diagnosis.nuisances import Nuisances
+from sdp_vs_penalty.diagnosis.refine import refine_constants
+from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
 
-#: Times that a constant that is as large as its effect follows it: what is left of an
-#: error falls by the share of the effect that is not of first order, a quarter for the
-#: softest gears.
-_SIZED = 3
+
+def search(
+    data: WhiteData,
+    library: Library,
+    rules: Rules = ALL_RULES,
+    progress: Progress = no_progress,
+) -> Search:
+    """Forward selection with exchange: effects are added while J > 10.
+
+    Those are odds of 150 to 1 (Kass, Raftery 1995). Of candidates within 6 (odds of 20
+    to 1) and 4 % of the best the simplest is named: the fewest constants and joints. One
+    effect is exchanged for another that is as good and simpler, or likelier, and stays
+    beside all nuisances; effects of one kind for one that acts on all their joints. One
+    without enough evidence beside all others goes.
+    """
+    out = Search(data, library, rules)
+    out.run(progress)
+    return out
 
 
 class Search:
-    """Forward selection with exchange over one library; afterwards ``terms`` and
-    ``fit``."""
+    """A search over one library; afterwards ``terms`` and ``fit``."""
 
-    def __init__(self, data: WhiteData, library: Library) -> None:
+    def __init__(
+        self, data: WhiteData, library: Library, rules: Rules = ALL_RULES
+    ) -> None:
         self.data = data
         self.library = library
-        self.score = EvidenceScorer(data, len(library.laws), library.laws)
-        self._kept: dict[str, dict[int, Array]] = {}
-        self._distorted: dict[str, list[tuple[int, Array, Array]]] = {}
+        self.rules = rules
+        self.score = EvidenceScorer(data, len(library.laws), library.laws, rules)
+        self._columns: dict[str, dict[int, Array]] = {}
         self.terms: list[ScoredEffect] = []
         #: Candidates that had not enough left once they had joined.
         self.refused = set[Key]()
         #: Terms that are part of the torque to which columns refer.
         self.in_reference = set[Key]()
         self.fit = self.bare = self.score.fit(())
+        candidates = [f for b in library.batches for f in b.forms]
+        self.nuisances = Nuisances(data, self.bare, candidates, self.columns, rules)
 
-    # What a form is worth.
+    # What a candidate is worth.
 
     def columns(self, form: Candidate) -> dict[int, Array]:
         """White columns by joint; kept while the search lasts."""
         text = form.effect.text
-        if text not in self._kept:
-            self._kept[text] = self.data.columns(form.effect)
-        return self._kept[text]
+        if text not in self._columns:
+            self._columns[text] = self.data.columns(form.effect)
+        return self._columns[text]
 
     def evidence_of(self, fit: WhiteFit, form: Candidate) -> ScoredEffect:
+        """A candidate judged beside a fit."""
         return self.score.evidence_of(fit, form, self.columns(form))
 
     def beside(
         self, term: ScoredEffect, others: Sequence[ScoredEffect]
     ) -> ScoredEffect:
         """A term judged anew beside others, with the rivals that it had."""
-        fit = self.score.fit(self.with_nuisances(term, others), self.fit)
-        return replace(
-            self.score.evidence_of(fit, term.form, term.columns), rivals=term.rivals
-        )
+        fit = self.score.fit(self.nuisances.around(term, others), self.fit)
+        judged = self.score.evidence_of(fit, term.form, term.columns)
+        return replace(judged, rivals=term.rivals)
 
     def refined(
         self, fit: WhiteFit, start: ScoredEffect, fixed: Set[str] = frozenset()
     ) -> ScoredEffect:
-        """Each continuous shape constant but the fixed ones in turn where the score is
-        highest, on a lattice of its scale: the same values come back in every step of
-        the search."""
-        best = start
-        for name in start.form.effect.searched:
-            if name not in fixed:
-                best = self._along(fit, best, name)
-        sized = best.form.effect.sized_shape
-        # A constant that is as large as its effect, such as a delay's, is made so.
-        for _ in range(
-            _SIZED if sized and sized not in fixed and len(best.beta) else 0
-        ):
-            effect = best.form.effect
-            value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
-            if effect.shapes[sized].complaint(value):
-                break
-            best = self.evidence_of(fit, best.form.with_shape(**{sized: value}))
-        return best
+        """A candidate with the shape constants that explain most beside a fit."""
+        return refine_constants(partial(self.evidence_of, fit), start, fixed)
 
-    def _along(self, fit: WhiteFit, start: ScoredEffect, name: str) -> ScoredEffect:
-        effect = start.form.effect
-        shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
-        if shape.bounds is None:
-            return start
-        low, high = start.form.bounds(name) or shape.bounds
-        linear = shape.scale == "linear"
-        there, back = (float, float) if linear else (np.log, np.exp)
-        starts = type(effect).starts(effect.robot, effect.joints[0])
-        u = there(effect.shape[name])
-        grid = sorted({float(there(s[name])) for s in starts if name in s})
-        spacing = (
-            np.min(np.diff(grid))
-            if len(grid) > 1
-            else abs(u) + 1e-3
-            if linear
-            else np.log(2.0)
-        )
-        terms_by_step = {0.0: start}
-
-        def at(x: float) -> ScoredEffect:
-            if x not in terms_by_step:
-                value = float(f"{back(u + x * spacing):.6g}")
-                if low <= value <= high:
-                    terms_by_step[x] = self.evidence_of(
-                        fit, start.form.with_shape(**{name: value})
-                    )
-                else:
-                    terms_by_step[x] = replace(start, drop=-np.inf)
-            return terms_by_step[x]
-
-        def score(x: float) -> float:
-            return at(x).evidence_with_worth_of(start)
-
-        x = step = 0.0
-        for step in STEPS:
-            while (best := max((x, x - step, x + step), key=score)) != x:
-                x = best
-        less = score(x + -step)
-        middle = score(x + 0.0)
-        more = score(x + step)
-        if less - 2.0 * middle + more < 0.0 and np.isfinite(
-            less + more
-        ):  # the top of a parabola
-            top = 0.5 * (less - more) / (less - 2.0 * middle + more)
-            x = max((x, x + step * round(16.0 * top) / 16.0), key=score)
-        return at(x)
-
-    # Which forms there are beside a fit.
-
-    def with_misfits(
-        self, terms: Sequence[ScoredEffect]
-    ) -> list[ScoredEffect | Nuisance]:
-        """Terms, and what the laws of those that explain much may get wrong."""
-        return [
-            *terms,
-            *(
-                m
-                for t in terms
-                if LAW_TOLERANCE * t.evidence > EVIDENCE_TO_DISTINGUISH
-                for m in self.misfits(t)
-            ),
-        ]
-
-    def with_nuisances(
-        self, term: ScoredEffect, others: Sequence[ScoredEffect]
-    ) -> list[ScoredEffect | Nuisance]:
-        """Beside what a term has to show: others, what their laws get wrong, and what
-        is tolerated."""
-        return [*self.with_misfits(others), *self.tolerated(term, others)]
-
-    def tolerated(
-        self, term: ScoredEffect, others: Sequence[ScoredEffect]
-    ) -> list[Nuisance]:
-        """As much of what is in every machine as is plausible, where neither says it."""
-        named_effects = {
-            term.form.effect.form_of,
-            term.key[0],
-            *(t.key[0] for t in others),
-        }
-        return [m for name, m in self.tolerances.items() if name not in named_effects]
-
-    @cached_property
-    def tolerances(self) -> dict[str, Nuisance]:
-        forms = (f for b in self.library.batches for f in b.forms if f.effect.tolerance)
-        return {
-            f.key[0]: Nuisance(f"misfit of {f.key[0]}", self.columns(f), f.plausible)
-            for f in forms
-        }
-
-    def misfits(self, term: ScoredEffect) -> list[Nuisance]:
-        """By joint; none of another constant of the model's own effect."""
-        if term.form.replaces_own_constant:
-            return []
-        if term.text not in self._distorted:
-            columns = law_misfit_columns(self.data, term.form.effect, term.beta)
-            self._distorted[term.text] = [
-                (j, z, self._beyond_model({j: z})) for j, z in columns.items()
-            ]
-        expected = LAW_TOLERANCE * np.maximum(term.squares, 1e-200)
-        return [
-            Nuisance(
-                f"misfit of {term.text} on {j}",
-                {j: z},
-                np.sqrt(expected[j] / len(s) / s),
-            )
-            for j, z, s in self._distorted[term.text]
-        ]
-
-    def _beyond_model(self, columns: dict[int, Array]) -> Array:
-        """(k,) squares of what the model leaves of white columns."""
-        T = (
-            self.bare.residual_of(self.bare.scaled(columns))
-            * self.bare.level[:, None, None]
-        )
-        return np.maximum(np.sum(T**2, axis=(0, 1)), 1e-200)
+    # Which candidates there are beside a fit.
 
     def top_candidates(
         self,
@@ -219,29 +103,30 @@ class Search:
         beyond: float = 0.0,
         exact_joints: bool = False,
     ) -> list[ScoredEffect]:
-        """The most likely form of each candidate, refined, the best first; on : some of
-        whose joints, or all of them and no others (``exact_joints``); beyond : what has to be
-        reached, nearly, to be of use."""
-        terms_found = self._screened(fit, [t.form for t in terms], on, exact_joints)
-        top = max((t.evidence for t in terms_found), default=0.0)
+        """The most likely form of each candidate, refined, the best first.
+
+        on : some of whose joints, or all of them and no others (``exact_joints``);
+        beyond : the evidence that has to be reached, nearly, to be of use.
+        """
+        screened = self._screened(fit, [t.form for t in terms], on, exact_joints)
+        top = max((t.evidence for t in screened), default=0.0)
         # A width that is far from those on the grid says little there, and all where it
         # is right.
         threshold = 0.5 * max(top, beyond) - 3.0 * EVIDENCE_TO_ADD
-        useful = (
+        useful = [
             t
-            for t in terms_found
+            for t in screened
             if threshold < t.evidence or t.form.replaces_own_constant
-        )
-        ranked = sorted(
-            (self.refined(fit, t) for t in useful), key=lambda t: -t.evidence
-        )
+        ]
+        ranked = [self.refined(fit, t) for t in useful]
+        ranked.sort(key=lambda t: -t.evidence)
         first = {t.key: t for t in reversed(ranked)}
-        best = {
-            t.key: t
-            for t in sorted(
-                ranked, key=lambda t: t.evidence_with_worth_of(first[t.key])
-            )
-        }
+        best = dict[Key, ScoredEffect]()
+        for t in ranked:
+            rival = best.setdefault(t.key, t)
+            worth = first[t.key]
+            if t.evidence_with_worth_of(worth) >= rival.evidence_with_worth_of(worth):
+                best[t.key] = t
         return [t for t in ranked if best[t.key] is t]
 
     def _screened(
@@ -251,7 +136,7 @@ class Search:
         on: frozenset[int] | None,
         exact_joints: bool,
     ) -> list[ScoredEffect]:
-        """The best form of each law on the grids, of so many candidates that take most."""
+        """The best form of each law on the grids, of the candidates that take most."""
         best: dict[tuple[Hashable, ...], tuple[float, Candidate, dict[int, Array]]] = {}
         for batch in self.library.batches:
             joints = frozenset(batch.joints)
@@ -264,29 +149,26 @@ class Search:
                 if on is None and form.key in self.refused:
                     continue
                 if free[f] and values[f] > best.get(form.discrete_choice, (0.0,))[0]:
-                    best[form.discrete_choice] = (
-                        float(values[f]),
-                        form,
-                        batch.columns(int(f)),
-                    )
+                    columns = batch.columns(int(f))
+                    best[form.discrete_choice] = float(values[f]), form, columns
         ranked = sorted(best.values(), key=lambda b: -b[0])
-        close = list(dict.fromkeys(form.key for _, form, _ in ranked))[
-            :MAX_CANDIDATES_REFINED
-        ]
-        forms_found = [(form, z) for _, form, z in ranked if form.key in close]
-        for form, columns in forms_found:
-            self._kept.setdefault(form.effect.text, columns)
-        return [
-            self.score.evidence_of(fit, form, columns) for form, columns in forms_found
-        ]
+        keys = list(dict.fromkeys(form.key for _, form, _ in ranked))
+        close = keys[:MAX_CANDIDATES_REFINED]
+        out = []
+        for _, form, columns in ranked:
+            if form.key in close:
+                self._columns.setdefault(form.effect.text, columns)
+                out.append(self.score.evidence_of(fit, form, columns))
+        return out
 
-    @staticmethod
-    def simplest(ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
-        """Of terms, the best first, the simplest that is as good as the best."""
+    def simplest(self, ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
+        """Of candidates, the best first, the simplest that is as good as the best."""
         if not ranked:
             return None
         best = ranked[0]
-        margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * ranked[0].evidence
+        if not self.rules.simplest:
+            return best
+        margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * best.evidence
         tied = [
             t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
@@ -297,230 +179,216 @@ class Search:
 
     # The steps.
 
-    def refine_and_drop(
+    def run(self, progress: Progress = no_progress) -> list[ScoredEffect]:
+        """Add, exchange, drop until nothing changes."""
+        states_before = set[tuple[str, ...]]()
+        # Each candidate joins, gives way and goes once at most.
+        for _ in range(3 * len(self.library.laws)):
+            best = self.best_addition()
+            if best is None:
+                after = self.exchange_one(self.terms)
+            else:
+                progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
+                after = self.drop_weak([*self.terms, best])
+            if after is None:
+                break
+            state = tuple(sorted(str(t.key) for t in after))
+            is_known = state in states_before
+            if best is not None and (
+                is_known or best.key not in {t.key for t in after}
+            ):
+                self.refused.add(best.key)
+                continue
+            self.terms = after
+            if is_known:
+                break
+            states_before.add(state)
+        self.fit = self.score.fit(self.terms)
+        return self.terms
+
+    def best_addition(self) -> ScoredEffect | None:
+        """What to add next: the simplest of the best candidates that have enough
+        evidence."""
+        self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
+        candidates = self.top_candidates(self.fit, self.terms)
+        return self.simplest([t for t in candidates if t.evidence > EVIDENCE_TO_ADD])
+
+    def drop_weak(
         self, terms: Sequence[ScoredEffect], on: Set[int] = frozenset()
     ) -> list[ScoredEffect]:
-        """The constants of each term on such joints (default: the newest one's) again
-        beside all others; a term that has not enough left goes."""
+        """The terms that have enough evidence beside all others.
+
+        The constants of each term on some joints (default: the newest one's) are refined
+        again first.
+        """
         terms = list(terms)
-        newest = on or (terms[-1].joints if terms else frozenset[int]())
-        full = self.score.fit(self.with_misfits(terms), self.fit)
+        if not on and terms:
+            on = terms[-1].joints
+        full = self.score.fit(self.nuisances.with_law_misfits(terms), self.fit)
         for _ in range(2):
-            moved = False
+            changed = False
             for term in list(terms):
                 others = [t for t in terms if t != term]
-                fit = self.score.fit(self.with_nuisances(term, others), full)
+                fit = self.score.fit(self.nuisances.around(term, others), full)
                 again = self.score.evidence_of(fit, term.form, term.columns)
-                if term.joints & newest:
+                if term.joints & on:
                     again = self.refined(fit, again)
                 if again.evidence <= EVIDENCE_TO_ADD:
                     terms = others
-                    moved = True
+                    changed = True
                     continue
-                if again.text != term.text:
-                    moved = True
                 terms[terms.index(term)] = replace(again, rivals=term.rivals)
                 if again.text != term.text:
-                    full = self.score.fit(self.with_misfits(terms), full)
-            if not moved:
+                    changed = True
+                    full = self.score.fit(self.nuisances.with_law_misfits(terms), full)
+            if not changed:
                 break
         return terms
 
     def score_jointly(
-        self, group: Sequence[ScoredEffect], other_terms: Sequence[ScoredEffect]
+        self, group: Sequence[ScoredEffect], others: Sequence[ScoredEffect]
     ) -> list[ScoredEffect]:
-        """Terms judged together: each beside the rest and those before it."""
-        return [self.beside(g, [*other_terms, *group[:i]]) for i, g in enumerate(group)]
+        """Terms judged together: each beside the others and those before it."""
+        return [self.beside(g, [*others, *group[:i]]) for i, g in enumerate(group)]
 
     def exchange_one(self, terms: Sequence[ScoredEffect]) -> list[ScoredEffect] | None:
-        """One term for another where that is as good and simpler, or better, or one for
-        several; else None, and every term knows its rivals."""
+        """One term for another that is as good and simpler, or better; or terms of one
+        effect for one.
+
+        None where nothing is exchanged; every term then knows its rivals.
+        """
         with_rivals = []
-        for group in [*([t] for t in terms), *self.mergeable_groups(terms)]:
-            other_terms = [t for t in terms if t not in group]
-            on = frozenset[int]().union(*(t.joints for t in group))
-            fit = self.score.fit(self.with_nuisances(group[0], other_terms), self.fit)
-            judged = self.score_jointly(group, other_terms)
-            J = sum(t.evidence for t in judged)
-            now = judged[0]
-            candidates_found = self.top_candidates(
-                fit, other_terms, on, J, exact_joints=len(group) > 1
-            )
-            if self.in_reference.issuperset(
-                t.key for t in group
-            ):  # they would explain themselves
-                candidates_found = [
-                    t for t in candidates_found if not t.form.effect.needs_torque
-                ]
-            if len(group) == 1:
-                with_rivals.append(
-                    replace(now, rivals=self.equivalent(now, candidates_found))
-                )
-            other = self.simplest(
-                [t for t in candidates_found if t.evidence > EVIDENCE_TO_ADD]
-            )
-            if other is None or other.key in {t.key for t in group}:
-                continue
-            old = group[0].form
-            margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
-            its = (
-                other.evidence if len(group) > 1 else other.evidence_with_worth_of(now)
-            )
-            ranks = (simplicity(other.form), -its), (simplicity(old), -J)
-            simpler = len(group) > 1 or (
-                not other.form.refines(old) and ranks[0] < ranks[1]
-            )
-            if J + margin < its or (
-                J - margin < its and (simpler or old.refines(other.form))
-            ):
-                after = self.refine_and_drop([*other_terms, other])
-                if any(
-                    t.key == other.key for t in after
-                ):  # beside what is tolerated, too
-                    return after
-        self.terms = with_rivals
+        for term in terms:
+            others = [t for t in terms if t != term]
+            judged = self.beside(term, others)
+            candidates = self._candidates_instead([term], others, judged.evidence)
+            rivals = self.equivalence_set(judged, candidates)
+            with_rivals.append(replace(judged, rivals=rivals))
+            after = self._exchange(judged, candidates, others)
+            if after is not None:
+                return after
+        merged = self.merge_one_effect(terms)
+        if merged is None:
+            self.terms = with_rivals
+        return merged
+
+    def _candidates_instead(
+        self,
+        group: Sequence[ScoredEffect],
+        others: Sequence[ScoredEffect],
+        evidence: float,
+    ) -> list[ScoredEffect]:
+        """What may stand in the place of a group of terms, the best first."""
+        joints = frozenset[int]().union(*(t.joints for t in group))
+        fit = self.score.fit(self.nuisances.around(group[0], others), self.fit)
+        is_group = len(group) > 1
+        out = self.top_candidates(fit, others, joints, evidence, exact_joints=is_group)
+        if self.in_reference.issuperset(t.key for t in group):
+            # They would explain themselves.
+            out = [t for t in out if not t.form.effect.needs_torque]
+        return out
+
+    def _exchange(
+        self,
+        term: ScoredEffect,
+        candidates: Sequence[ScoredEffect],
+        others: Sequence[ScoredEffect],
+    ) -> list[ScoredEffect] | None:
+        """The terms with another one in the place of this one, if that is as good and
+        simpler, or better."""
+        other = self._best_instead([term], candidates)
+        if other is None or not self.rules.exchange:
+            return None
+        J = term.evidence
+        J_other = other.evidence_with_worth_of(term)
+        margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
+        rank = simplicity(term.form), -J
+        rank_of_other = simplicity(other.form), -J_other
+        is_simpler = not other.form.refines(term.form) and rank_of_other < rank
+        is_preferred = is_simpler or term.form.refines(other.form)
+        if J + margin < J_other or (J - margin < J_other and is_preferred):
+            return self._if_it_stays(other, others)
         return None
+
+    def merge_one_effect(
+        self, terms: Sequence[ScoredEffect]
+    ) -> list[ScoredEffect] | None:
+        """Several terms of one effect for a candidate that acts on all of their joints,
+        where that does nearly as well."""
+        for group in self.mergeable_groups(terms):
+            others = [t for t in terms if t not in group]
+            J = sum(t.evidence for t in self.score_jointly(group, others))
+            candidates = self._candidates_instead(group, others, J)
+            other = self._best_instead(group, candidates)
+            margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
+            if other is not None and J - margin < other.evidence:
+                after = self._if_it_stays(other, others)
+                if after is not None:
+                    return after
+        return None
+
+    def _best_instead(
+        self, group: Sequence[ScoredEffect], candidates: Sequence[ScoredEffect]
+    ) -> ScoredEffect | None:
+        """The simplest of the best candidates that have enough evidence, if that is
+        another one."""
+        enough = [t for t in candidates if t.evidence > EVIDENCE_TO_ADD]
+        other = self.simplest(enough)
+        if other is None or other.key in {t.key for t in group}:
+            return None
+        return other
+
+    def _if_it_stays(
+        self, other: ScoredEffect, others: Sequence[ScoredEffect]
+    ) -> list[ScoredEffect] | None:
+        """The terms with another one, if that stays beside what is tolerated, too."""
+        after = self.drop_weak([*others, other])
+        return after if any(t.key == other.key for t in after) else None
 
     def mergeable_groups(
         self, terms: Sequence[ScoredEffect]
     ) -> list[list[ScoredEffect]]:
         """Groups of terms of one effect that may be one candidate that acts on all of
         their joints."""
-        sets = {frozenset(b.joints) for b in self.library.batches if len(b.joints) > 1}
+        if not self.rules.merge_one_effect:
+            return []
+        batches = self.library.batches
+        joint_sets = {frozenset(b.joints) for b in batches if len(b.joints) > 1}
+        findings = [t for t in terms if not t.form.replaces_own_constant]
         out = list[list[ScoredEffect]]()
-        for name in dict.fromkeys(t.key[0] for t in terms):
-            same = [
-                t
-                for t in terms
-                if t.key[0] == name and not t.form.replaces_own_constant
-            ]
-            groups = [*combinations(same, 2), *([same] if len(same) > 2 else [])]
-            out += [
-                list(g)
-                for g in groups
-                if frozenset().union(*(t.joints for t in g)) in sets
-            ]
+        for name in dict.fromkeys(t.key[0] for t in findings):
+            same = [t for t in findings if t.key[0] == name]
+            groups = [list(pair) for pair in combinations(same, 2)]
+            if len(same) > 2:
+                groups.append(same)
+            for group in groups:
+                if frozenset().union(*(t.joints for t in group)) in joint_sets:
+                    out.append(group)
         return out
 
     @staticmethod
-    def equivalent(
-        term: ScoredEffect, candidates_found: Sequence[ScoredEffect]
+    def equivalence_set(
+        term: ScoredEffect, candidates: Sequence[ScoredEffect]
     ) -> tuple[ScoredEffect, ...]:
-        """The forms that these rows do not tell from a term."""
-        near = (
-            t
-            for t in candidates_found
-            if t.key != term.key and not t.form.replaces_own_constant
-        )
+        """The candidates that these rows do not tell from a term: within 6 of it."""
+        threshold = term.evidence - EVIDENCE_TO_DISTINGUISH
         return tuple(
             t
-            for t in near
-            if t.evidence_with_worth_of(term) > term.evidence - EVIDENCE_TO_DISTINGUISH
-        )
-
-    def run(self, progress: Progress = no_progress) -> list[ScoredEffect]:
-        """Add, exchange, drop until nothing changes."""
-        states_before = set[tuple[str, ...]]()
-        for _ in range(
-            3 * len(self.library.laws)
-        ):  # each joins, gives way and goes once at most
-            self.fit = self.score.fit(self.with_misfits(self.terms), self.fit)
-            candidates_found = self.top_candidates(self.fit, self.terms)
-            best = self.simplest(
-                [t for t in candidates_found if t.evidence > EVIDENCE_TO_ADD]
-            )
-            if best is not None:
-                progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
-            after = (
-                self.refine_and_drop([*self.terms, best])
-                if best
-                else self.exchange_one(self.terms)
-            )
-            if after is None:
-                break
-            state = tuple(sorted(str(t.key) for t in after))
-            if best is not None and (
-                state in states_before or all(t.key != best.key for t in after)
-            ):
-                self.refused.add(best.key)
-                continue
-            self.terms = after
-            if state in states_before:
-                break
-            states_before.add(state)
-        self.fit = self.score.fit(self.terms)
-        return self.terms
-
-    # The same search beside something else.
-
-    def beside_model(
-        self,
-        estimate: Estimate,
-        without: NDArray[np.bool_] | None = None,
-        thetas: Sequence[Array] = (),
-    ) -> Search:
-        """The same findings beside another model, in the columns that this one makes;
-        without : rows (M, n) that are no evidence; thetas : the terms' parameters
-        beside it, if not their own."""
-        data = self.data
-        pairs = zip(self.terms, thetas or [t.beta for t in self.terms], strict=True)
-        terms_with_torque = [
-            (t, theta) for t, theta in pairs if not t.form.effect.needs_torque
-        ]
-        rows = with_estimate(
-            data.rows,
-            estimate,
-            [(t.form.effect, theta) for t, theta in terms_with_torque],
-        )
-        if without is not None:
-            rows = replace(
-                rows, masked=rows.masked | without if rows.masked.size else without
-            )
-        data = whitened(rows, data.noise, estimate, data.frozen)
-        out = Search(data, self.library)
-        out.in_reference = {t.key for t, _ in terms_with_torque}
-        out.terms = [
-            replace(t, columns=data.columns(t.form.effect)) for t in self.terms
-        ]
-        out.fit = out.score.fit(out.terms)
-        return out
-
-    @property
-    def delays_torque(self) -> bool:
-        """Whether something makes torque late, a term or the model: all of it, also
-        what terms make."""
-        effects = [
-            *(t.form.effect for t in self.terms),
-            *self.data.estimate.model.effects,
-        ]
-        return bool(self.terms) and any(
-            e.needs_torque and e.has_memory for e in effects
-        )
-
-    def refer_to_current_model(self) -> Search:
-        """The same findings in columns that refer to the model beside them (a step of
-        Gauss and Newton): to its parameters there, and to their torque. Fitted without
-        them it has taken a part of that; of play in a gear 14 % of the size were left
-        out."""
-        data = self.data
-        estimate = self.data.estimate
-        theta = least_squares_refit(data, [t.form.effect for t in self.terms])[0]
-        ends = data.raw.shape[2] + np.cumsum(
-            [0, *(t.form.n_coefficients for t in self.terms)]
-        )
-        own_theta, *thetas = np.split(theta, ends[:-1])
-        return self.beside_model(
-            estimate if data.frozen else replace(estimate, theta=own_theta),
-            thetas=thetas,
+            for t in candidates
+            if t.key != term.key
+            and not t.form.replaces_own_constant
+            and t.evidence_with_worth_of(term) > threshold
         )
 
     def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
-        """The search with some of its terms only, each judged beside those; where there
-        is evidence against some, the one against which it is most goes, and the rest is
-        judged again."""
+        """The search with some of its terms only, each judged beside those.
+
+        Where there is evidence against some, the one against which it is most goes, and
+        the others are judged again.
+        """
         out = copy(self)
         while True:
-            out.fit = out.score.fit(out.with_misfits(terms), self.fit)
+            out.fit = out.score.fit(out.nuisances.with_law_misfits(terms), self.fit)
             out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
             weakest = min(out.terms, key=lambda t: t.evidence, default=None)
             if weakest is None or weakest.evidence > 0.0:
@@ -528,31 +396,6 @@ class Search:
             terms = [t for t in out.terms if t is not weakest]
         out.fit = out.score.fit(out.terms)
         return out
-
-
-def changed(own_terms: Sequence[ScoredEffect], model: Model) -> list[ShapeEstimate]:
-    """The constants of terms that stand in the place of a model's own effects, beside
-    the model's."""
-    out = []
-    for t in own_terms:
-        (joint,), new = t.joints, t.form.effect
-        old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
-        for key in (k for k in new.estimated if new.shape[k] != old.shape[k]):
-            value = new.shape[key]
-            ends = np.log(t.form.bounds(key) or (0.0, np.inf))
-            end = at_end(float(np.log(value)), *ends.tolist())
-            out.append(
-                ShapeEstimate(
-                    new.name,
-                    joint,
-                    key,
-                    old.shape[key],
-                    value,
-                    gain=t.evidence,
-                    at_end=end,
-                )
-            )
-    return out
 
 
 def simplicity(form: Candidate) -> tuple[int, int, bool]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
-from sdp_vs_penalty.diagnosis.whitening import diagnosis_rows, folds_of
+from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven

@@ -18,6 +18,7 @@ directions open (Rockafellar 1976: the proximal method of multipliers).
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -227,8 +228,16 @@ class ShiftedPenalty:
         """r (m,) with L = |r|^2 up to a constant, and J (m, p): 2 J^T r is L's
         gradient, and 2 J^T J an element of its generalised Hessian where F is affine.
         """
-        residuals = [self.R @ x - self.rho]
-        slopes = [self.R]
+        residuals, slopes = self.cone_rows(x, shifts, weight)
+        all_residuals = np.concatenate([self.R @ x - self.rho, residuals])
+        return all_residuals, np.concatenate([self.R, slopes])
+
+    def cone_rows(
+        self, x: Array, shifts: Sequence[Array], weight: float
+    ) -> tuple[Array, Array]:
+        """Those of the constraints alone."""
+        residuals = [np.zeros(0)]
+        slopes = [np.zeros((0, len(x)))]
         for part, shift in zip(self.parts, shifts, strict=True):
             jacobian = part.jacobian(x).reshape(len(shift), -1, len(x))
             r, J = projected_rows(part.cone, shift - weight * part.values(x), jacobian)
@@ -247,13 +256,23 @@ class _Stage:
     centre: Array
     near: Array
 
+    @cached_property
+    def quadratic(self) -> Array:
+        """(k, p + 1) triangle of the rows that do not change, with what they are to
+        be."""
+        loss = np.column_stack([self.penalty.R, self.penalty.rho])
+        pull = np.column_stack([self.near, self.near @ self.centre])
+        return np.asarray(np.linalg.qr(np.vstack([loss, pull]), mode="r"))
+
     def rows(self, z: Array) -> tuple[Array, Array]:
         """Residuals (p + 1,) and their slopes (p + 1, p) at z, turned into so few rows:
         nothing that MINPACK looks at changes, and its own QR is not blocked."""
-        residuals, slopes = self.penalty.rows(z, self.shifts, self.weight)
-        penalised = np.column_stack([slopes, residuals])
-        pulled = np.column_stack([self.near, self.near @ (z - self.centre)])
-        triangle = np.asarray(np.linalg.qr(np.vstack([penalised, pulled]), mode="r"))
+        residuals, slopes = self.penalty.cone_rows(z, self.shifts, self.weight)
+        acts = np.any(slopes != 0.0, axis=1)
+        cones = np.column_stack([slopes[acts], residuals[acts]])
+        fixed = self.quadratic.copy()
+        fixed[:, -1] = fixed[:, :-1] @ z - fixed[:, -1]
+        triangle = np.asarray(np.linalg.qr(np.vstack([fixed, cones]), mode="r"))
         return triangle[:, -1], triangle[:, :-1]
 
     def solve(self) -> Array:

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,16 @@ class PenaltyPaper(Estimator):
     weights: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
 
     def fit(self, task: Task) -> Fit:
-        return retrieve(self, task, task.data, np.arange(len(task.bound)))
+        return self.fit_with(task, anneal_and_search)
+
+    def fit_with(self, task: Task, search: Search) -> Fit:
+        """The same with steps by another search than :func:`anneal_and_search`, such as
+        one that keeps them."""
+        return retrieve(self, task, self.loss(task), search)
+
+    def loss(self, task: Task) -> PenalisedLoss:
+        """What is minimised."""
+        return PenalisedLoss(task, task.data, np.arange(len(task.bound)))
 
 
 @dataclass(frozen=True)
@@ -84,25 +93,39 @@ class PenaltyPaperTwoStep(PenaltyPaper):
         "simulated annealing on the distance to the OLS base parameters, as published"
     )
 
-    def fit(self, task: Task) -> Fit:
-        return retrieve(self, task, task.base_distance, task.model.rigid_indices)
+    def loss(self, task: Task) -> PenalisedLoss:
+        return PenalisedLoss(task, task.base_distance, task.model.rigid_indices)
+
+
+class Search(Protocol):
+    """One step of a run: annealing, then a local search."""
+
+    def __call__(
+        self,
+        loss: PenalisedLoss,
+        weight: float,
+        u: Array,
+        budget: int,
+        rng: np.random.Generator,
+    ) -> tuple[Array, int]:
+        """The best u (d,) at a weight, and how many evaluations it took."""
+        ...
 
 
 def retrieve(
-    settings: PenaltyPaper, task: Task, data: LeastSquares, free: NDArray[np.intp]
+    settings: PenaltyPaper, task: Task, loss: PenalisedLoss, search: Search
 ) -> Fit:
-    """The best of several annealed runs over the parameters ``free``; the others as OLS
-    has them."""
-    loss = PenalisedLoss(task, data, free)
+    """The best of several annealed runs over the loss's free parameters; the others as
+    OLS has them."""
     budget = settings.evaluations // max(len(settings.weights), 1)
     runs: list[dict[str, Any]] = []
     best_theta, best_value = task.ols, np.inf
     for number in range(settings.runs):
-        u = start_of_run(task.seed, number, len(free))
+        u = start_of_run(task.seed, number, len(loss.free))
         n_evaluations = 0
         for step, weight in enumerate(settings.weights):
             rng = random_numbers_of_step(task.seed, number, step)
-            u, spent = anneal_and_search(loss, weight, u, budget, rng)
+            u, spent = search(loss, weight, u, budget, rng)
             n_evaluations += spent
         run = _run_summary(loss, task, u, settings.weights[-1], n_evaluations)
         runs.append(run)
@@ -114,7 +137,7 @@ def retrieve(
             f" {run['violation']:.1e}"
         )
     details = {"runs": runs}
-    return Fit(best_theta, Objective(data), task.constraints, details=details)
+    return Fit(best_theta, Objective(loss.data), task.constraints, details=details)
 
 
 def start_of_run(seed: int, number: int, size: int) -> Array:
@@ -260,8 +283,8 @@ class Demand(ABC):
         """(k,) >= 0 where the demand holds."""
 
     @abstractmethod
-    def slopes(self, p: Array) -> Array:
-        """(k, p') of the margins, by the first p' parameters."""
+    def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
+        """Margins, and (k, p') their slopes by the first p' parameters."""
 
     def violation(self, p: Array) -> float:
         """The worst of all, 0 where it holds."""
@@ -288,14 +311,14 @@ class TriangleInequality(Demand):
         moments = np.linalg.eigvalsh(p[self.matrices])
         return 0.5 * moments.sum(axis=1) - moments[:, 2]
 
-    def slopes(self, p: Array) -> Array:
-        _, vectors = np.linalg.eigh(p[self.matrices])
+    def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
+        moments, vectors = np.linalg.eigh(p[self.matrices])
         axes = vectors[:, :, 2]
         dyads = 0.5 * np.eye(3) - axes[:, :, None] * axes[:, None, :]
         rows = np.zeros((len(self.entries), self.size))
         links = np.arange(len(self.entries))[:, None]
         rows[links, self.entries] = inertia.inertia_entries(dyads) * self._multiplicity
-        return rows
+        return 0.5 * moments.sum(axis=1) - moments[:, 2], rows
 
 
 class TotalMass(Demand):
@@ -310,8 +333,8 @@ class TotalMass(Demand):
     def margins(self, p: Array) -> Array:
         return self.constant + self.matrix @ p[: self.matrix.shape[1]]
 
-    def slopes(self, p: Array) -> Array:
-        return self.matrix
+    def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
+        return self.margins(p), self.matrix
 
 
 class CentreCones(Demand):
@@ -328,14 +351,14 @@ class CentreCones(Demand):
         values = self._values(p)
         return values[:, 0] - np.linalg.norm(values[:, 1:], axis=1)
 
-    def slopes(self, p: Array) -> Array:
+    def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
         values = self._values(p)
-        norms = nonzero_or_one(np.linalg.norm(values[:, 1:], axis=1))
-        units = values[:, 1:] / norms[:, None]
+        norms = np.linalg.norm(values[:, 1:], axis=1)
+        units = values[:, 1:] / nonzero_or_one(norms)[:, None]
         rows = self.group.matrix.reshape(*values.shape, -1)
         out = rows[:, 0] - np.einsum("gi,gip->gp", units, rows[:, 1:])
         is_mass = np.isin(np.arange(out.shape[1]), self.masses)
-        return np.where(is_mass, 0.0, out)
+        return values[:, 0] - norms, np.where(is_mass, 0.0, out)
 
     def _values(self, p: Array) -> Array:
         point = p.copy()
@@ -395,10 +418,8 @@ class PenalisedLoss:
         """A subgradient (p,) of g."""
         slope = np.zeros_like(p)
         for demand in self.demands:
-            is_violated = demand.margins(p) < 0.0
-            if is_violated.any():
-                rows = demand.slopes(p)[is_violated]
-                slope[: rows.shape[1]] -= rows.sum(axis=0)
+            margins, rows = demand.margins_and_slopes(p)
+            slope[: rows.shape[1]] -= rows[margins < 0.0].sum(axis=0)
         return slope
 
     def violations(self, p: Array) -> dict[str, float]:

@@ -44,7 +44,7 @@ from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.exporters.export import export
+from sdp_vs_penalty.exporters.export import write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes, write_text, writing
 from sdp_vs_penalty.parallel import Workers
@@ -168,7 +168,7 @@ def read(job: JobRequest) -> Answer:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
                 part = _loaded(job, problem, path)
-            remarks += [str(w.message) for w in heard if w.category is Remark]
+            remarks += [str(w.message) for w in heard if issubclass(w.category, Remark)]
             for twin in (
                 run for run in (*job["runs"], *runs) if run["file"] == _file(part)
             ):
@@ -542,7 +542,7 @@ def take(job: JobRequest) -> Answer:
             there = job.runs
             judged = judge_as_exported(model, out, there.judge, there.judged_recordings)
         verdict = None if judged is None else judged[0]
-        lost = export(model, out, urdf_given, flange=(x, y, z), judged=verdict)
+        lost = write_model(model, out, urdf_given, flange=(x, y, z), judged=verdict)
     diagnosis = []
     if lost:
         diagnosis = [

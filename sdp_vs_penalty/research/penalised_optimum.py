@@ -190,9 +190,7 @@ class PenalisedProblem:
 
     def value(self, theta: Array, weight: float) -> float:
         """The published objective at theta (p,), the box left out."""
-        return (
-            self.data.loss(theta) + weight * self.published.penalty(self._p(theta))
-        )
+        return self.data.loss(theta) + weight * self.published.penalty(self._p(theta))
 
     def violations(self, theta: Array) -> dict[str, float]:
         """Worst violation of each external demand."""

@@ -65,6 +65,7 @@ def parse_isolated(
     *arguments: Any,
     prepare: Callable[[], object] = dict,
     seconds: float = _LIMITS.silence,
+    n_bytes: int | None = None,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
     """What ``parser(path, *arguments)`` yields, from a child process.
 
@@ -76,6 +77,8 @@ def parse_isolated(
     prepare : a function at the level of a module that loads what the parser needs; it
         runs before the child is forked
     seconds : that the parser may be silent [s]
+    n_bytes : by which memory and time are limited in place of the file's size, where
+        the parser reads other files too
 
     Yields
     ------
@@ -90,7 +93,7 @@ def parse_isolated(
     MemoryError
         The file unpacks to more than its size allows.
     """
-    size = _size(Path(path))
+    size = _size(Path(path)) if n_bytes is None else n_bytes
     request = {
         "parser": [parser.__module__, parser.__qualname__],
         "arguments": [str(path), *arguments],
@@ -391,11 +394,16 @@ def _ask_server(
         server.process.stdin.write(json.dumps(request).encode() + b"\n")  # type: ignore[union-attr]
         # The server itself ends a silent parser; it takes seconds to start.
         source = _Timed(server.process.stdout, request["seconds"] + 30.0)
-        while (message := _receive(source)) is not None:
+        message = _receive(source)
+        while message is not None:
             if "end" in message[0]:
                 is_done = True
                 return
+            # Received before this one is handed on: after an error nobody asks for more.
+            following = _receive(source)
+            is_done = following is not None and "end" in following[0]
             yield message
+            message = following
         yield {"failed": "its parser has ended"}, {}
     except (BrokenPipeError, TimeoutError):
         yield {"failed": "its parser has ended"}, {}

@@ -19,7 +19,7 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types, parse_effects
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array
@@ -73,10 +73,13 @@ class HiddenRuns(formatting.Shown):
         Raises InputError where the folder holds runs that were not written here.
         """
         folder = Path(folder)
+        truth = json.dumps(self.truth, indent=1)
         refuse_foreign(folder)
-        for name, run in zip(RUN_FILES, self.runs, strict=True):
-            save(run, folder / name)
-        write_text(folder / "truth.json", json.dumps(self.truth, indent=1) + "\n")
+        with folder_lock(folder, patience=WRITERS_PATIENCE):
+            # First: it marks the folder as ours, also where this is interrupted.
+            write_text(folder / "truth.json", f"{truth}\n")
+            for name, run in zip(RUN_FILES, self.runs, strict=True):
+                save(run, folder / name)
 
     def _summary(self) -> formatting.Summary:
         length = self.test.t[-1] - self.test.t[0]

@@ -43,56 +43,76 @@ class Program(Solver):
         """x and z of "solution" in the format of CSDP, which DSDP shares: matrix 1 is
         Z, matrix 2 X.
 
-        Raises OSError, ValueError or IndexError where there is no answer.
+        Raises ArithmeticError, LookupError, OSError or ValueError where there is no
+        answer.
         """
         lines = (folder / "solution").read_text().splitlines()
         x = np.array([float(word) for word in lines[0].split()])
         entries = np.array(
             [[float(w) for w in line.split()] for line in lines[1:] if line.strip()]
         )
-        z, (block, i, j, factor) = np.zeros(len(problem.b)), svec_entries(problem.cones)
-        rows = {place: k for k, place in enumerate(zip(block, i, j, strict=True))}
-        for matrix, number, *place, value in entries.reshape(-1, 5):
-            if int(matrix) == 2:
-                low, high = sorted(int(x) - 1 for x in place)
-                k = rows[int(number) - 1, low, high]
-                z[k] = value / factor[k]
+        z = np.zeros(len(problem.b))
+        block, i, j, factor = svec_entries(problem.cones)
+        places = zip(block, i, j, strict=True)
+        row_by_place = {place: row for row, place in enumerate(places)}
+        for matrix, number, first, second, value in entries.reshape(-1, 5):
+            if int(matrix) != 2:
+                continue
+            low, high = sorted((int(first) - 1, int(second) - 1))
+            row = row_by_place[int(number) - 1, low, high]
+            z[row] = value / factor[row]
         return x, z
+
+    def answer(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array] | None:
+        """x and z that the program has written; None where its file is broken."""
+        try:
+            x, z = self.read(folder, problem)
+        except (ArithmeticError, LookupError, OSError, ValueError):
+            return None
+        has_all = len(x) == len(problem.q) and len(z) == len(problem.b)
+        return (x, z) if has_all else None
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
         command = self.command(options)
+        program = command[0]
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
             folder = Path(name)
             (folder / "problem.dat-s").write_text(sdpa_text(problem))
-            parameters = Path(__file__).with_name(f"param.{command[0]}")
-            if parameters.is_file():
-                (folder / parameters.name).write_text(
-                    parameters.read_text().format(**options)
-                )
-            piped = {
-                "stdout": subprocess.PIPE,
-                "stderr": subprocess.STDOUT,
-                "text": True,
-            }
-            done = subprocess.run(command, cwd=folder, check=False, **piped)  # type: ignore[call-overload]
-            if -done.returncode == signal.SIGXCPU:
-                raise TimeoutError(f"{command[0]} used up its processor time")
-            if (
-                done.returncode < 0
-            ):  # killed by a signal: the caller's process counts it as a crash
-                raise ChildProcessError(
-                    f"{command[0]} ended by signal {-done.returncode}"
-                )
+            _write_parameters(folder, f"param.{program}", options)
+            done = subprocess.run(
+                command,
+                cwd=folder,
+                check=False,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                errors="replace",
+            )
+            _raise_on_signal(program, -done.returncode)
             claims, status, iterations = self.ended(done.stdout, done.returncode)
-            try:
-                x, z = self.read(folder, problem)
-            except (OSError, ValueError, IndexError):
-                x = np.zeros(0)
-                z = np.zeros(0)
-        if (len(x), len(z)) == (len(problem.q), len(problem.b)):
+            answer = self.answer(folder, problem)
+        if answer is not None:
+            x, z = answer
             return Solution(x, z, claims, status, iterations)
-        claims = "failed" if claims in ("optimal", "inaccurate") else claims
+        if claims in ("optimal", "inaccurate"):
+            claims = "failed"
         return Solution.none(problem, status, claims, iterations)
+
+
+def _write_parameters(folder: Path, name: str, options: Mapping[str, Any]) -> None:
+    """The file of options of a program that takes them from one."""
+    template = Path(__file__).with_name(name)
+    if template.is_file():
+        (folder / name).write_text(template.read_text().format(**options))
+
+
+def _raise_on_signal(program: str, number: int) -> None:
+    """TimeoutError or ChildProcessError where a signal has ended a program: the caller's
+    process counts it as a crash."""
+    if number == signal.SIGXCPU:
+        raise TimeoutError(f"{program} used up its processor time")
+    if number > 0:
+        raise ChildProcessError(f"{program} ended by signal {number}")
 
 
 class Csdp(Program):

@@ -14,8 +14,8 @@ from sdp_vs_penalty import Measurements, Problem, load_estimate, load_problem
 from sdp_vs_penalty.checks import Issue, check, mended
 from sdp_vs_penalty.checks.gate import consented
 from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.one_arm import two_arms
 from sdp_vs_penalty.checks.regression_data import RegressionData
-from sdp_vs_penalty.checks.residual import two_arms
 from sdp_vs_penalty.data import load_measurements, save
 from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.simulation import experiment

@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis import (
     Library,
     Search,
     diagnosis_rows,
-    measured_curves,
+    measure_curves,
     whiten_rows,
 )
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
@@ -208,8 +208,8 @@ def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differ
     )
     dq = rows.dq[:, JOINT]
     fold = (dq > -0.02 * dq.max()).astype(int)
-    (curve,) = measured_curves(
-        Search(whiten_rows(rows, made.estimate), Library()), [JOINT], [], fold
+    (curve,) = measure_curves(
+        Search(whiten_rows(rows, made.estimate), Library()), [JOINT], fold
     )
     motion = rows.segments[0].motion
     assert curve.fitted.basis.of[1] == f"sign(dq{JOINT + 1})"

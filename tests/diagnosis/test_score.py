@@ -230,7 +230,7 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
         (search.evidence_of(search.fit, f) for f in forms),
         key=lambda t: t.squares.sum(),
     )
-    misfits = search.misfits(term)
+    misfits = search.nuisances.law_misfits(term)
     assert [next(iter(m.columns)) for m in misfits] == sorted(term.joints)
     for m in misfits:
         T = (
@@ -240,7 +240,7 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
         (joint,) = m.columns
         expected = np.sum(np.sum(T**2, axis=(0, 1)) * m.deviations**2)
         assert expected == pytest.approx(LAW_TOLERANCE * term.squares[joint], rel=1e-6)
-    assert search.with_misfits([term]) == [
+    assert search.nuisances.with_law_misfits([term]) == [
         term
     ]  # what explains little is wrong by less than a rival
     much = replace(
@@ -248,7 +248,7 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
         drop=1.0
         + term.rows_worth_one * (EVIDENCE_TO_DISTINGUISH / LAW_TOLERANCE + term.price),
     )
-    assert len(search.with_misfits([much])) > 1
+    assert len(search.nuisances.with_law_misfits([much])) > 1
 
 
 def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
@@ -259,11 +259,13 @@ def test_a_finding_shows_beside_what_any_arm_is_mounted_wrong_unless_it_says_so(
     spring = search.evidence_of(search.fit, forms["joint_spring"])
     tilt = search.evidence_of(search.fit, forms["base_tilt"])
     placed = search.evidence_of(search.fit, forms["kinematic_error"])
-    (misfit,) = search.with_nuisances(spring, [])
+    (misfit,) = search.nuisances.around(spring, [])
     assert misfit.text == "misfit of kinematic_error"
-    assert search.with_nuisances(spring, [tilt]) == [tilt, misfit]
-    assert search.with_nuisances(spring, [placed]) == [placed]
-    assert search.with_nuisances(tilt, []) == search.with_nuisances(placed, []) == []
+    assert search.nuisances.around(spring, [tilt]) == [tilt, misfit]
+    assert search.nuisances.around(spring, [placed]) == [placed]
+    assert (
+        search.nuisances.around(tilt, []) == search.nuisances.around(placed, []) == []
+    )
 
 
 def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
@@ -284,7 +286,7 @@ def test_a_candidate_that_does_not_stay_leaves_the_others_as_they_were(
         "top_candidates": lambda *_: [] if search.refused else [goes],
         "exchange_one": asked.append,
     }
-    for name, step in {**found, "refine_and_drop": lambda _: []}.items():
+    for name, step in {**found, "drop_weak": lambda _: []}.items():
         monkeypatch.setattr(search, name, step)
     search.terms = [stays]
     assert search.run() == [stays]
@@ -307,9 +309,7 @@ def test_a_term_gives_way_only_to_one_that_stays(two_link, monkeypatch):
     monkeypatch.setattr(search, "score_jointly", lambda group, _: group)
     monkeypatch.setattr(search, "top_candidates", lambda *_, **__: [other])
     for settled in ([], [other]):
-        monkeypatch.setattr(
-            search, "refine_and_drop", lambda _, settled=settled: settled
-        )
+        monkeypatch.setattr(search, "drop_weak", lambda _, settled=settled: settled)
         assert search.exchange_one([here]) == (settled or None)
 
 
@@ -494,4 +494,4 @@ def test_a_rival_is_what_the_rows_do_not_tell_from_a_term():
     mine = term("mine", 0.0)
     near = term("near", -0.9)
     far = term("far", -1.1)
-    assert Search.equivalent(mine, [mine, near, far, term("own", 0.9)]) == (near,)
+    assert Search.equivalence_set(mine, [mine, near, far, term("own", 0.9)]) == (near,)

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.diagnosis import HeldOut, reasons_for_doubt, remainder
+from sdp_vs_penalty.diagnosis import (
+    HeldOut,
+    Judged,
+    reasons_for_doubt,
+    remainder,
+)
 from sdp_vs_penalty.diagnosis.conclude import _standstill
 from sdp_vs_penalty.signals.noise import REPETITION
 
@@ -182,11 +187,13 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     search.data = SimpleNamespace(rows=rows, known=case.known)
     curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
     left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
-    found = SimpleNamespace(search=search, left=left, curves=curves)
     beta = 1.0 if case.plausible else case.beta
     errors = np.array([[1.0, 1.0], [case.after, case.elsewhere]])
     monkeypatch.setattr(
-        "sdp_vs_penalty.diagnosis.conclude.size_of", lambda *_: (1.0, case.std)
+        "sdp_vs_penalty.diagnosis.confidence.size_of", lambda *_: (1.0, case.std)
     )
-    known = SimpleNamespace(beta=np.array([beta]), covariance_given_constants=None)
-    assert set(reasons_for_doubt(found, own, known, errors)) == doubts
+    size: Any = SimpleNamespace(
+        beta=np.array([beta]), covariance=None, covariance_given_constants=None
+    )
+    judged = Judged(search, left, own, size, errors, curves)
+    assert set(reasons_for_doubt(judged)) == doubts

@@ -180,7 +180,7 @@ def test_paper_stays_in_its_box_and_reports_runs(method, two_link):
     for demand in loss.demands:
         after = demand.margins(p + step)
         before = demand.margins(p - step)
-        rows = demand.slopes(p)
+        _, rows = demand.margins_and_slopes(p)
         slope = rows @ step[: rows.shape[1]]
         np.testing.assert_allclose(after - before, 2.0 * slope, rtol=1e-3, atol=1e-12)
     of_family = [d.margins(p) for d in loss.demands if d.family == family]

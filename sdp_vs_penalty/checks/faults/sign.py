@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+
+#: Of more joints not every pattern of signs is looked at.
+_MOST_JOINTS = 8
 
 
 class Sign(Transformation):
@@ -32,6 +36,7 @@ class Sign(Transformation):
         for j in np.flatnonzero(score.poor).tolist():
             yield now.times("scale", (j,), -1.0)
             yield now.times("scale", (j,), -1.0).times("gain", (j,), -1.0)
+        yield from _likeliest_patterns(log, now, score)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         q, tau = np.array(repair.scale) < 0.0, np.array(repair.gain) < 0.0
@@ -59,3 +64,30 @@ class Sign(Transformation):
             remedy = "flip the sign of " + ", ".join(f"tau{j + 1}" for j in alone)
             without = repair.times("gain", alone, -1.0)
             yield Fault("torque sign", "warning", alone, what, remedy, without, cost)
+
+
+def _likeliest_patterns(
+    log: Likelihood, now: LogTransform, score: ArmFit
+) -> list[LogTransform]:
+    """Several torques that count the other way at once, the likeliest few, friction that
+    takes power included: joint by joint none of them may look better.
+
+    Looked for where friction drives a joint as the log stands.
+    """
+    joints = log.joints
+    if not 2 < len(joints) <= _MOST_JOINTS or not score.poor.any():
+        return []
+    if score.physics(now, score.samples) > -c.LOUDEST_INERTIA:
+        return []
+    patterns = [
+        now.times("gain", turned, -1.0)
+        for size in range(2, len(joints))
+        for turned in combinations(joints, size)
+    ]
+    fits = log.screen.scores(patterns)
+    posteriors = [
+        fit.physics(pattern, score.samples) - 0.5 * score.samples * fit.score
+        for fit, pattern in zip(fits, patterns, strict=True)
+    ]
+    order = np.argsort(posteriors)[::-1]
+    return [patterns[k] for k in order[: c.MOST].tolist()]

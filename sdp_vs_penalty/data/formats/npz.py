@@ -8,7 +8,14 @@ from typing import IO, Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
+from sdp_vs_penalty.data.formats.columns import (
+    Choice,
+    Header,
+    columns_of,
+    table_of_arrays,
+    understood,
+)
+from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import LARGEST_IN_MEMORY, PART, concatenate_chunks
 from sdp_vs_penalty.errors import InputError
@@ -33,7 +40,7 @@ def read(path: Path, choice: Choice) -> Measurements:
         arrays = {name: _channel(path, file, name) for name in header.columns}
     lengths = {len(array) for array in arrays.values()}
     if len(lengths) > 1 or max(lengths, default=0) <= PART or "t" not in header.groups:
-        return header.run(arrays)
+        return header.read(arrays)
     return header.gather(_pieces(header, arrays))
 
 
@@ -80,6 +87,11 @@ def _rows(
         if len(content) < count * size:
             raise ValueError("an array ends early")
         yield np.frombuffer(content, dtype).reshape(count, *shape[1:])
+
+
+def inspect(path: Path) -> CellTable:
+    """What the arrays of an archive hold."""
+    return table_of_arrays(numeric_arrays(path))
 
 
 def write(measurements: Measurements, path: Path) -> None:

@@ -20,7 +20,8 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, COARSENING_ROWS
-from sdp_vs_penalty.diagnosis.score import EvidenceScorer, WhiteFit
+from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
+from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.effects.transmission import combinations

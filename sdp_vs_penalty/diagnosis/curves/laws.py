@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     MAX_CANDIDATES_REFINED,
 )
 from sdp_vs_penalty.diagnosis.curves.bases import Axis, Basis, CurveColumns, SplineFit
-from sdp_vs_penalty.diagnosis.score import DEPENDENT
+from sdp_vs_penalty.diagnosis.linear_fit import DEPENDENT
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array

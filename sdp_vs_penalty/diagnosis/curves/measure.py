@@ -13,6 +13,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_DISTINGUISH,
     LAW_TOLERANCE,
     MAX_CANDIDATES_REFINED,
+    THIRDS,
 )
 from sdp_vs_penalty.diagnosis.curves.bases import (
     Basis,
@@ -25,8 +26,9 @@ from sdp_vs_penalty.diagnosis.curves.bases import (
 )
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
 from sdp_vs_penalty.diagnosis.curves.laws import Law, LawFit, recognised, written
-from sdp_vs_penalty.diagnosis.score import ScoredEffect
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
+from sdp_vs_penalty.diagnosis.white_rows import folds_of
 from sdp_vs_penalty.effects.effect import follows_alone
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
 from sdp_vs_penalty.robot.arrays import Array
@@ -100,39 +102,38 @@ def in_parts(search: Search) -> list[int]:
     return sorted({j for j in parts if parts.count(j) > 1})
 
 
-def measured_curves(
-    search: Search, left: Sequence[int], parts: Sequence[int], fold: NDArray[np.intp]
+def measure_curves(
+    search: Search, left: Sequence[int], fold: NDArray[np.intp] | None = None
 ) -> list[Measured]:
-    """The curve of each joint (from 0) on which something is ``left``, beside all terms
-    or instead of those of its joint alone; and of joints whose terms may be ``parts``
-    of one, instead of them. fold (M,) : for the values without each fold."""
+    """Curves of the joints (from 0) on which something is ``left``, and of those whose
+    terms may be parts of one function of the joint's position.
+
+    A curve stands beside all terms, or instead of those of its joint alone. fold (M,) :
+    for the values without each fold; thirds by phase by default.
+    """
+    parts = in_parts(search)
+    if not left and not parts:
+        return []
     variables = Variables(search.data.rows, search.data.estimate.robot)
+    if fold is None:
+        fold = folds_of(search.data.rows, THIRDS)
     out: list[Measured] = []
     for joint in dict.fromkeys([*left, *parts]):
-        own_terms = [t for t in search.terms if t.joints == {joint}]
-        other_terms = [t for t in search.terms if t not in own_terms]
-        beside_terms = (
-            _best(search, search.terms, joint, variables) if joint in left else None
-        )
-        is_wanted = own_terms and (beside_terms is not None or joint in parts)
-        curve_alone = (
-            _best(search, other_terms, joint, variables) if is_wanted else None
-        )
-        worth = sum(t.evidence for t in search.score_jointly(own_terms, other_terms))
-        instead = curve_alone is not None and _instead(
-            worth, own_terms, curve_alone, beside_terms
-        )
-        best = curve_alone if instead else beside_terms
-        if best is not None:
-            out.append(
-                _measured(
-                    search,
-                    *best[1:],
-                    variables,
-                    fold,
-                    tuple(own_terms) if instead else (),
-                )
-            )
+        of_joint = [t for t in search.terms if t.joints == {joint}]
+        others = [t for t in search.terms if t not in of_joint]
+        beside = None
+        if joint in left:
+            beside = _best(search, search.terms, joint, variables)
+        alone = None
+        if of_joint and (beside is not None or joint in parts):
+            alone = _best(search, others, joint, variables)
+        worth = sum(t.evidence for t in search.score_jointly(of_joint, others))
+        if alone is not None and _instead(worth, of_joint, alone, beside):
+            _, fit, law = alone
+            out.append(_measured(search, fit, law, variables, fold, tuple(of_joint)))
+        elif beside is not None:
+            _, fit, law = beside
+            out.append(_measured(search, fit, law, variables, fold, ()))
     return out
 
 
@@ -162,7 +163,7 @@ def _best(
     """The curve of a joint that scores most beside some terms, with its law."""
     data = search.data
     score = search.score
-    fit = score.fit(search.with_misfits(terms), search.fit)
+    fit = score.fit(search.nuisances.with_law_misfits(terms), search.fit)
     # What is a curve already is no second one of the same variables.
     have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
     curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]

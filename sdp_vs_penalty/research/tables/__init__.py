@@ -1,7 +1,7 @@
 """The comparison tables, one file each: a file with a :class:`TableSpec` is its
 registration."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -33,21 +33,50 @@ def makers() -> dict[str, TableSpec]:
 
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
-    """The tables as data. Raises InputError for a table that does not exist for the
-    problem."""
-    for maker in (chosen := _chosen(names)):
-        if maker.problems and study.problem.name not in maker.problems:
-            what = f"table {maker.name} belongs to {' and '.join(maker.problems)}"
+    """The tables as data.
+
+    Parameters
+    ----------
+    names : sequence of str or None
+        Of the tables, in any case; None for III, IV, VIII and IX.
+    study : Study
+        The problem, its data, the budget and who works.
+
+    Returns
+    -------
+    list of Table
+        In the order of the names.
+
+    Raises
+    ------
+    InputError
+        For a table that does not exist, or not for the problem.
+    """
+    specs = _chosen(names)
+    _check_problem(specs, study)
+    return [spec.made(study) for spec in specs]
+
+
+def _check_problem(specs: Sequence[TableSpec], study: Study) -> None:
+    """Raises InputError for a table that does not exist for the problem."""
+    for spec in specs:
+        if spec.problems and study.problem.name not in spec.problems:
+            what = f"table {spec.name} belongs to {' and '.join(spec.problems)}"
             raise InputError(what, "choose it with --problem, or leave the table out")
-    return [maker.made(study) for maker in chosen]
 
 
 def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
-    known = {name.lower(): maker for name, maker in makers().items()}
+    """The tables of these names, however they are written, each once."""
+    known = {name.lower(): spec for name, spec in makers().items()}
     for name in names or ():
-        if name.lower() not in known:  # however it is written
+        if name.lower() not in known:
             require_known("table", name, makers())
-    return list(dict.fromkeys(known[name.lower()] for name in names or DEFAULT_TABLES))
+    chosen = [known[name.lower()] for name in names or DEFAULT_TABLES]
+    return list(dict.fromkeys(chosen))
+
+
+def _written_nowhere(_: Table, __: list[Path]) -> None:
+    """The default: nobody hears of a table."""
 
 
 def make_tables(
@@ -57,31 +86,60 @@ def make_tables(
     out: str | Path = "results",
     progress: Progress = no_progress,
     workers: Workers = ALONE,
+    report: Callable[[Table, list[Path]], None] = _written_nowhere,
 ) -> list[tuple[Table, list[Path]]]:
-    """Build tables and write each as CSV, Markdown and LaTeX; each with its paths, CSV
-    first.
+    """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 
     Without the real run, a folder's measured tables are not overwritten: those without
     it are written to its subfolder ``simulated``.
 
-    names : of the tables, in any case; None for III, IV, VIII and IX. problem : default
-    the Panda, and the 2R for the tables that are about it only. budget : "quick", or
-    "paper" for as many loss evaluations of the paper's method as its authors allow;
-    workers : who estimates, a method on a data set each. Raises InputError for names
-    that do not exist, before anything is computed or written.
+    Parameters
+    ----------
+    names : sequence of str or None
+        Of the tables, in any case; None for III, IV, VIII and IX.
+    problem : str, Path, Problem or None
+        Default: the Panda, and the 2R for the tables that are about it only.
+    budget : str
+        "quick", or "paper" for as many loss evaluations of the paper's method as its
+        authors allow.
+    out : str or Path
+        The folder.
+    progress : callable
+        Hears what is at work.
+    workers : Workers
+        Who estimates, a method on a data set each.
+    report : callable
+        Hears of each table and its paths when they are written: what a run that is
+        stopped has made.
+
+    Returns
+    -------
+    list of (Table, list of Path)
+        Each table with its paths, CSV first.
+
+    Raises
+    ------
+    InputError
+        For names that do not exist, before anything is computed or written.
     """
-    groups: dict[Any, list[str]] = {}
-    for maker in _chosen(names):
-        problem_name, *_ = maker.problems or ("panda",)
-        groups.setdefault(problem_name if problem is None else "", []).append(
-            maker.name
-        )
+    groups: dict[Any, list[TableSpec]] = {}
+    for spec in _chosen(names):
+        problem_name, *_ = spec.problems or ("panda",)
+        key = problem_name if problem is None else ""
+        groups.setdefault(key, []).append(spec)
+    studies = {
+        name: Study(as_problem(problem or name), budget, progress, workers)
+        for name in groups
+    }
+    for name, specs in groups.items():
+        _check_problem(specs, studies[name])
     tables_made = []
-    for name, group in groups.items():
-        study = Study(as_problem(problem or name), budget, progress, workers)
-        tables_made += [
-            (t, t.write(_folder(t, Path(out)))) for t in build_tables(group, study)
-        ]
+    for name, specs in groups.items():
+        for spec in specs:
+            table = spec.made(studies[name])
+            paths = table.write(_folder(table, Path(out)))
+            report(table, paths)
+            tables_made.append((table, paths))
     return tables_made
 
 

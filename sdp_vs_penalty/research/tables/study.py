@@ -15,8 +15,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import require_known
 from sdp_vs_penalty.estimation.build_problem import PoseOptions
-from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.identify import certify, estimate_parameters
+from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import (
     CrossValidation,
     FoldData,
@@ -45,6 +44,7 @@ from sdp_vs_penalty.problem.published import (
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
+from sdp_vs_penalty.research.estimates import Remembered, Result, estimate_once
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -70,7 +70,7 @@ class Effort:
 
 
 BUDGETS = {
-    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations, 3),
+    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations // 3, 1),
     "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
 }
 _PLACED = by_word(
@@ -162,16 +162,6 @@ def refitted(data: LeastSquares, links_given: Array) -> Array:
         data.R[:, free], data.rho - data.R @ theta, rcond=None
     )[0]
     return theta
-
-
-@dataclass(frozen=True)
-class Result:
-    """One method on one data set: theta as certified, its certificate, processor time to fit [s]."""
-
-    theta: Array
-    certificate: Certificate
-    seconds: float
-    details: dict[str, Any]
 
 
 class Study:
@@ -378,6 +368,13 @@ class Study:
             )
         return cast(Estimator, kind())
 
+    def fold_estimator(self, estimator: Estimator) -> Estimator:
+        """The method with the settings with which folds are judged: of annealing one
+        run each."""
+        if isinstance(estimator, PenaltyPaper):
+            return replace(estimator, runs=min(estimator.runs, 1))
+        return estimator
+
     @cached_property
     def base(self) -> Array:
         """(b, 10 n) map from the links' standard parameters to the base parameters."""
@@ -436,7 +433,8 @@ def _unseen(
     )
     split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
-    folds_judged = study.workers.map(partial(judged, estimator=estimator), folds)
+    once = Remembered(study.fold_estimator(estimator))
+    folds_judged = study.workers.map(partial(judged, estimator=once), folds)
     return split.result(estimator, list(folds_judged))
 
 
@@ -452,13 +450,7 @@ def _folds(
 
 
 def _estimated(estimator_and_task: tuple[Estimator, Task]) -> Result:
-    estimator, task = estimator_and_task
-    fresh = replace(task)  # without what an earlier method has left in its cache
-    begin = time.process_time()
-    fit = estimator.fit(fresh)
-    seconds = time.process_time() - begin
-    theta, certificate = certify(task, fit)
-    return Result(theta, certificate, seconds, fit.details)
+    return estimate_once(*estimator_and_task)
 
 
 def halves(run: Measurements) -> tuple[Measurements, Measurements]:

@@ -1,16 +1,13 @@
-"""What is left beyond the noise after the best explanation: nothing, or something
-without a name; and what happens once, of which no function of the motion is the cause:
-a contact, a knock, a hum.
-
-The error of each joint in N m, on rows that are evidence, against the noise floor. Rows
-of standstill are none: dry friction holds any torque up to its own there. Nor are those
-of a slow joint: where friction turns round any law of it is only nearly right.
+"""What happens once, of which no function of the motion is the cause: a contact, a
+knock, a hum.
 
 Events are rows of which the final model's residual is an outlier: windows of whitened
 residual with too much energy (:mod:`~sdp_vs_penalty.signals.coloured_noise`), in one
 repetition of the motion only where it repeats. A hum is a line in the spectrum: at the
 frequencies of a periodogram the power of whitened noise is exponential.
 """
+
+from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,16 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from sdp_vs_penalty.diagnosis.constants import (
-    CHANCE,
-    MIN_ERROR_RISE,
-    MINOR,
-    SPECTRUM_NOISE_FACTOR,
-)
-from sdp_vs_penalty.diagnosis.score import WhiteFit
-from sdp_vs_penalty.diagnosis.whitening import WhiteData, spread_columns
-from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.effects.model import plausible_sizes
+from sdp_vs_penalty.diagnosis.constants import MINOR
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.files import JsonRecord
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import (
@@ -42,111 +31,7 @@ from sdp_vs_penalty.signals.constants import SAME_PHASE
 from sdp_vs_penalty.signals.noise import REPETITION, differences
 from sdp_vs_penalty.signals.repetition import consecutive
 from sdp_vs_penalty.signals.spectrum import periodograms
-from sdp_vs_penalty.signals.standstill import SLOW, STILL
-
-
-@dataclass(frozen=True)
-class Remainder:
-    """in_sample_excess_variance (n,) : variance of what is left over that of the noise, less one; beyond
-    (n,) [N m or N] : its RMS beyond the noise while the joint slides; joints_above_noise : the
-    joints (from 0) whose error that raises, so that a curve is looked for; matters :
-    those on which the noise is known well enough to say so without one; residual (M, n)
-    [N m or N]; outlier_rows (M, n) : rows that are outliers of it."""
-
-    in_sample_excess_variance: Array
-    beyond: Array
-    joints_above_noise: tuple[int, ...]
-    joints_unexplained: tuple[int, ...]
-    residual: Array
-    outlier_rows: NDArray[np.bool_]
-
-
-def remainder(
-    data: WhiteData, fit: WhiteFit, residual: Array, outlier_mask: NDArray[np.bool_]
-) -> Remainder:
-    """residual (M, n) [N m or N], white in ``fit``; outlier_rows (M, n) : rows of events, left
-    out."""
-    rows = data.rows
-    noise = data.noise
-    white = (fit.residual * fit.level[:, None]).T
-    keep = (
-        rows.keep
-        & (white != 0.0)
-        & (noise.worth > 0.5)
-        & (rows.still <= STILL)
-        & ~outlier_mask
-    )
-    slides = keep & (rows.slow <= SLOW)
-    leverage = np.sum(fit.basis**2, axis=2).T
-
-    def mean(squares: Array, which: NDArray[np.bool_]) -> Array:
-        degrees = np.maximum((which * (1.0 - leverage)).sum(axis=0), 1.0)
-        return np.asarray((which * squares).sum(axis=0) / degrees)
-
-    variance = mean(white**2, slides)
-    squares = mean(residual**2, slides)
-    floor = noise.floor
-    more = (1.0 + MIN_ERROR_RISE) ** 2
-    raised = np.flatnonzero((squares > more * floor**2) & data.known)
-    if raised.size:  # not all encoders are fine
-        floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
-        raised = raised[squares[raised] > more * floor[raised] ** 2]
-    beyond = np.sqrt(np.maximum(squares - floor**2, 0.0))
-    smallest_variance = np.full(len(variance), SPECTRUM_NOISE_FACTOR**2 * more)
-    if noise.source == REPETITION:  # as the mean of so many squares is itself known
-        smallest_variance = (
-            more * noise.degrees / special.chdtri(noise.degrees, 1.0 - CHANCE)
-        )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        variance *= (noise.floor / floor) ** 2
-    matters = raised[variance[raised] > smallest_variance[raised]]
-    share = mean(white**2, keep) - 1.0
-    return Remainder(
-        share,
-        beyond,
-        tuple(raised.tolist()),
-        tuple(matters.tolist()),
-        residual,
-        outlier_mask,
-    )
-
-
-def least_squares_refit(
-    data: WhiteData, effects: Sequence[Effect]
-) -> tuple[Array, Array]:
-    """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N]
-    what these leave: least squares on the white rows and on what is known of sizes,
-    joints weighted by what is left of them; parameters that rows do not tell are the
-    model's."""
-    columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
-    everything = np.concatenate(columns, axis=2)
-    n, _, p = everything.shape
-    theta = np.zeros(p)
-    torque = data.rows.residual if data.frozen else data.rows.torque
-    if not data.frozen:
-        theta[: data.raw.shape[2]] = data.estimate.theta
-    if not p:
-        return theta, torque
-    known = plausible_sizes(
-        (*(() if data.frozen else data.estimate.model.effects), *effects)
-    )
-    white = np.stack([data.white(everything[j], j) for j in range(n)])
-    first = theta
-    level = np.ones(n)
-    prior = np.diag(1.0 / known)
-    target = data.y - white @ first
-    for _ in range(3):
-        A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])
-        norms = np.linalg.norm(A, axis=0)
-        unit = np.where(norms > 1e-12 * norms.max(initial=0.0), norms, np.inf)
-        right_side = np.append(target / level[:, None], -prior @ first)
-        theta = first + np.linalg.lstsq(A / unit, right_side, rcond=1e-8)[0] / unit
-        left = np.sum((data.y - white @ theta) ** 2, axis=1) / np.maximum(
-            data.count, 1.0
-        )
-        level = np.sqrt(np.maximum(left, 1.0 if data.known else 1e-12))
-    return theta, np.asarray(torque - (everything @ theta).T)
-
+from sdp_vs_penalty.signals.standstill import SLOW
 
 Mask = NDArray[np.bool_]
 
@@ -163,29 +48,39 @@ class Event(JsonRecord):
     frequency: float | None = None
 
 
-def events(
-    data: WhiteData, outlier_mask: Mask, residual: Array, named: Sequence[int]
+def find_events(
+    data: WhiteData, outlier_rows: Mask, residual: Array, unexplained: Sequence[int]
 ) -> list[Event]:
-    """The events of a final model. residual (M, n) [N m or N] : what it leaves; outlier_rows (M,
-    n) : its outliers; named : the joints (from 0) on which something without a name is
-    left, whose peaks are no events."""
+    """Outliers of the final model: windows of too much energy, cut to the rows that hold
+    it, and lines of the spectrum.
+
+    residual (M, n) [N m or N] : what the model leaves; outlier_rows (M, n) : its
+    outliers; unexplained : the joints (from 0) on which something without a name is left,
+    whose peaks are no events.
+    """
     rows = data.rows
-    mask = outlier_mask.copy()
-    mask[:, list(named)] = False
-    unmasked_rows = replace(rows, masked=np.zeros((0, 0), bool))
-    events_found = []
+    mask = outlier_rows.copy()
+    mask[:, list(unexplained)] = False
+    out = find_hums(data, residual)
     for j in range(rows.n):
-        for piece in unmasked_rows.pieces[j]:
-            event_rows = piece[mask[piece, j]]
-            apart = np.flatnonzero(np.diff(rows.t[event_rows]) > 2.0 * SAME_PHASE) + 1
-            for group in np.split(event_rows, apart) if len(event_rows) else ():
-                group = _core_of_event(group, residual[:, j])
-                events_found.append(
-                    Event(j + 1, float(rows.t[group[0]]), float(rows.t[group[-1]]))
-                )
-    return sorted(
-        events_found + _hums(data, residual), key=lambda e: (e.t_start, e.joint)
-    )
+        for group in _groups_in_time(data, mask[:, j], j):
+            core = _core_of_event(group, residual[:, j])
+            out.append(Event(j + 1, float(rows.t[core[0]]), float(rows.t[core[-1]])))
+    return sorted(out, key=lambda e: (e.t_start, e.joint))
+
+
+def _groups_in_time(
+    data: WhiteData, outlier_rows: NDArray[np.bool_], joint: int
+) -> list[NDArray[np.intp]]:
+    """A joint's outlier rows (M,), those apart that are far in time."""
+    rows = data.rows
+    out = []
+    for piece in replace(rows, masked=np.zeros((0, 0), bool)).pieces[joint]:
+        event_rows = piece[outlier_rows[piece]]
+        if len(event_rows):
+            is_far = np.diff(rows.t[event_rows]) > 2.0 * SAME_PHASE
+            out += np.split(event_rows, np.flatnonzero(is_far) + 1)
+    return out
 
 
 def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
@@ -193,10 +88,8 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
     energy: windows are longer than what happens in them."""
     squares = residual[group] ** 2
     order = np.argsort(-squares)
-    count = (
-        int(np.searchsorted(np.cumsum(squares[order]), (1.0 - MINOR) * squares.sum()))
-        + 1
-    )
+    enough = (1.0 - MINOR) * squares.sum()
+    count = int(np.searchsorted(np.cumsum(squares[order]), enough)) + 1
     core_rows = np.sort(order[:count])
     return group[core_rows[0] : core_rows[-1] + 1]
 
@@ -247,7 +140,7 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     return out
 
 
-def _hums(data: WhiteData, residual: Array) -> list[Event]:
+def find_hums(data: WhiteData, residual: Array) -> list[Event]:
     """One event a run for each joint in whose residual a spectral line stands.
 
     Where the motion repeats it is looked for in what does not: a model's error is a

@@ -66,7 +66,7 @@ def with_estimate(
 
 
 #: What errors of an effect's free shape constants make of torque, white.
-Moved = tuple[ShapeSensitivity, dict[int, Array]]
+ConstantErrors = tuple[ShapeSensitivity, dict[int, Array]]
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class WhiteData:
 
     def constant_error_columns(
         self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()
-    ) -> list[Moved]:
+    ) -> list[ConstantErrors]:
         """What errors of the free shape constants of effects, and of the model's own
         beside them, make of white torque: what turns over another velocity looks like
         friction of another size."""
@@ -172,13 +172,13 @@ def whiten_rows(
     """White rows with a model attached; noise_rows : what the noise is measured in, if not
     these."""
     noise = noise_of(rows, noise_rows)
-    masked = noise.suspect | before_friction_settles(rows)
+    masked = noise.suspect | mask_unsettled_rows(rows)
     if masked.any():
         rows = replace(rows, masked=masked)
     return whitened(rows, noise, estimate, frozen)
 
 
-def before_friction_settles(rows: SegmentedRuns) -> NDArray[np.bool_]:
+def mask_unsettled_rows(rows: SegmentedRuns) -> NDArray[np.bool_]:
     """(M, n) rows before a joint has come so far that friction with a memory has
     forgotten what bent it before the log began. Of a joint that never comes so far,
     none."""
@@ -198,7 +198,7 @@ def whitened(
     """The same where the noise is known."""
     torque = rows.residual if frozen else rows.torque
     X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), torque)
-    clusters = time_clusters(rows), stretches(rows, CLUSTERS)[1]
+    clusters = cluster_rows(rows)
     # Rows behind the past that whitening needs, each by its worth.
     count = np.array(
         [noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)]
@@ -237,6 +237,17 @@ def model_columns(
     return np.concatenate(
         [spread_columns(rows, e) for e in estimate.model.effects], axis=2
     )
+
+
+def cluster_rows(
+    rows: SegmentedRuns,
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(M,) labels of rows that err together: stretches of time, and stretches of the
+    motion's phase.
+
+    What a model lacks comes back with the motion.
+    """
+    return time_clusters(rows), stretches(rows, CLUSTERS)[1]
 
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:

@@ -1,0 +1,227 @@
+"""What explains the torques of all runs together.
+
+Order, signs, units, clock and mounting belong to the logger: one search over the rows of
+all runs finds them, and each has to hold in every run. What belongs to one run (its
+load, a zero, or a fault of its log alone) is claimed with that run named.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from sdp_vs_penalty.checks.constants import NO_DYNAMICS
+from sdp_vs_penalty.checks.faults.fault import Fault
+from sdp_vs_penalty.checks.faults.order import Exchange
+from sdp_vs_penalty.checks.faults.sign import Sign
+from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.one_arm import RunComparison, RunLog, two_arms
+from sdp_vs_penalty.checks.problem_units import problem_units
+from sdp_vs_penalty.checks.regression_data import RegressionData
+from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.report import Report
+from sdp_vs_penalty.checks.residual import contradicting_joints, unexplained_torque
+from sdp_vs_penalty.checks.search import RepairSearch
+from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+#: Torques of these kinds have no gains of their own.
+UNSCALED = "torque channel kind", "external torque"
+
+
+def judge_dynamics(
+    problem: Problem, reports: Sequence[Report], settings: Preprocessing
+) -> list[Report]:
+    """The reports with what explains the torques of all runs together."""
+    units = [*problem_units(problem)]
+    if units:
+        return [with_issues(report, units) for report in reports]
+    judge = LoggerJudge(problem, reports, settings)
+    return judge.judge() if judge.logs else judge.reports
+
+
+class LoggerJudge:
+    """Of one logger's runs of one arm.
+
+    reports : of all runs, with their facts; logs : by the run's number, the rows of
+    those whose dynamics can be judged; only_in : what was repaired in one run alone.
+    """
+
+    def __init__(
+        self, problem: Problem, reports: Sequence[Report], settings: Preprocessing
+    ) -> None:
+        self.problem = problem
+        self.settings = settings
+        self.reports = [*reports]
+        self.logs: dict[int, Likelihood] = {}
+        for k, report in enumerate(reports):
+            if not has_dynamics(report):
+                continue
+            try:
+                self.logs[k] = self.rows_of(report.repaired_all)
+            except InputError as error:
+                issue = Issue.of_refusal(
+                    "too little data", error, "certain: the filters need more"
+                )
+                self.reports[k] = with_issues(report, [issue])
+        none = LogTransform.none(problem.robot.n, problem.robot.gravity)
+        self.only_in = dict.fromkeys(self.logs, none)
+        self.issues_of_one: dict[int, list[Issue]] = {k: [] for k in self.logs}
+
+    def rows_of(self, run: Measurements) -> Likelihood:
+        """The rows of one run. Raises InputError for one shorter than the filters
+        need."""
+        data = RegressionData.of(self.problem, run, self.settings.resolve(run))
+        return Likelihood(self.problem, data)
+
+    def judge(self) -> list[Report]:
+        """The reports, with what explains the torques."""
+        common = Likelihood.together([*self.logs.values()])
+        kind = [*kind_of_torque(common)]
+        if kind:
+            for k in self.logs:
+                self.reports[k] = with_issues(self.reports[k], kind)
+            return self.reports
+        search = self._search()
+        net = search.confirmed(search.run())
+        while self._repair_one_run(net):
+            search = self._search()
+            net = search.confirmed(search.run())
+        self._report(search, net)
+        return self.reports
+
+    def _search(self) -> RepairSearch:
+        logs = [*self.logs.values()]
+        facts = [self.reports[k].issues for k in self.logs]
+        return RepairSearch(Likelihood.together(logs), logs, facts)
+
+    def _repair_one_run(self, net: LogTransform) -> bool:
+        """Name what is different in one run, if anything is. Whether its rows were
+        repaired, so that the search has to begin again."""
+        numbers = [
+            k
+            for k, log in self.logs.items()
+            if log.spare > 0.0 and not is_poor(self.reports[k])
+        ]
+        if len(numbers) < 2:
+            return False
+        comparison = RunComparison(
+            [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
+        )
+        if not comparison.differs(1.0) and not self._contradicts_in_some(numbers, net):
+            return False
+        cause = comparison.best_cause(lambda k: self._faults_of_one(numbers[k]))
+        if cause is None:
+            return False
+        number = numbers[cause.of.run]
+        issue = comparison.issue(cause)
+        known = [(f.kind, f.where) for f in self.issues_of_one[number]]
+        if (issue.kind, issue.where) in known:
+            return False
+        self.issues_of_one[number].append(issue)
+        repair = cause.repair(self.logs[number].none)
+        return repair is not None and self._repaired(number, repair)
+
+    def _contradicts_in_some(self, numbers: Sequence[int], net: LogTransform) -> bool:
+        """Whether joints contradict each other in some runs, and not in others."""
+        logs = [self.logs[k] for k in numbers]
+        unexplained = [len(contradicting_joints(log, net)) > 0 for log in logs]
+        return any(unexplained) and not all(unexplained)
+
+    def _faults_of_one(self, number: int) -> list[tuple[Fault, LogTransform]]:
+        """What may be wrong in one run's log alone: a sign, an order of torques, and
+        what a search of this run by itself finds, one thing each."""
+        log = self.logs[number]
+        none = log.none
+        score = log.score(none)
+        search = RepairSearch(log, [log], [self.reports[number].issues])
+        alone = search.run()
+        repairs = [search.alone(alone, fault) for fault in search.elements(alone)]
+        for kind in (Sign(), Exchange()):
+            repairs += kind.proposals(log, none, score)
+        faults = []
+        for repair in dict.fromkeys(repairs):
+            elements = search.elements(repair)
+            if len(elements) == 1 and elements[0].apply:
+                faults.append((elements[0], repair))
+        return faults
+
+    def _repaired(self, number: int, repair: LogTransform) -> bool:
+        """Whether the rows of a run could be repaired."""
+        only = self.only_in[number].then(repair)
+        run = only.apply(self.reports[number].repaired_all)
+        try:
+            self.logs[number] = self.rows_of(run)
+        except InputError:
+            return False
+        self.only_in[number] = only
+        return True
+
+    def _report(self, search: RepairSearch, net: LogTransform) -> None:
+        """What is said of each run."""
+        stated = search.describe_faults(net)
+        facts = [f.kind for report in self.reports for f in report.issues]
+        size = []
+        if "torque in counts" not in facts:
+            size = [*torque_magnitude(search.log, net)]
+        if any(issue.kind in UNSCALED for issue in size):
+            stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
+        for number, log in self.logs.items():
+            report = self.reports[number]
+            parted = [] if is_poor(report) else [*two_arms(log, net)]
+            known = replace(net, events=()) if parted else net
+            poor = [] if search.is_poor else [*unexplained_torque(log, known)]
+            left = [*size, *poor, *parted]
+            explained = [*self._explanations(number, stated, net), *left]
+            new = [f for f in explained if not is_named_by_a_fact(f, report.issues)]
+            total = self.only_in[number].then(net)
+            work = total.apply(report.repaired_all)
+            for issue in left:
+                work = issue.repair(work) if issue.repair is not None else work
+            self.reports[number] = replace(
+                report,
+                issues=(*report.issues, *new),
+                repaired_all=work,
+                unexplained=log.score(net).unexplained,
+                gravity=net.gravity if log.spare > 0.0 else None,
+            )
+
+    def _explanations(
+        self, number: int, stated: Sequence[Issue], net: LogTransform
+    ) -> list[Issue]:
+        """Of what is stated of all runs and of this one alone, what is true of it: a
+        sign that is wrong in all and in this one again is right here."""
+        of_one = self.issues_of_one[number]
+        if not any(issue.apply for issue in of_one):
+            return [*stated, *of_one]
+        total = self.only_in[number].then(net)
+        log = self.logs[number]
+        known = {f.apply for f in RepairSearch(log).elements(total)}
+        return [f for f in (*stated, *of_one) if not f.apply or f.apply in known]
+
+
+def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
+    """The report with more issues."""
+    return replace(report, issues=(*report.issues, *issues))
+
+
+def has_dynamics(report: Report) -> bool:
+    """Whether there are torques and rows of a run whose dynamics can be judged."""
+    stops = any(f.kind in NO_DYNAMICS for f in report.issues)
+    return report.repaired_all.torque_logged and not stops
+
+
+def is_poor(report: Report) -> bool:
+    """Whether the motion of a run has half as many directions as joints, or fewer."""
+    ranks = [f.figures for f in report.issues if f.kind == "lockstep motion"]
+    return any(2 * x["rank"] <= x["moving"] for x in ranks)
+
+
+def is_named_by_a_fact(issue: Issue, facts: Sequence[Issue]) -> bool:
+    """Whether a fact has named the same clipped channel."""
+    if issue.kind != "saturation":
+        return False
+    clipped = [f.figures["joints"] for f in facts if f.kind == "saturation"]
+    return issue.figures["joints"] in clipped

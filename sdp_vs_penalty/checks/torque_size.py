@@ -1,0 +1,251 @@
+"""Are the torques those of joints: what made them, and are they of a possible size?
+
+What joints share tells the channels' ratios, never their common size. Two witnesses do:
+the joints' effort limits, which bind every sample, and what an arm of the problem's
+masses needs on the motion.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.faults.fault import UNITS
+from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
+
+_BY_SIZE = "likely: judged by size alone"
+_CONVERT = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
+_CORRECT_MASSES = "if right, correct the problem's masses"
+
+
+def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
+    """Torques of an impossible size: another unit, motor currents, the motor's side of
+    the gear, or what is left where a model was subtracted."""
+    shares = _shares_of_effort(log, repair)
+    too_large = np.flatnonzero(shares > c.EFFORT[1])
+    if 0 < len(too_large) <= 0.3 * log.n:
+        times = formatting.words([f"{x:.3g}" for x in shares[too_large]])
+        yield Issue.of(
+            kind="torque unit",
+            severity="warning",
+            joints=too_large,
+            what=f"the torque of {{where}} is {times} times what the joint is made for:"
+            " in another unit.",
+            certainty=_BY_SIZE,
+            remedy=_CONVERT,
+            nature=EXPLANATION,
+        )
+        return
+    size = _Size.of(log, repair, shares)
+    reason = _reason_of_size(log, repair, size)
+    if reason is not None:
+        yield Issue.of(
+            kind=reason.kind,
+            severity="warning",
+            joints=range(log.n),
+            what=f"the torques are {size.description}: {reason.why}.",
+            certainty=_BY_SIZE,
+            remedy=reason.remedy,
+            repair=_times(reason.factor) if reason.factor else None,
+            where=reason.where,
+            nature=EXPLANATION,
+            times_nominal=size.times_nominal,
+        )
+
+
+def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
+    """(n,) largest torque of each channel over its joint's effort limit; nan where the
+    joint has none."""
+    limits = np.array([joint.effort for joint in log.problem.robot.joints], float)
+    is_limit = (limits > 0.0) & np.isfinite(limits)
+    largest = log.data.largest[list(repair.tau_order)] * np.abs(repair.gain)
+    return np.asarray(largest / np.where(is_limit, limits, np.nan))
+
+
+@dataclass(frozen=True)
+class _Size:
+    """How large the torques are: over, as a share of the effort limits (-1 where there
+    are none); measured, over a nominal arm's, where its masses are known, and from
+    smallest to largest is possible."""
+
+    over: float
+    measured: float
+    smallest: float
+    largest: float
+    is_large: bool
+    is_small: bool
+    is_mass_known: bool
+    description: str
+
+    @property
+    def times_nominal(self) -> float | None:
+        return self.measured if self.is_mass_known else None
+
+    @property
+    def is_far(self) -> bool:
+        """Whether they are more than joints are made for."""
+        return self.over > c.EFFORT[1]
+
+    @classmethod
+    def of(cls, log: Likelihood, repair: LogTransform, shares: Array) -> "_Size":
+        """Of a repaired log, from its shares (n,) of the effort limits."""
+        over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
+        problem = log.problem
+        masses = float(problem.nominal_links[:, 0].sum())
+        if masses <= 0.0 or np.all(problem.guessed_links):
+            text = f"{over:.3g} times what the joints are made for"
+            return cls(over, over, 1e-2, 1.0, False, False, False, text)
+        low, high, weighs = _possible_masses(problem, masses)
+        arm = (log.filter_gain(repair).T * log.nominal(repair)).T[:, :, None]
+        measured = _norm(log.channels(repair).T) / _norm(arm)
+        largest = high / masses * c.EFFORT[1]
+        smallest = max(low, 0.1 * high) / masses / c.EFFORT[1]
+        # Upright axes bear friction, and no weight: without it the torques have to be
+        # too large as well.
+        rows = log.rows(repair)
+        shared = _norm(rows.apart @ log.score(repair).theta) / _norm(rows.rest(arm))
+        return cls(
+            over=over,
+            measured=measured,
+            smallest=smallest,
+            largest=largest,
+            is_large=min(measured, shared) > largest,
+            is_small=measured < smallest,
+            is_mass_known=True,
+            description=f"{measured:.3g} times what an arm of {weighs} kg needs",
+        )
+
+
+def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str]:
+    """Least and largest mass [kg] that the arm may have, and both in words."""
+    low, high = problem.total_mass
+    if np.isfinite(high):
+        return low, high, f"{low:g} to {high:g}"
+    return 0.5 * masses, 2.0 * masses, f"{masses:.3g}"
+
+
+@dataclass(frozen=True)
+class _Reason:
+    """Why torques have their size; factor : by which they are to be multiplied."""
+
+    kind: str
+    why: str
+    remedy: str
+    where: str = "all torque channels"
+    factor: float | None = None
+
+
+def _reason_of_size(
+    log: Likelihood, repair: LogTransform, size: _Size
+) -> _Reason | None:
+    """What makes the torques so large or so small; None where they may be right."""
+    is_odd = size.is_large or size.is_small
+    if is_odd and c.EFFORT[0] <= size.over <= c.EFFORT[1]:
+        return _Reason(
+            "masses of the problem",
+            "the problem's masses are wrong: the torques reach what torques do,"
+            f" {100.0 * size.over:.0f} % of the joints' effort limits",
+            "correct total_mass in problem.toml (the inertials of a URDF)",
+            where="the problem",
+        )
+    if size.is_large or (size.is_far and not size.is_mass_known):
+        return _in_another_unit(size)
+    if not size.is_small:
+        return None
+    channels = log.channels(repair).T
+    if _resembles(channels, log.nominal(repair)) < c.RESEMBLES:
+        return _Reason(
+            "external torque",
+            "they do not follow the arm's weight and inertia: what is left where a"
+            " model was subtracted (external torque)",
+            "log the measured joint torque: neither masses nor inertias can be"
+            " identified from this",
+        )
+    return _Reason(
+        "torque channel kind",
+        "they are motor currents, or torques on the motor side of the gear. A model of"
+        " them is unscaled: its ratios are right, its kilograms are not",
+        "multiply each channel by its drive gain (N m per A, gear ratio included);"
+        f" {_CORRECT_MASSES}",
+    )
+
+
+def _in_another_unit(size: _Size) -> _Reason:
+    """Torques too large for N m: the unit by name where one fits."""
+    for factor, name in UNITS.items():
+        fits = size.smallest <= size.measured * factor <= size.largest
+        if size.is_far and factor < 0.1 and fits:
+            return _Reason(
+                "torque unit",
+                f"they are in {name}",
+                f"multiply by {factor:g}",
+                factor=factor,
+            )
+    remedy = f"{_CONVERT}; {_CORRECT_MASSES}"
+    return _Reason("torque unit", "their unit is not N m", remedy)
+
+
+def _scaled(run: Measurements, factor: float) -> Measurements:
+    return replace(run, tau=run.tau * factor)
+
+
+def _times(factor: float) -> partial[Measurements]:
+    return partial(_scaled, factor=factor)
+
+
+def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
+    """Torques that a controller's model made, and no motor: the weight of an arm alone,
+    without inertia and friction. Nothing else can be asked of such torques."""
+    if log.data.shared is None or not any(log.none.gravity) or log.spare <= 0.0:
+        return
+    shares = _left_by_weight(log)
+    if shares[log.moving].max() < c.MODEL_OF_WEIGHT:
+        yield Issue.of(
+            kind="gravity model",
+            severity="warning",
+            joints=(),
+            what="the torques are the weight of an arm alone: no inertia, and no"
+            f" friction of any joint ({100.0 * shares.max() ** 0.5:.2g} % is left).",
+            certainty="likely: every motor bears friction",
+            remedy="log the measured torque or current: this is the controller's model"
+            " of gravity, from which friction and inertia cannot be identified",
+            where="all torque channels",
+            nature=EXPLANATION,
+        )
+
+
+def _left_by_weight(log: Likelihood) -> Array:
+    """(n,) share of each channel's energy that weight and an offset leave."""
+    score = log.score(log.none)
+    is_heard = log.filter_gain(log.none)[:, :, None]
+    weight = is_heard * log.shared(log.none, 0.0, 0.0)
+    offsets = np.eye(log.n)[:, None, :] * is_heard
+    size = np.sqrt(np.maximum(score.total, 1e-280))[:, None]
+    columns = np.concatenate([weight, offsets], axis=2) / size[:, :, None]
+    columns = columns.reshape(log.n * log.data.count, -1)
+    torque = (score.channels / size).reshape(-1)
+    left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0]
+    return np.asarray(np.sum(left.reshape(log.n, -1) ** 2, axis=1))
+
+
+def _norm(torques: Array) -> float:
+    """By which others may be divided."""
+    return float(at_least_tiny(np.linalg.norm(torques)))
+
+
+def _resembles(torques: Array, nominal: Array) -> float:
+    """The largest squared correlation of a joint's torque (N, n) with the nominal
+    arm's."""
+    x = torques - torques.mean(axis=0)
+    y = nominal - nominal.mean(axis=0)
+    common = np.sum(x * y, axis=0) ** 2
+    sizes = np.sum(x**2, axis=0) * np.sum(y**2, axis=0)
+    return float(np.max(common / nonzero_or_one(sizes)))

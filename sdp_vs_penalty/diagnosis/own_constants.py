@@ -1,0 +1,141 @@
+"""The shape constants of the model's own effects: as candidates, and what is said of
+them.
+
+They are nuisances of the same library. The model's own effect with another value of its
+constant is a candidate that stands in the present one's place: dD is then the drop from
+the model with the present value, and the price that of one number. What it explains as
+well as a finding is no finding, since it is simpler.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from sdp_vs_penalty.diagnosis.findings import REASONS, Retune
+from sdp_vs_penalty.diagnosis.library import Candidate
+from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
+from sdp_vs_penalty.diagnosis.refine import STEPS
+from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.constants import TURNS
+from sdp_vs_penalty.estimation.sensitivity import prior_deviation
+from sdp_vs_penalty.estimation.shapes import ShapeEstimate, at_end
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+
+
+def own_constant_candidates(data: WhiteData) -> Iterator[Candidate]:
+    """The model's own effects with other values of the shape constants that are
+    estimated."""
+    for key, (effect, _) in data.own_effects.items():
+        for name in effect.estimated:
+            for value in _values_to_try(effect, key[1], name):
+                other = effect.with_shape([key[1]], **{name: value})
+                yield Candidate(key, other, replaces_own_constant=True)
+
+
+def _values_to_try(effect: Effect, joint: int, name: str) -> list[float]:
+    """Of a shape constant: the grid, what lies near the present value, and more."""
+    now = effect.shape[name]
+    kind = effect.robot.joints[joint].kind
+    grid = list(effect.shapes[name].on(kind).grid)
+    high = max(grid[-1], TURNS[-1])
+    while 2.0 * grid[-1] < high:
+        grid.append(2.0 * grid[-1])
+    # The grid alone did not find a width of 0.058 beside one of 0.032 rad/s.
+    ratio = min(b / a for a, b in pairwise(grid))
+    near = [float(f"{now * ratio**step:.6g}") for step in (-STEPS[1], STEPS[1])]
+    inside = [x for x in near if grid[0] < x < high]
+    return sorted({high, *grid, *inside} - {now})
+
+
+def changed_constants(
+    terms: Sequence[ScoredEffect], model: Model
+) -> list[ShapeEstimate]:
+    """The constants of terms that stand in the place of a model's own effects, beside
+    the model's."""
+    out = []
+    for t in terms:
+        (joint,) = t.joints
+        new = t.form.effect
+        old = next(e for e in model.effects if e.name == new.name and joint in e.joints)
+        for key in new.estimated:
+            value = new.shape[key]
+            if value == old.shape[key]:
+                continue
+            ends = np.log(t.form.bounds(key) or (0.0, np.inf))
+            out.append(
+                ShapeEstimate(
+                    effect=new.name,
+                    joint=joint,
+                    shape=key,
+                    before=old.shape[key],
+                    after=value,
+                    gain=t.evidence,
+                    at_end=at_end(float(np.log(value)), *ends.tolist()),
+                )
+            )
+    return out
+
+
+def constant_std(
+    fit: WhiteFit, errors: Sequence[ConstantErrors], s: ShapeEstimate
+) -> float:
+    """Standard deviation of a constant of the model beside the findings of a fit;
+    infinite where the rows do not bound it."""
+    for change, columns in errors:
+        effect = change.effect
+        is_its = effect.name == s.effect and s.joint in effect.joints
+        if not is_its or s.shape not in change.keys:
+            continue
+        k = change.keys.index(s.shape)
+        left = fit.residual_of(fit.scaled(columns))[:, :, k]
+        information = float(np.sum(left**2))
+        if information <= 1.0:
+            return np.inf
+        return float(s.after * prior_deviation(effect, s.shape) / information**0.5)
+    return np.inf
+
+
+def retune(
+    s: ShapeEstimate,
+    std: float,
+    robot: Robot,
+    before: Array,
+    after: Array,
+    is_harmful: bool = False,
+) -> Retune:
+    """What is said of a re-estimated constant.
+
+    before, after (n,) : held-out errors of all findings without the new constant, and
+    with it; is_harmful : whether it does harm beside the sure findings alone.
+    """
+    shape = effect_types()[s.effect].shapes[s.shape]
+    kind = robot.joints[s.joint].kind
+    new, old = (shape.format_with_unit(v, kind) for v in (s.after, s.before))
+    unit = plain_unit(robot.torque_units[s.joint])
+    errors = float(before[s.joint]), float(after[s.joint])
+    explanation = (
+        f"joint {s.joint + 1}: {s.effect} has {s.shape} = {new}, not {old}; held-out"
+        f" error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+    )
+    remarks = []
+    if s.at_end:
+        remarks.append("it lies at the end of the range in which it was looked for")
+    if is_harmful:
+        remarks.append(REASONS["alone"])
+    return Retune(
+        estimate=replace(s, std=std),
+        confidence="weak" if remarks else "confident",
+        rmse_before=errors[0],
+        rmse_after=errors[1],
+        explanation=explanation,
+        remarks=tuple(remarks),
+    )

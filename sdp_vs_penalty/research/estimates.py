@@ -1,0 +1,142 @@
+"""Estimates of a study: each is computed once, whichever table or run asks for it
+first."""
+
+import time
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.identify import certify
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.penalty_paper import (
+    PenalisedLoss,
+    PenaltyPaper,
+    anneal_and_search,
+)
+from sdp_vs_penalty.research.memo import remembered, source_version, task_content
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.solvers.objective import Objective
+
+#: To be raised where annealing, local search or the penalised loss change their numbers:
+#: runs of hours are kept beyond changes of other sources.
+ANNEALING_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method on one data set: theta as certified, its certificate, processor time
+    to fit [s]."""
+
+    theta: Array
+    certificate: Certificate
+    seconds: float
+    details: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Remembered(Estimator):
+    """An estimator whose fits are kept on the disk: theta alone, without multipliers."""
+
+    name = "remembered"
+    description = "an estimate that is read where it was computed before"
+    estimator: Estimator
+
+    def fit(self, task: Task) -> Fit:
+        theta = np.array(_estimate(self.estimator, task)["fit_theta"])
+        return Fit(theta, Objective(task.data), task.constraints)
+
+
+def estimate_once(estimator: Estimator, task: Task) -> Result:
+    """An estimator's certified estimate, computed where the disk does not hold it."""
+    plain = _estimate(estimator, task)
+    return Result(
+        np.array(plain["theta"]),
+        Certificate(**plain["certificate"]),
+        plain["seconds"],
+        plain["details"],
+    )
+
+
+def _estimate(estimator: Estimator, task: Task) -> dict[str, Any]:
+    content = (source_version(), estimator.name, estimator, *task_content(task))
+    return remembered("estimate", content, partial(_estimated, estimator, task))
+
+
+def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
+    fresh = replace(task)  # without what an earlier method has left in its cache
+    steps = AnnealingSteps()
+    begin = time.process_time()
+    if isinstance(estimator, PenaltyPaper):
+        fit = estimator.fit_with(fresh, steps.search)
+    else:
+        fit = estimator.fit(fresh)
+    seconds = time.process_time() - begin
+    theta, certificate = certify(task, fit)
+    return {
+        "theta": theta.tolist(),
+        "certificate": asdict(certificate),
+        "seconds": seconds + steps.seconds_read,
+        "details": fit.details,
+        "fit_theta": fit.theta.tolist(),
+    }
+
+
+class AnnealingSteps:
+    """Steps of annealing and local search, each kept on the disk.
+
+    seconds_read : processor time that the steps took which were read [s].
+    """
+
+    def __init__(self) -> None:
+        self.seconds_read = 0.0
+
+    def search(
+        self,
+        loss: PenalisedLoss,
+        weight: float,
+        u: Array,
+        budget: int,
+        rng: np.random.Generator,
+    ) -> tuple[Array, int]:
+        """What :func:`anneal_and_search` returns."""
+        content = (
+            ANNEALING_VERSION,
+            scipy.__version__,
+            *loss_content(loss),
+            weight,
+            u,
+            budget,
+            rng.bit_generator.state,
+        )
+        begin = time.process_time()
+        plain = remembered(
+            "annealing", content, partial(_annealed, loss, weight, u, budget, rng)
+        )
+        self.seconds_read += plain["seconds"] - (time.process_time() - begin)
+        return np.array(plain["u"]), int(plain["evaluations"])
+
+
+def _annealed(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
+) -> dict[str, Any]:
+    begin = time.process_time()
+    best, n_evaluations = anneal_and_search(loss, weight, u, budget, rng)
+    seconds = time.process_time() - begin
+    return {"u": best.tolist(), "evaluations": n_evaluations, "seconds": seconds}
+
+
+def loss_content(loss: PenalisedLoss) -> tuple[object, ...]:
+    """What the value of a penalised loss depends on."""
+    return (
+        loss.data,
+        loss.box.lower,
+        loss.box.upper,
+        loss.box.links,
+        loss.fixed,
+        loss.free,
+        [vars(demand) for demand in loss.demands],
+    )

@@ -1,0 +1,147 @@
+"""Results kept on the disk by the content that they were computed from: numbers, settings
+and the sources that compute.
+
+What is computed again from the same content is read instead, in this run and in later
+ones, whatever was stopped in between. The folder is $SDP_VS_PENALTY_CACHE, else
+sdp-vs-penalty in the user's cache folder; an empty variable keeps nothing. Files are JSON
+with all digits; one that is damaged is computed again.
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.robot.constraint import group_cones
+
+#: The variable that names the folder.
+VARIABLE = "SDP_VS_PENALTY_CACHE"
+#: The folders whose sources an estimate depends on.
+_COMPUTING = ("robot", "effects", "regression", "solvers", "estimators", "estimation")
+#: What JSON holds.
+Plain = Any
+
+
+def remembered(
+    kind: str, content: Iterable[object], compute: Callable[[], Plain]
+) -> Any:
+    """What ``compute`` returns, read from the disk where it was computed before.
+
+    Parameters
+    ----------
+    kind : str
+        What is computed: the beginning of the file's name.
+    content : iterable
+        Everything that the result depends on: see :func:`content_key`.
+    compute : callable
+        Returns what JSON can hold.
+
+    Returns
+    -------
+    Any
+        The result, as JSON gives it back.
+    """
+    folder = memo_folder()
+    if folder is None:
+        return _plain(compute())
+    path = folder / f"{kind}-{content_key(content)}.json"
+    try:
+        return json.loads(path.read_text())
+    except (OSError, ValueError):
+        result = _plain(compute())
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(path, json.dumps(result))
+    return result
+
+
+def memo_folder() -> Path | None:
+    """Where results are kept; None where nothing is to be kept."""
+    named = os.environ.get(VARIABLE)
+    if named is not None:
+        return Path(named) if named else None
+    home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(home) / "sdp-vs-penalty"
+
+
+def _plain(result: Any) -> Plain:
+    """The result as JSON gives it back, so that the first run has the same types."""
+    return json.loads(json.dumps(result, default=float))
+
+
+def content_key(content: Iterable[object]) -> str:
+    """A hash of numbers, texts, arrays, dataclasses, and lists and mappings of these.
+
+    Raises TypeError for anything else: what is left out of a key is a wrong result.
+    """
+    hasher = hashlib.sha256()
+    for part in content:
+        for piece in _pieces(part):
+            hasher.update(len(piece).to_bytes(8, "little"))
+            hasher.update(piece)
+    return hasher.hexdigest()[:32]
+
+
+def _pieces(value: Any) -> Iterable[bytes]:
+    """The bytes of a value, in a form that differs where values differ."""
+    if isinstance(value, np.ndarray):
+        yield f"{value.dtype} {value.shape}".encode()
+        yield np.ascontiguousarray(value).tobytes()
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield type(value).__qualname__.encode()
+        for field in fields(value):
+            yield from _pieces(getattr(value, field.name))
+    elif isinstance(value, Mapping):
+        yield f"mapping {len(value)}".encode()
+        for name, item in value.items():
+            yield from _pieces(name)
+            yield from _pieces(item)
+    elif isinstance(value, tuple | list):
+        yield f"list {len(value)}".encode()
+        for item in value:
+            yield from _pieces(item)
+    elif value is None or isinstance(value, str | bool | int | float | np.number):
+        yield f"{type(value).__name__} {value!r}".encode()
+    else:
+        raise TypeError(f"{type(value).__name__} is no content of a key")
+
+
+def task_content(task: Task) -> tuple[object, ...]:
+    """What an estimator sees of a task, and what the task's base parameters come from."""
+    constraints = task.constraints
+    named = [(c.family, c.name) for c in (*constraints.convex, *task.bodies)]
+    return (
+        task.data,
+        # Side by side: one array instead of a hundred.
+        constraints.groups,
+        constraints.nonconvex,
+        group_cones(task.bodies),
+        named,
+        task.bound,
+        task.nominal,
+        task.box,
+        task.independent,
+        task.seed,
+        task.joint_scale,
+        task.prior,
+        task.total,
+        task.weights,
+        task.model.robot.to_dict(),
+        task.model.parameters,
+        task.model.known,
+    )
+
+
+@cache
+def source_version() -> str:
+    """A hash of the sources that an estimate depends on."""
+    home = Path(__file__).parents[1]
+    sources = (path for name in _COMPUTING for path in (home / name).rglob("*.py"))
+    return content_key(path.read_text() for path in sorted(sources))

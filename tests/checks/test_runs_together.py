@@ -1,0 +1,91 @@
+"""Runs of one logger are judged together: what belongs to one run alone is claimed with
+that run named, and nothing is said of the others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import Measurements, Problem
+from sdp_vs_penalty.checks import Issue, Report, check
+from sdp_vs_penalty.data import concatenate
+from sdp_vs_penalty.simulation import experiment
+
+
+@pytest.fixture(scope="module")
+def runs(two_link: Problem) -> tuple[Measurements, Measurements]:
+    """Two runs of one arm."""
+    first = experiment(two_link).training_run(0)
+    second = experiment(two_link).training_run(1)
+    return replace(first, names=("first",)), replace(second, names=("second",))
+
+
+def scaled(run: Measurements, joint: int, factor: float) -> Measurements:
+    """The run with the torque of one joint (from 1) so many times as large."""
+    tau = run.tau.copy()
+    tau[:, joint - 1] *= factor
+    return replace(run, tau=tau)
+
+
+def swapped(run: Measurements) -> Measurements:
+    return replace(run, tau=run.tau[:, ::-1].copy())
+
+
+def judged(problem: Problem, *runs: Measurements) -> list[Report]:
+    return check(problem, concatenate(runs), thorough=False)
+
+
+def explanations(report: Report) -> list[Issue]:
+    return [issue for issue in report.issues if issue.nature == "explanation"]
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_sign_of_one_run_is_claimed_of_that_run(joint, two_link, runs):
+    bad, good = judged(two_link, scaled(runs[0], joint, -1.0), runs[1])
+    (issue,) = explanations(bad)
+    assert issue.kind == "torque sign"
+    assert issue.figures["joints"] == [joint]
+    assert "in first only" in issue.what
+    assert issue.apply == f"sign:tau{joint}"
+    assert not explanations(good)
+
+
+def test_the_run_is_repaired_where_its_sign_is_wrong(two_link, runs):
+    bad, good = judged(two_link, runs[0], scaled(runs[1], 2, -1.0))[::-1]
+    np.testing.assert_array_equal(bad.repaired_all.tau, runs[1].tau)
+    np.testing.assert_array_equal(good.repaired_all.tau, runs[0].tau)
+
+
+def test_an_order_of_one_run_is_claimed_of_that_run(two_link, runs):
+    good, bad = judged(two_link, runs[0], swapped(runs[1]))
+    (issue,) = explanations(bad)
+    assert issue.kind == "torque order"
+    assert "in second only" in issue.what
+    assert not explanations(good)
+
+
+def test_a_gain_of_one_run_has_no_other_cause(two_link, runs):
+    bad, good = judged(two_link, scaled(runs[0], 2, 1.15), runs[1])
+    (issue,) = explanations(bad)
+    assert issue.kind == "torque gain"
+    assert issue.figures["size"] == pytest.approx(0.15, abs=0.02)
+    assert not explanations(good)
+
+
+def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
+    reports = judged(two_link, *(scaled(run, 2, -1.0) for run in runs))
+    for report in reports:
+        (issue,) = explanations(report)
+        assert issue.kind == "torque sign"
+        assert "only" not in issue.what
+
+
+def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
+    two_link, runs
+):
+    third = replace(experiment(two_link).training_run(2), names=("third",))
+    flipped = [scaled(run, 2, -1.0) for run in runs]
+    bad, also_bad, good = judged(two_link, *flipped, third)
+    assert [issue.apply for issue in explanations(bad)] == ["sign:tau2"]
+    assert [issue.apply for issue in explanations(also_bad)] == ["sign:tau2"]
+    assert not explanations(good)
