@@ -151,7 +151,7 @@ def archive(home: Path, folder: Path) -> Path:
 
 
 def test_a_shell_reads_the_words_that_were_meant(tmp_path):
-    names = hostile_names(200, of_files=True)
+    names = [*hostile_names(200, of_files=True)]
     lines = [command_line(["printf", "%s|", name, "end"]) for name in names]
     assert all(line.isprintable() for line in lines)
     script = "".join(f"{line}\nprintf '\\0'\n" for line in lines)

@@ -29,6 +29,8 @@ from sdp_vs_penalty.page import Sessions
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 NAMES = ("a.csv", "b.csv", "test.csv")
+#: Of each run: enough to be sure of what is hidden.
+SECONDS = 12.0
 #: What is hidden in each story.
 STORIES = {
     "nothing": [],
@@ -53,7 +55,7 @@ def story(
     runs = hidden_runs(two_link, STORIES[request.param], "strong", 24, len(NAMES)).runs
     files = {name: folder / name for name in NAMES}
     for run, file in zip(runs, files.values(), strict=True):
-        save(run, file)
+        save(run.window(0.0, SECONDS), file)
     said = _by_commands(folder, files)
     session, screen = _by_page(files)
     yield SimpleNamespace(folder=folder, said=said, session=session, screen=screen)
