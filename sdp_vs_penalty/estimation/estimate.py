@@ -213,18 +213,23 @@ class Estimate(Shown):
             if x.shape != states[0].shape or x.shape[1:] != (n,):
                 what = f"predict({name}=...) has shape {np.shape(x)}"
                 raise InputError(what, f"give q, dq and ddq as (N, {n})")
-        for e in self.model.effects if t is None else ():
-            if e.has_memory or any(s.role == "clock" for s in e.shapes.values()):
-                raise InputError(
-                    f"predict(): {e.name} depends on time", "pass t, (N,) in seconds"
-                )
-        times = np.zeros(len(states[0])) if t is None else np.asarray(t, float)
-        if times.shape != (len(states[0]),):
-            what = (
-                f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows"
-            )
+        count = len(states[0])
+        if t is None:
+            self._require_no_time()
+            t = np.zeros(count)
+        times = np.asarray(t, float)
+        if times.shape != (count,):
+            what = f"predict(t=...): shape {times.shape}, but q has {count} rows"
             raise InputError(what, "give one time a row")
         return self.torque(Motion(times, states[0], states[1], states[2]))
+
+    def _require_no_time(self) -> None:
+        """Raises InputError where an effect depends on time or on earlier motion."""
+        for effect in self.model.effects:
+            has_clock = any(s.role == "clock" for s in effect.shapes.values())
+            if effect.has_memory or has_clock:
+                what = f"predict(): {effect.name} depends on time"
+                raise InputError(what, "pass t, (N,) in seconds")
 
     def plot(self, axes: Any = None) -> Any:
         """Draw link masses and the other effects' parameters, with two standard

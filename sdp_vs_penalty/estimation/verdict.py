@@ -180,18 +180,8 @@ def judge(
     remark : of long recordings; seconds : of filtered motion that errors are of; doubt :
     what the data check leaves in doubt (:func:`doubt_of_log`).
     """
-    beyond, over = (
-        relative,
-        None,
-    )  # relative: without what the noise explains, where that is known
-    if floor is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            over = np.where(
-                floor > 0.0, rmse / floor, np.where(rmse > 0.0, np.inf, 1.0)
-            )
-        if np.isfinite(relative) and np.any(rmse > 0.0):
-            left = np.maximum(rmse**2 - floor**2, 0.0).sum()
-            beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
+    over = None if floor is None else _over_noise(rmse, floor)
+    beyond = relative if floor is None else _beyond_noise(relative, rmse, floor)
     fit = _fit(over, beyond, relative, noise_source, np.asarray(r2) < 0.0)
     prediction_words = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
@@ -204,10 +194,12 @@ def judge(
             prediction_words + believed,
         )
     far = outside > CHANGES or floor is None
-    prediction_words = (
-        f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
-    )
-    end = f"{prediction_words if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
+    end = "."
+    if outside > 0.0:
+        share = f"{100.0 * outside:.0f} %"
+        end = f"; {share} of the rows lie outside of a measured curve's table."
+    if forward:
+        end = f"{end} {forward}"
     lines = [fit, _prediction(beyond, relative, new_share, far, end, seconds), last]
     if doubt:
         lines.insert(0, Line(LOG, "usable", doubt))
@@ -216,6 +208,21 @@ def judge(
         (None, "") if over is None else (tuple(map(float, over)), noise_source)
     )
     return Verdict(weakest_first, ratios, source, tuple(judged_on), remark)
+
+
+def _over_noise(rmse: Array, floor: Array) -> Array:
+    """(n,) errors over their noise; a joint without noise has 1 or infinitely many."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        without_noise = np.where(rmse > 0.0, np.inf, 1.0)
+        return np.asarray(np.where(floor > 0.0, rmse / floor, without_noise))
+
+
+def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
+    """The relative error [%] without what the noise (n,) explains of it."""
+    if not np.isfinite(relative) or not np.any(rmse > 0.0):
+        return relative
+    left = np.maximum(rmse**2 - floor**2, 0.0).sum()
+    return float(relative * np.sqrt(left / np.sum(rmse**2)))
 
 
 def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
