@@ -1,6 +1,6 @@
 """Every figure of speed and memory, by one command.
 
-    python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out results]
+    python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda;
 default: SDP_VS_PENALTY_DATA). N: rows of the recordings of the memory part. Each part
@@ -54,9 +54,9 @@ from sdp_vs_penalty.estimation.identify import (
 )
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.research.shootout.instances import chain_task
+from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.signals.phases import phase_folds
@@ -309,7 +309,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000])
     parser.add_argument(
-        "--out", type=Path, default=Path(__file__).parents[1] / "results"
+        "--out", type=Path, default=Path(__file__).parents[1] / "results" / "benchmarks"
     )
     given = parser.parse_args()
     work = partial(measure, data=Path(given.data), counts=given.rows)
@@ -343,7 +343,7 @@ def write(out: Path, tables: list[pandas.DataFrame]) -> None:
         "",
         about,
         "",
-        *markdown_table(NAMES, cells.to_numpy().tolist()),
+        *markdown_lines(NAMES, cells.to_numpy().tolist()),
         "",
     ]
     write_text(out / "benchmarks.md", "\n".join(text))

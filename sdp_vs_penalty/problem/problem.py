@@ -23,9 +23,10 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.files import JsonRecord, read_table
-from sdp_vs_penalty.formatting import Shown, Summary, finite
+from sdp_vs_penalty.formatting import finite
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -301,7 +302,7 @@ class Problem(Shown):
         directions that the data do not determine.
         """
         bound = np.concatenate(
-            [np.full(len(e.parameters), e.range) for e in model.effects]
+            [np.full(len(e.parameters), e.largest_parameter) for e in model.effects]
         )
         if len(links := model.rigid_indices.reshape(-1, 10)):
             mass, com, moment = self.link_sizes

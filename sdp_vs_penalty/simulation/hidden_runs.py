@@ -22,6 +22,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
@@ -39,7 +40,12 @@ from sdp_vs_penalty.simulation.worlds.world import (
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
-_EVERY = {**makers.FRICTION, **makers.MACHINE, **makers.FROZEN, **makers.NUISANCE}
+_EVERY = {
+    **makers.FRICTION,
+    **makers.MACHINE,
+    **makers.FROZEN,
+    **makers.NUISANCE,
+}
 #: Whatever can be hidden, by the name of the library's effect.
 MAKERS: Mapping[str, Maker] = dict(sorted(_EVERY.items()))
 #: The files of a folder of simulated runs; the last run is meant as the test run.
@@ -47,7 +53,7 @@ RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 
 @dataclass(frozen=True, repr=False)
-class HiddenRuns(formatting.Shown):
+class HiddenRuns(Shown):
     """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects,
     sized."""
 
@@ -81,7 +87,7 @@ class HiddenRuns(formatting.Shown):
             for name, run in zip(RUN_FILES, self.runs, strict=True):
                 save(run, folder / name)
 
-    def _summary(self) -> formatting.Summary:
+    def _summary(self) -> Summary:
         length = self.test.t[-1] - self.test.t[0]
         return f"Simulated runs: {self.truth['problem']}, seed {self.truth['seed']}", [
             ("train", f"{formatting.count(len(self.train), 'run')} of {length:.3g} s"),
@@ -164,9 +170,22 @@ def true_world(
     chain = robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
     follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
-    arm = Arm(model, rotary, robot.link_joints[-1] + 1, *follows)
+    arm = Arm(
+        model,
+        rotary,
+        robot.link_joints[-1] + 1,
+        *follows,
+    )
     dry = DryFriction(np.full(robot.n, min(problem.model().sign_width)))
-    return World(arm, model, dry, coulomb, viscous, offset, setup.sensor.torque_std)
+    return World(
+        arm,
+        model,
+        dry,
+        coulomb,
+        viscous,
+        offset,
+        setup.sensor.torque_std,
+    )
 
 
 def hidden_runs(
@@ -191,13 +210,28 @@ def hidden_runs(
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
-    world = true_world(problem, setup, seed, without) if world is None else world
+    world = (
+        true_world(
+            problem,
+            setup,
+            seed,
+            without,
+        )
+        if world is None
+        else world
+    )
     # One and a half periods in a run.
     length = DURATION + 2.0 * _BLEND
     frequency = 3.0 * np.pi / DURATION
     drawn = (10 * seed + k for k in range(count))
     trajectories = [
-        random_trajectory(problem.robot, x, length, frequency=frequency) for x in drawn
+        random_trajectory(
+            problem.robot,
+            x,
+            length,
+            frequency=frequency,
+        )
+        for x in drawn
     ]
     inside = np.arange(
         _BLEND, _BLEND + DURATION, 1.0 / 200.0
@@ -224,18 +258,36 @@ def hidden_runs(
                     "hide it elsewhere, or hide another",
                 )
     runs = tuple(
-        _measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)
+        _measure(
+            x,
+            world,
+            hidden,
+            setup,
+            seed,
+            k,
+        )
+        for k, x in enumerate(trajectories)
     )
     truth = {
         "problem": problem.name,
         "seed": seed,
         "level": level,
         "effects": [
-            {**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
+            {
+                **h.to_dict(),
+                "size": (h.number or 1.0) * h.size,
+            }
+            for h in hidden
         ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return HiddenRuns(problem, world, runs, tuple(hidden), truth)
+    return HiddenRuns(
+        problem,
+        world,
+        runs,
+        tuple(hidden),
+        truth,
+    )
 
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
@@ -268,4 +320,8 @@ def _measure(
     run = full_run.window(_BLEND, _BLEND + DURATION)
     clock = run.t + _start(k)
     warm = any(h.effect == "warming_friction" for h in hidden)
-    return replace(run, t=clock, temperature=world.temperature(clock) if warm else None)
+    return replace(
+        run,
+        t=clock,
+        temperature=world.temperature(clock) if warm else None,
+    )

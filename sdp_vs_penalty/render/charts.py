@@ -1,0 +1,453 @@
+"""Figures that the report and the workbench page share."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sdp_vs_penalty.diagnosis.comparison import Signals
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.where_it_fails import (
+    ACCELERATION,
+    HIGH_SPEED,
+    LOAD,
+    POSITION,
+    REVERSAL,
+    STANDSTILL,
+    VELOCITY,
+    WAVES,
+)
+from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects.measured_curve import Variable
+from sdp_vs_penalty.estimation.constants import NORMAL_95
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Okabe, Ito, "Color universal design" (2008), a violet for its yellow; readable on
+#: white and black.
+MEASURED = "#888888"
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
+
+#: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
+POINTS = 800
+
+
+class Figure:
+    """A figure as plain data for plotly's script, by the names that plotly.py has for
+    its parts, which checks every property against the whole of its schema: a tenth of a
+    second a figure.
+
+    data : traces; layout : everything else; a ``title`` may be a text. Panels stand
+    beside each other in ``columns``, or below each other in ``rows``, ``gap`` apart;
+    rows share one time axis.
+    """
+
+    def __init__(self, columns: int = 1, rows: int = 1, gap: float = 0.12) -> None:
+        self.data = list[dict[str, Any]]()
+        grid = {
+            "rows": rows,
+            "columns": columns,
+            "pattern": "independent",
+            "xgap": gap,
+            "ygap": gap,
+        }
+        self.layout: dict[str, Any] = {"grid": grid} if rows * columns > 1 else {}
+        for k in range(rows - 1):
+            self.update_axes(
+                "x", k, matches=f"x{_number(rows - 1)}", showticklabels=False
+            )
+
+    def add(self, kind: str, panel: int = 0, **properties: Any) -> Figure:
+        """Another trace of a kind, such as "scatter", in a panel (from 0)."""
+        axes = (
+            {"xaxis": f"x{_number(panel)}", "yaxis": f"y{_number(panel)}"}
+            if panel
+            else {}
+        )
+        self.data.append({"type": kind, **properties, **axes})
+        return self
+
+    def add_band(
+        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0
+    ) -> Figure:
+        """Grey from low to high (k,)."""
+        edge = {
+            "mode": "lines",
+            "line": {"width": 0},
+            "showlegend": False,
+            "hoverinfo": "skip",
+        }
+        fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
+        return self.add("scatter", panel, x=x, y=high, **edge).add(
+            "scatter", panel, x=x, y=low, **fill, **edge
+        )
+
+    def update_layout(self, **changes: Any) -> Figure:
+        """Change the layout; what is nested is merged."""
+        self.layout = _merged(self.layout, changes)
+        return self
+
+    def update_axes(self, letter: str, panel: int = 0, **changes: Any) -> Figure:
+        """Change the axis "x" or "y" of a panel."""
+        return self.update_layout(**{f"{letter}axis{_number(panel)}": changes})
+
+    def to_json(self) -> str:
+        """For plotly's script; numbers of arrays in single precision, which is finer
+        than any screen."""
+        content = {"data": self.data, "layout": self.layout}
+        return json.dumps(content, default=_packed, separators=(",", ":"))
+
+
+def _number(panel: int) -> str:
+    return "" if panel == 0 else str(panel + 1)
+
+
+def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    out = dict(old)
+    for name, value in new.items():
+        if name == "title" and isinstance(value, str):
+            value = {"text": value}
+        if isinstance(value, Mapping):
+            value = _merged(out.get(name) or {}, value)
+        out[name] = value
+    return out
+
+
+def _packed(values: Array) -> Any:
+    """An array as plotly's script reads it."""
+    if values.dtype.kind not in "fiu" or values.ndim != 1:
+        return values.tolist()
+    raw = np.ascontiguousarray(values, "<f4").tobytes()
+    return {"dtype": "f4", "bdata": base64.b64encode(raw).decode()}
+
+
+@dataclass(frozen=True)
+class Curves:
+    """One run behind the filters: t (M,) [s] as it is drawn; torque (M, n) measured;
+    modelled : (M, n) by model."""
+
+    t: Array
+    torque: Array
+    modelled: Mapping[str, Array]
+
+
+def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, Array]:
+    """At most ``points`` of the curve y(x): the lowest and the highest of each stretch,
+    in order.
+
+    Drawn at that many pixels it looks as all of it would; every peak stays.
+
+    >>> envelope([0, 1, 2, 3, 4, 5], [0, 9, 1, 1, -5, 1], points=4)
+    (array([0., 1., 3., 4.]), array([ 0.,  9.,  1., -5.]))
+    """
+    x = np.asarray(x, float)
+    y = np.asarray(y, float)
+    if len(y) <= points:
+        return x, y
+    length = -(-2 * len(y) // points)
+    stretches = np.pad(y, (0, -len(y) % length), "edge").reshape(-1, length)
+    ends = np.stack([stretches.argmin(axis=1), stretches.argmax(axis=1)])
+    keep = np.unique(ends + length * np.arange(len(stretches)))
+    return x[keep], y[keep]
+
+
+def shifts(times: Sequence[Array]) -> list[float]:
+    """What is added to each run's clock [s] where runs follow each other on one axis, a
+    second apart."""
+    lengths = [float(t[-1] - t[0]) + 1.0 for t in times]
+    return [sum(lengths[:k]) - float(t[0]) for k, t in enumerate(times)]
+
+
+def torque_figure(
+    runs: Sequence[Curves], joint: int, unit: str, side_by_side: bool = True
+) -> Figure:
+    """Measured and modelled torque of a joint (from 0) and what is left, run after run;
+    ``side_by_side`` : at the right of the torques, else below them."""
+    plot = Figure(columns=2, gap=0.16) if side_by_side else Figure(rows=2)
+
+    def curve(
+        t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0
+    ) -> None:
+        x, y = envelope(t, values)
+        look = {"line": {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}}
+        plot.add(
+            "scatter",
+            panel,
+            x=x,
+            y=y,
+            name=name,
+            legendgroup=name,
+            showlegend=shown,
+            **look,
+        )
+
+    for index, run in enumerate(runs):
+        measured = run.torque[:, joint]
+        curve(run.t, measured, "measured", MEASURED, index == 0)
+        for m, (name, modelled) in enumerate(run.modelled.items()):
+            colour = COLOURS[m % len(COLOURS)]
+            y = modelled[:, joint]
+            curve(run.t, y, name, colour, index == 0)
+            curve(run.t, measured - y, name, colour, False, 1)
+    plot.update_axes("y", 0, title=f"joint {joint + 1} [{plain_unit(unit)}]")
+    plot.update_axes("x", 1, title="time [s]")
+    if side_by_side:
+        return plot.update_axes("x", 0, title="time [s]")
+    return plot.update_axes("y", 1, title=f"error [{plain_unit(unit)}]")
+
+
+def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
+    """A curve (k,) with a band from low to high (k,)."""
+    line = {"color": COLOURS[0]}
+    return (
+        Figure()
+        .add_band(x, low, high)
+        .add("scatter", x=x, y=y, line=line, showlegend=False)
+    )
+
+
+def missing_figure(
+    curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
+) -> Any:
+    """A measured curve with its band, over two variables by colour, and where
+    measurements lie; units : of the joints' torques; motions : these measurements, with
+    the modelled torque."""
+    over = [Variable.parse(v) for v in curve.of]
+    names = [f"{v} [{plain_unit(v.unit(units))}]" for v in over]
+    unit = plain_unit(units[curve.joint - 1])
+    along = [
+        np.concatenate([v.along(motion) for motion in motions]) for v in over if motions
+    ]
+    rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
+    if len(names) == 1:
+        plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
+        shade: dict[str, Any] = {
+            "marker": {"color": MEASURED},
+            "opacity": 0.3,
+            "nbinsx": 60,
+        }
+        for x in rows:
+            plot.add("histogram", x=x, yaxis="y2", name="rows", **shade)
+        plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
+        plot.update_axes("x", title=names[0])
+        return plot.update_axes("y", 0, title=f"joint {curve.joint} [{unit}]")
+    half = 0.5 * (curve.upper - curve.lower)
+    hover_texts = [
+        f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)
+    ]
+    marker = {
+        "color": curve.torque,
+        "colorscale": "RdBu",
+        "symbol": "square",
+        "size": 11,
+    }
+    marker["colorbar"] = {"title": {"text": unit}}
+    plot, (x, y) = Figure(), curve.points.T
+    known: dict[str, Any] = {"mode": "markers", "name": "missing torque and its band"}
+    plot.add("scatter", x=x, y=y, marker=marker, text=hover_texts, **known)
+    if rows:
+        look: dict[str, Any] = {
+            "mode": "markers",
+            "marker": {"size": 2, "color": MEASURED},
+        }
+        plot.add("scatter", x=rows[0], y=rows[1], name="rows", **look)
+    return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
+
+
+def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
+    """At most ``points`` row numbers of n_rows, from the first to the last."""
+    kept = min(n_rows, points)
+    return np.unique(np.linspace(0, n_rows - 1, kept).astype(np.intp))
+
+
+#: Seconds before and after a reversal that a picture shows.
+_AROUND_REVERSAL = 0.4
+#: Bins of the mean curve of a cloud of errors.
+_BINS = 24
+
+
+@dataclass(frozen=True)
+class CauseAxis:
+    """x (M,) what an error is drawn against; sign (M,) what it is multiplied by; label
+    with unit; limits of x, or None."""
+
+    x: Array
+    sign: Array
+    label: str
+    limits: tuple[float, float] | None = None
+
+
+def cause_axis(
+    signals: Signals, joint: int, cause: str, position_unit: str
+) -> CauseAxis:
+    """What shows the dependence of a joint's error (joint from 1) on a cause of
+    where_it_fails.py; any other cause is drawn over time."""
+    j = joint - 1
+    ones = np.ones(len(signals.t))
+    if cause == REVERSAL:
+        seconds, direction = since_reversal(signals.t, signals.dq[:, j])
+        limits = (-_AROUND_REVERSAL, _AROUND_REVERSAL)
+        label = "time from the nearest reversal [s]; errors in the direction after it"
+        return CauseAxis(seconds, direction, label, limits)
+    if cause == POSITION:
+        return CauseAxis(signals.q[:, j], ones, f"position [{position_unit}]")
+    if cause == WAVES:
+        turn = signals.q[:, j] % (2.0 * np.pi)
+        return CauseAxis(turn, ones, "angle within a turn [rad]")
+    if cause in (VELOCITY, HIGH_SPEED, STANDSTILL):
+        return CauseAxis(signals.dq[:, j], ones, f"velocity [{position_unit}/s]")
+    if cause == ACCELERATION:
+        x = np.gradient(signals.dq[:, j], signals.t)
+        return CauseAxis(x, ones, f"acceleration [{position_unit}/s^2]")
+    if cause == LOAD:
+        unit = "N" if position_unit == "m" else "N m"
+        return CauseAxis(signals.modelled[:, j], ones, f"modelled torque [{unit}]")
+    return CauseAxis(signals.t - signals.t[0], ones, "time [s]")
+
+
+def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
+    """(M,) seconds from the nearest change of the velocity's sign, below zero before it,
+    and the direction after it; far away and zero where there is none."""
+    turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
+    if not len(turns):
+        return np.full(len(t), np.inf), np.zeros(len(t))
+    instants = 0.5 * (t[turns] + t[turns + 1])
+    after = np.searchsorted(instants, t).clip(1, max(len(instants) - 1, 1))
+    candidates = np.stack([after - 1, after.clip(0, len(instants) - 1)])
+    nearest = np.argmin(np.abs(t - instants[candidates]), axis=0)
+    chosen = candidates[nearest, np.arange(len(t))]
+    return t - instants[chosen], np.sign(velocity[turns[chosen] + 1])
+
+
+def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
+    """Mean of y in bins of x with as many rows each: (b,) centres and means."""
+    order = np.argsort(x)
+    parts = [part for part in np.array_split(order, _BINS) if len(part)]
+    centres = np.array([x[part].mean() for part in parts])
+    means = np.array([y[part].mean() for part in parts])
+    return centres, means
+
+
+def cause_figure(
+    before: Signals,
+    after: Signals | None,
+    *,
+    joint: int,
+    cause: str,
+    units: Sequence[str],
+    position_units: Sequence[str],
+    floor: Sequence[float | None] | Array | None,
+    names: tuple[str, str] = ("before", "after"),
+) -> Figure:
+    """A joint's error against its cause: rows and their mean before (grey) and after
+    (blue) something was added, and what the addition models (a line).
+
+    joint : from 1; cause : one of where_it_fails.py; floor : (n,) of the joints' noise,
+    of which a band holds 95 %.
+    """
+    j = joint - 1
+    axis = cause_axis(before, joint, cause, position_units[j])
+    inside = np.isfinite(axis.x)
+    if axis.limits is not None:
+        inside &= (axis.x >= axis.limits[0]) & (axis.x <= axis.limits[1])
+    x = axis.x[inside]
+    rows = spread_rows(len(x), POINTS // 2)
+    plot = Figure()
+
+    def cloud(error: Array, name: str, colour: str) -> None:
+        """Rows as dots, their mean as a line, which the legend names."""
+        y = (error * axis.sign)[inside]
+        look = {"size": 3, "color": colour, "opacity": 0.4}
+        group: dict[str, Any] = {"legendgroup": name, "name": name}
+        plot.add(
+            "scatter",
+            x=x[rows],
+            y=y[rows],
+            mode="markers",
+            marker=look,
+            showlegend=False,
+            **group,
+        )
+        centres, means = mean_curve(x, y)
+        line = {"color": colour, "width": 2.5}
+        plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
+
+    if len(x):
+        cloud(before.residual[:, j], f"error, {names[0]}", MEASURED)
+        if after is not None and len(after.t) == len(before.t):
+            cloud(after.residual[:, j], f"error, {names[1]}", COLOURS[0])
+            added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
+            centres, means = mean_curve(x, added[inside])
+            line = {"color": COLOURS[1], "width": 2, "dash": "dash"}
+            name = "modelled by what was added"
+            plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
+    if floor is not None and floor[j]:
+        plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
+    plot.update_axes("x", title=axis.label)
+    return plot.update_axes(
+        "y", title=f"error of joint {joint} [{plain_unit(units[j])}]"
+    )
+
+
+def noise_band(floor: float) -> dict[str, Any]:
+    """A band behind a panel of errors in which 95 % of noise lies."""
+    return {
+        "type": "rect",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "yref": "y",
+        "y0": -NORMAL_95 * floor,
+        "y1": NORMAL_95 * floor,
+        "layer": "below",
+        "fillcolor": "rgba(128,128,128,0.18)",
+        "line": {"width": 0},
+    }
+
+
+def friction_figure(
+    velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
+) -> Any:
+    """Friction torque (k,) of a joint (from 0) over its velocity (k,), and half its 95
+    % band (k,)."""
+    plot = band_figure(
+        velocity, torque, np.subtract(torque, half), np.add(torque, half)
+    )
+    speed = "m/s" if unit == "N" else "rad/s"
+    plot.update_axes("x", title=f"velocity [{speed}]")
+    plot.update_axes("y", title=f"joint {joint + 1} [{plain_unit(unit)}]")
+    return plot
+
+
+def styled(plot: Any, height: int) -> Any:
+    """The plot in colours that suit a light and a dark page alike, its menus not on its
+    legend."""
+    plot.update_layout(
+        height=height,
+        margin={"l": 55, "r": 15, "t": 30, "b": 45},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        font={"family": "system-ui, sans-serif", "color": MEASURED, "size": 12},
+        legend={
+            "itemsizing": "constant",
+            "orientation": "h",
+            "y": 1.0,
+            "yanchor": "bottom",
+            "x": 0.0,
+        },
+        hovermode="closest",
+    )
+    axis = {
+        "gridcolor": "rgba(128,128,128,0.25)",
+        "zerolinecolor": "rgba(128,128,128,0.5)",
+    }
+    axis["exponentformat"] = "e"  # not 50µ of a radian
+    return plot.update_layout(
+        template={"layout": {"xaxis": axis, "yaxis": axis}}
+    )  # of every panel
