@@ -21,7 +21,8 @@ import sdp_vs_penalty as sdp
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.exporters.content import xml_name
-from sdp_vs_penalty.research.tables.table import Table, escape_latex
+from sdp_vs_penalty.research.tables.table import Table
+from sdp_vs_penalty.results.table import escape_latex
 
 NAMES = list(hostile_names(200, of_files=False, seed=7))
 
