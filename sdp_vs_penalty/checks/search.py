@@ -410,7 +410,15 @@ class RepairSearch:
             objection, clearness = self._against_turning(net, j)
             if objection < c.LOUDEST_INERTIA and clearness < 0.5 * c.SIGMAS:
                 others.append(f"the torque of {joints_text(joints)} has the wrong sign")
+        unsigned = [j for j in turned if self._is_unsigned(net.tau_order[j])]
+        if unsigned:
+            others.append(f"the logger wrote magnitudes of {joints_text(unsigned)}")
         return tuple(others)
+
+    def _is_unsigned(self, channel: int) -> bool:
+        """Whether a torque channel (from 0) never changes its sign."""
+        torque = self.log.data.torque(self.log.data.motion.t)[:, channel]
+        return bool(np.all(torque >= 0.0) or np.all(torque <= 0.0))
 
     def with_settled_signs(self, net: LogTransform) -> LogTransform:
         """Where some torques count the other way: one joint more, or one less, if
