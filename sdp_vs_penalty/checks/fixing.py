@@ -18,7 +18,8 @@ from sdp_vs_penalty.problem.problem import Problem
 
 #: Share of each run that both logs are identified from; the rest is left out.
 TRAINED_ON = 0.7
-#: An error that rises by less is the same: other rows are left out.
+#: An error that rises by less is the same where a fact is repaired: other rows are left
+#: out. What an explanation repairs has to lower it.
 SAME_ERROR = 1.02
 
 
@@ -66,7 +67,7 @@ def fix_runs(
         return Repaired(copies, issues)
     before = _error_left_out(problem, runs)
     after = _error_left_out(problem, copies)
-    _check_errors(before, after)
+    _check_errors(before, after, allowed=1.0 if apply else SAME_ERROR)
     return Repaired(copies, issues, before, after)
 
 
@@ -87,9 +88,10 @@ def _check_rows(before: int, after: int, name: str) -> None:
         raise InputError(what, "log it again: nothing was written", name)
 
 
-def _check_errors(before: float | None, after: float | None) -> None:
-    """InputError for a repair that does not lower the error [%] on motion left out."""
-    if before is None or (after is not None and after <= before * SAME_ERROR):
+def _check_errors(before: float | None, after: float | None, allowed: float) -> None:
+    """InputError for a repair after which the error [%] on motion left out is more than
+    so many times what it was."""
+    if before is None or (after is not None and after <= before * allowed):
         return
     worse = "cannot be identified" if after is None else f"{after:.3g} %"
     raise InputError(
