@@ -36,7 +36,22 @@ UNSCALED = "torque channel kind", "external torque"
 def judge_dynamics(
     problem: Problem, reports: Sequence[Report], settings: Preprocessing
 ) -> list[Report]:
-    """The reports with what explains the torques of all runs together."""
+    """What explains the torques of all runs together.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    reports : sequence of Report
+        Of all runs, with their facts.
+    settings : Preprocessing
+        Filters.
+
+    Returns
+    -------
+    list of Report
+        The same with explanations, and each run as it would be repaired.
+    """
     units = [*problem_units(problem)]
     if units:
         return [with_issues(report, units) for report in reports]

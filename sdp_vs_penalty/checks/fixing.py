@@ -51,11 +51,30 @@ def fix_runs(
     reports: Sequence[Report],
     apply: Sequence[str] = (),
 ) -> Repaired:
-    """Repaired copies of runs: what is certain by a fact, and the explanations named by
-    their words (``sign:tau3``).
+    """Repaired copies of runs: what is certain by a fact, and what the user names.
 
-    Raises InputError for a word that no report has, for a repair that drops more than a
-    tenth of a run, and for one that does not lower the error on motion left out.
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    runs : sequence of Measurements
+        As logged.
+    reports : sequence of Report
+        What :func:`check_runs` says of them.
+    apply : sequence of str
+        Explanations to repair as well, by their words (``sign:tau3``).
+
+    Returns
+    -------
+    Repaired
+        The copies, what was repaired, and the error on motion left out before and
+        after.
+
+    Raises
+    ------
+    InputError
+        For a word that no report has, for a repair that drops more than a tenth of a
+        run, and for one that does not lower the error on motion left out.
     """
     _check_words(reports, apply)
     repaired = [_fixed(report, apply) for report in reports]
