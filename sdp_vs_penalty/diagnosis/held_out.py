@@ -99,6 +99,20 @@ class HeldOut:
             for split, theta in zip(alike, fits, strict=True):
                 yield split.test.keeping(columns.kept).joint_losses(theta)
 
+    def least_squares_errors(self, chosen: Sequence[int]) -> Array:
+        """(n,) the same by plain least squares with what is known of sizes, which takes
+        no constraints: for comparisons of many."""
+        squares = np.zeros(self.estimate.robot.n)
+        rows = np.zeros(self.estimate.robot.n)
+        for split in self.splits:
+            columns = split.columns_of(self.estimate, chosen)
+            train = split.train.keeping(columns.kept)
+            test = split.test.keeping(columns.kept)
+            theta = least_squares_parameters(self.estimate, columns, train)
+            squares += test.joint_losses(theta)
+            rows += test.joint_rows()
+        return np.asarray(np.sqrt(squares / np.maximum(rows, 1)))
+
     def drop_harmful(
         self, candidates: Sequence[int], needed: bool = False
     ) -> list[int]:
@@ -235,6 +249,24 @@ def with_replaced_joints(
         if stay:
             out.append(e if keeps_all else type(e)(e.robot, stay, **e.shape))
     return out, left
+
+
+def least_squares_parameters(
+    estimate: Estimate, columns: Columns, data: Regression
+) -> Array:
+    """(p,) of effects fitted to rows, joints weighted by what is left of them."""
+    effects = (*columns.own, *columns.new)
+    if not effects:
+        return np.zeros(0)
+    model = Model(estimate.robot, effects, gains=estimate.model.gains)
+    weights: Array = np.ones(estimate.robot.n)
+    theta: Array = np.zeros(0)
+    for _ in range(2):
+        squares = data.least_squares(weights)
+        known = with_plausible(squares, model, data.oversampling)
+        theta = np.asarray(np.linalg.lstsq(known.R, known.rho, rcond=1e-9)[0])
+        weights = joint_weights(data, theta)
+    return np.asarray(theta)
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:

@@ -23,9 +23,10 @@ class ScoredEffect:
     """A candidate judged beside others. It equals itself alone.
 
     columns : white, (M, k) by joint; drop : of the deviance; rows_worth_one : how many
-    rows are worth one; price : of its parameters and of the choice; beta (k,) :
-    coefficients; squares (n,) : of the white torque that nothing else makes; rivals :
-    the candidates that do as well.
+    rows are worth one; price : of its parameters and of the choice; freedom :
+    coefficients that the rows determine, and shape constants; beta (k,) : coefficients;
+    squares (n,) : of the white torque that nothing else makes; rivals : the candidates
+    that do as well.
     """
 
     form: Candidate
@@ -33,6 +34,7 @@ class ScoredEffect:
     drop: float = -np.inf
     rows_worth_one: float = 1.0
     price: float = 0.0
+    freedom: float = 0.0
     beta: Array = field(default_factory=lambda: np.zeros(0))
     squares: Array = field(default_factory=lambda: np.zeros(0))
     rivals: tuple[ScoredEffect, ...] = ()
