@@ -97,6 +97,22 @@ class Remark(UserWarning):
     prints it."""
 
 
+class ColumnsRemark(Remark):
+    """What the columns of a file were taken for.
+
+    Parameters
+    ----------
+    sentence : str
+        What was taken for what, and the command that repeats it.
+    rows : tuple of str
+        The first rows as they were read, a line a channel.
+    """
+
+    def __init__(self, sentence: str, rows: tuple[str, ...] = ()) -> None:
+        super().__init__(sentence)
+        self.rows = rows
+
+
 class Infeasible(InputError):  # noqa: N818 (the field's word)
     """The constraints admit no parameters. told : as of InputError.
 

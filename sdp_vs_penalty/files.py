@@ -14,7 +14,6 @@ import glob
 import io
 import json
 import os
-import secrets
 import stat
 import time
 import tomllib
@@ -36,7 +35,7 @@ from typing import (
     get_type_hints,
 )
 
-from sdp_vs_penalty.errors import InputError, unreadable
+from sdp_vs_penalty.errors import InputError, given, unreadable
 
 T = TypeVar("T")
 
@@ -254,6 +253,39 @@ def read_json(
     )
 
 
+def require_format(
+    data: Mapping[str, Any],
+    newest: int,
+    oldest: int = 1,
+    *,
+    unmarked: int | None = None,
+    older: str = "",
+    remedy: str = "write it anew with this version",
+) -> int:
+    """The number of a JSON document's format, which has to be one that this version
+    reads.
+
+    oldest, newest : formats that are read; unmarked : that of a document without the
+    field; older, remedy : what an older format lacks, and what to do about it. Raises
+    InputError that names the document's format.
+    """
+    number = data.get("format", unmarked)
+    if not isinstance(number, int) or isinstance(number, bool):
+        what = f"its format is {given(number)}, which is no whole number"
+        raise InputError(what, "write the file anew")
+    if number < oldest:
+        what = f"written by an earlier version (format {number})"
+        reason = older or f"this one reads from {oldest} on"
+        raise InputError(f"{what}, {reason}", remedy)
+    if number > newest:
+        raise InputError(
+            f"written by a newer version (format {number}, this one reads up to"
+            f" {newest})",
+            "upgrade sdp-vs-penalty",
+        )
+    return number
+
+
 def _parse_json(text: str) -> Any:
     return json.loads(text, object_pairs_hook=unique_fields)
 
@@ -400,7 +432,7 @@ def _part_name(path: Path) -> Path:
         if number.isdigit() and not lives(int(number)):
             with suppress(OSError):
                 file.unlink()
-    unique = secrets.token_hex(6)
+    unique = os.urandom(6).hex()
     return path.parent / f"{prefix}{os.getpid()}.{unique}{end}"
 
 

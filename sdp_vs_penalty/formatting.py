@@ -2,12 +2,13 @@
 matplotlib if asked."""
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from sdp_vs_penalty.errors import command_line, missing_extra
+from sdp_vs_penalty.errors import command_line, missing_extra, printable
 
 #: A title, and names with their texts.
 Summary = tuple[str, Sequence[tuple[str, str]]]
@@ -35,7 +36,7 @@ class Shown:
 
     def _repr_html_(self) -> str:
         title, rows = self._summary()
-        html = f"<p><b>{escape(title)}</b></p>" + _table_html((), rows)
+        html = f"<p><b>{escape(printable(title))}</b></p>" + _table_html((), rows)
         table = self._table()
         return html if table is None else html + _table_html(*table)
 
@@ -44,7 +45,7 @@ def _table_html(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     def row(tag: str, cells: Sequence[str]) -> str:
         return (
             "<tr>"
-            + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells)
+            + "".join(f"<{tag}>{escape(printable(cell))}</{tag}>" for cell in cells)
             + "</tr>"
         )
 
@@ -71,6 +72,27 @@ def plain_unit(unit: str) -> str:
         if unit == "-"
         else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
     )
+
+
+#: What Markdown would take for markup: escapes, code, tables, tags, entities, links,
+#: strikethrough, and emphasis by _, which is none within a word.
+_MARKUP = re.compile(
+    r"\\(?=[!-/:-@\[-`{-~])|[`|]|<(?=[A-Za-z/!?])|&(?=#?\w+;)|\](?=[(\[:])|~(?=~)"
+    r"|(?<![A-Za-z0-9])_(?=\S)|(?<=\S)_(?![A-Za-z0-9])"
+)
+
+
+def escape_markdown(text: str) -> str:
+    r"""A text as Markdown shows it, on one line.
+
+    >>> escape_markdown("*a* <b> q_1"), escape_markdown("[x](y)")
+    ('\\*a\\* \\<b> q_1', '[x\\](y)')
+    """
+    line = " ".join(printable(text).split())
+    escaped = _MARKUP.sub(lambda found: f"\\{found[0]}", line)
+    if line.count("*") > 1:  # one alone is no emphasis: N*m
+        escaped = escaped.replace("*", r"\*")
+    return escaped
 
 
 def markdown_table(

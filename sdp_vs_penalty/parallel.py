@@ -161,6 +161,7 @@ def _here(
 def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
     """A worker process: to each item an answer, or an error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     end_with(parent)
     while True:
         place, item = line.recv()

@@ -264,7 +264,7 @@ def test_the_notebook_runs(tmp_path, data_folder, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), *sys.path]))
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
-    book = nbformat.read(DOCS / "panda_hysteresis.ipynb", as_version=4)
+    book = nbformat.read(DOCS / "gallery" / "panda_hysteresis.ipynb", as_version=4)
     nbclient.NotebookClient(
         book,
         timeout=300,

@@ -188,7 +188,10 @@ def tidy(axes: Any) -> None:
 def save(frames: list[Image.Image], path: Path) -> None:
     """Write a picture that repeats, and rests on its last frame."""
     palette = frames[-1].quantize(COLOURS)
-    shown = [frame.quantize(COLOURS, palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    shown = [
+        frame.quantize(COLOURS, palette=palette, dither=Image.Dither.NONE)
+        for frame in frames
+    ]
     durations = [1000 // RATE] * (len(shown) - 1) + [3000]
     shown[0].save(
         path,

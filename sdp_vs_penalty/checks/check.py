@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty.checks import channels, residual
-from sdp_vs_penalty.checks.clock import velocity
 from sdp_vs_penalty.checks.constants import NO_DYNAMICS, NO_ROWS, RUN
 from sdp_vs_penalty.checks.dynamics import judge_dynamics
 from sdp_vs_penalty.checks.facts import mended
@@ -19,6 +18,7 @@ from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.report import Report
+from sdp_vs_penalty.checks.velocity import velocity
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
@@ -170,26 +170,41 @@ def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
 def judge_ranges(problem: Problem, report: Report) -> Report:
     """Positions against the joints' ranges: what `identify` refuses is an error."""
     issues = [*report.issues]
-    run = report.original or report.repaired_all
     explained = "encoder offset", *POSITION_UNITS
-    rows = len(report.repaired_all.t) >= RUN
-    if rows and not any(f.kind in explained for f in issues):
-        glance = RunSummary(
-            report.repaired_all, problem.robot, problem.preprocessing.standstill
-        )
+    has_rows = len(report.repaired_all.t) >= RUN
+    if has_rows and not any(f.kind in explained for f in issues):
+        standstill = problem.preprocessing.standstill
+        glance = RunSummary(report.repaired_all, problem.robot, standstill)
         issues += [*channels.beside(glance)]
     if not any(f.severity == "error" for f in issues):
-        try:
-            check_plausible(problem.robot, run)
-        except InputError as error:
-            far = far_outside(problem.robot, run.q)
-            sure = "certain: `identify` refuses it"
-            units = [k for k, f in enumerate(issues) if f.kind in POSITION_UNITS]
-            for k in units:  # the range says so, whatever the torques say
-                issues[k] = replace(issues[k], nature=FACT, severity="error")
-            if not units:
-                issues.append(Issue.of_refusal("position range", error, sure, far))
+        issues = _with_range_error(problem, report, issues)
     return replace(report, issues=tuple(issues))
+
+
+def _with_range_error(
+    problem: Problem, report: Report, issues: Sequence[Issue]
+) -> list[Issue]:
+    """The issues, with an error where positions cannot be this robot's.
+
+    Where torques say that positions are in degrees, the range makes that a fact.
+    Otherwise nothing that a model makes of impossible positions is worth saying.
+    """
+    run = report.original or report.repaired_all
+    try:
+        check_plausible(problem.robot, run)
+    except InputError as error:
+        if any(f.kind in POSITION_UNITS for f in issues):
+            return [_as_fact(f) if f.kind in POSITION_UNITS else f for f in issues]
+        far = far_outside(problem.robot, run.q)
+        certainty = "certain: `identify` refuses it"
+        refused = Issue.of_refusal("position range", error, certainty, far)
+        return [*(f for f in issues if f.nature == FACT), refused]
+    return [*issues]
+
+
+def _as_fact(issue: Issue) -> Issue:
+    certainty = "certain: outside what the joints can reach, and inside it as degrees"
+    return replace(issue, nature=FACT, severity="error", certainty=certainty)
 
 
 #: Issues that say in which unit positions are.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.checks.constants import MOST_REPEATED, RUN, TIMES
 from sdp_vs_penalty.checks.glance import CONTINUE, READ, Rows, RunSummary, stepping
 from sdp_vs_penalty.checks.issue import Issue, rows_text
-from sdp_vs_penalty.data.formats.recognition import UNITS
+from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.runs import spans
@@ -175,80 +175,6 @@ def change_of_rate(g: RunSummary) -> Iterator[Issue]:
             remedy="log at one rate; the run is split there",
             figures={"rows": [int(a) + 2, int(b) + 2], "times": ratio},
         )
-
-
-def velocity(g: RunSummary) -> Iterator[Issue]:
-    """The logged velocity against the derivative of the position, over all joints.
-
-    One factor in every joint is that of the clock, or of the unit of velocity: dq / dt
-    tells it to a per cent, whatever the arm. A joint of its own is a velocity of its own.
-    """
-    if g.run.dq is None or len(g.run.t) < 2 * RUN:
-        return
-    ratios = _velocity_ratios(g)
-    known = np.flatnonzero(np.isfinite(ratios))
-    if not len(known):
-        return
-    middle = float(np.median(ratios[known]))
-    alike = np.abs(ratios[known] / middle - 1.0) < 0.05
-    if abs(np.log(abs(middle))) > 0.1 and middle > 0.0 and alike.mean() >= 0.75:
-        yield Issue(
-            kind="clock against velocity",
-            severity="warning",
-            where="columns t and dq",
-            what=f"the logged velocity is {middle:.3g} times the derivative of the"
-            f" position, in {alike.sum()} of {len(known)} joints alike: time runs"
-            f" {_faster(middle)}, or velocities are in another unit.",
-            certainty="certain: read from the file; which of the two, it does not say",
-            remedy=f"find out the log's rate: multiply t by {1.0 / middle:.3g}, or divide"
-            f" dq by {middle:.3g}",
-            repair=lambda r: replace(r, t=r.t[0] + (r.t - r.t[0]) / middle),
-            apply="clock:t",
-            figures={"factor": 1.0 / middle},
-        )
-        return
-    for j in known:
-        r = float(ratios[j])
-        if r <= 0.0 or abs(np.log(r)) > 0.3:
-            yield Issue.of(
-                kind="velocity of one joint",
-                severity="note",
-                joints=[j],
-                what=f"dq{j + 1} is {r:.3g} times the derivative of q{j + 1}.",
-                certainty=READ,
-                remedy="no action needed: velocities are taken from the positions",
-                where=f"dq{j + 1}",
-                factor=r,
-            )
-
-
-def _faster(ratio: float) -> str:
-    """The clock's fault, if it is its, that velocities are so many times too large."""
-    times = f"{max(ratio, 1.0 / ratio):.3g} times too"
-    return f"{times} fast" if ratio < 1.0 else f"{times} slow"
-
-
-def _velocity_ratios(g: RunSummary) -> Array:
-    """(n,) logged velocity over the derivative of the position, by least squares on
-    means of a few rows; nan where the two are not proportional."""
-    assert g.run.dq is not None
-    out = np.full(g.run.n, np.nan)
-    width = int(max(4, len(g.run.t) // 2000))
-    even = g.steps[: len(g.steps) // width * width].reshape(-1, width)
-    times = even.sum(axis=1)
-    usual = np.all(even < 10.0 * g.step, axis=1) & (times > 0.0)
-    for j in np.flatnonzero(g.moving):
-        way = np.diff(g.run.q[:, j])[: even.size].reshape(-1, width).sum(axis=1)
-        middle = 0.5 * (g.run.dq[1:, j] + g.run.dq[:-1, j])
-        logged = np.sum(middle[: even.size].reshape(-1, width) * even, axis=1)
-        x = way[usual] / times[usual]
-        y = logged[usual] / times[usual]
-        xx = float(x @ x)
-        yy = float(y @ y)
-        xy = float(x @ y)
-        if xx * yy > 0.0 and xy * xy > 0.8 * xx * yy:
-            out[j] = np.sign(xy) * np.sqrt(yy / xx)
-    return out
 
 
 def uneven(g: RunSummary) -> Iterator[Issue]:

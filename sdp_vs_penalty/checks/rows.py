@@ -189,28 +189,22 @@ def zeros(g: RunSummary) -> Iterator[Issue]:
 def _filled(x: Array) -> Rows:
     """(N,) rows of zeros between samples far from zero on one side of it."""
     changes = np.abs(np.diff(x))
-    least = max(
-        6.0 * float(np.median(changes[changes > 0.0])),
-        3.0 * lattice_step(x[x != 0.0]),
+    usual = float(np.median(changes[changes > 0.0]))
+    least = max(6.0 * usual, 3.0 * lattice_step(x[x != 0.0]))
+    # The stretches in which it does not change, but for the first and the last.
+    edges = np.flatnonzero(changes > 0.0) + 1
+    starts = edges[:-1]
+    ends = edges[1:]
+    before = x[starts - 1] - x[starts]
+    after = x[ends] - x[starts]
+    comes_back = (before * after > 0.0) & (
+        np.minimum(np.abs(before), np.abs(after)) > least
     )
-    same = spans(np.concatenate([np.diff(x) == 0.0, [False]]))
-    held = [(a, b + 1) for a, b in same]
-    single = np.flatnonzero((changes[1:] > 0.0) & (changes[:-1] > 0.0)) + 1
-    parts = [*held, *((int(k), int(k) + 1) for k in single)]
-    filled = []
-    elsewhere = 0
-    for a, b in parts:
-        if a == 0 or b >= len(x):
-            continue
-        before = x[a - 1] - x[a]
-        after = x[b] - x[a]
-        if before * after <= 0.0 or min(abs(before), abs(after)) <= least:
-            continue
-        if x[a] != 0.0:
-            elsewhere += 1
-        else:
-            filled.append((a, b))
-    return mask_of(len(x), [] if elsewhere * TIMES > len(filled) else filled)
+    is_zero = comes_back & (x[starts] == 0.0)
+    n_elsewhere = np.count_nonzero(comes_back & (x[starts] != 0.0))
+    if n_elsewhere * TIMES > np.count_nonzero(is_zero):
+        return np.zeros(len(x), bool)
+    return mask_of(len(x), np.column_stack([starts, ends])[is_zero])
 
 
 def spikes(g: RunSummary) -> Iterator[Issue]:

@@ -31,9 +31,12 @@ def _shown(text: str) -> str:
 
 @contextmanager
 def progress(start: str) -> Iterator[Callable[[str], None]]:
-    """A line on stderr that says where a long computation stands; silent where nobody
-    watches."""
-    if not err.is_terminal:
+    """A line on stderr that says where a long computation stands.
+
+    It is silent where nobody watches. Variables that force colours (as notebooks set
+    them) make no terminal of a pipe.
+    """
+    if not (err.is_terminal and err.file.isatty()):
         yield lambda _: None
         return
     with err.status(_shown(start)) as status:

@@ -14,8 +14,8 @@ import sys
 import textwrap
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -83,6 +83,17 @@ def _require_memory() -> None:
         )
 
 
+def _require_folder() -> None:
+    """InputError where the current folder was removed."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(
+            f"the current folder cannot be used ({error.strerror})",
+            "change to another folder",
+        ) from error
+
+
 def _help() -> str:
     """The program's, without importing a verb."""
     lines = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
@@ -119,6 +130,7 @@ def _run(words: Sequence[str]) -> None:
         raise InputError(
             "python -OO drops the docstrings that options come from", "use -O"
         )
+    _require_folder()
     verb = named(first)
     arguments = Parser(first, verb).given(words[1:])
     _require_different({name: x for name, x in arguments.items() if name in OUTPUTS})
@@ -126,7 +138,8 @@ def _run(words: Sequence[str]) -> None:
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
-    verb(**arguments)
+    with _ending_politely():
+        verb(**arguments)
 
 
 def _require_different(outputs: Mapping[str, Any]) -> None:
@@ -172,8 +185,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="backslashreplace")
 
     def remark(message: Any, category: Any, *place: Any, **more: Any) -> None:
-        if category is Remark:  # to the user, without the place in our code
+        if issubclass(category, Remark):  # without the place in our code
             _complain(message)
+            if words_without_debug[:1] != ["convert"]:  # it shows what it writes
+                for row in getattr(message, "rows", ()):
+                    print(printable(row), file=sys.stderr)
         else:
             _complain(f"{category.__name__}: {message}")
 
@@ -196,6 +212,33 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.exit(code)
 
 
+class Terminated(KeyboardInterrupt):
+    """The system asks this process to end (SIGTERM)."""
+
+
+@contextmanager
+def _ending_politely() -> Iterator[None]:
+    """While this runs, SIGTERM ends the command as Ctrl-C does: nothing temporary is
+    left."""
+
+    import signal
+
+    def end(number: int, frame: Any) -> None:
+        raise Terminated
+
+    # A second Ctrl-C, once all is done, would end in words of the interpreter.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    try:
+        before = signal.signal(signal.SIGTERM, end)
+    except ValueError:  # in a thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 #: What a full disk, a folder that is not ours and a limit of open files say.
 _OF_THE_SYSTEM = (
     errno.ENOSPC,
@@ -209,6 +252,8 @@ _OF_THE_SYSTEM = (
 
 def explain(error: BaseException) -> tuple[str, int]:
     """One sentence about an error and the exit code that it deserves."""
+    if isinstance(error, Terminated):
+        return "ended by SIGTERM; existing files are unchanged.", 143
     if isinstance(error, KeyboardInterrupt):
         return "interrupted; existing files are unchanged.", 130
     if isinstance(error, InputError):

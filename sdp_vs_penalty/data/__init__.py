@@ -10,6 +10,8 @@ __getattr__ = lazy_exports(
     files="as_measurements load_measurements read_run save",
     **{
         "formats.columns": "columns_of",
+        "formats.column_report": "ColumnReport ColumnRow describe_columns",
+        "formats.loggers": "LOGGERS",
         "formats.recognition": "recognise recognised",
     },
 )

@@ -148,7 +148,7 @@ def _one(
                 "no measurements", remedy, what.replace("...", given(part))
             )
         header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
-        run_read = without_traces(without_held(header.run(columns), names))
+        run_read = without_traces(without_held(header.read(columns), names))
         if joints is not None and run_read.n != joints:
             raise other_robot(run_read.n, joints, what, names=names or ())
     for run in run_read.runs() if usable else ():

@@ -19,11 +19,13 @@ from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
-from sdp_vs_penalty.files import JsonRecord, read_json
+from sdp_vs_penalty.files import JsonRecord, read_json, require_format
 from sdp_vs_penalty.formatting import Shown, Summary, Table, plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
 
+#: Of findings.json.
+FINDINGS_FORMAT = 1
 #: What is said where no motion repeats: the residual was taken for noise, which it then
 #: equals.
 NOISE_UNKNOWN = (
@@ -473,7 +475,7 @@ class Diagnosis(Shown, JsonRecord):
 
     def to_dict(self) -> dict[str, Any]:
         """findings.json; :meth:`from_dict` restores the same diagnosis."""
-        out = super().to_dict()
+        out = {"format": FINDINGS_FORMAT, **super().to_dict()}
         for k, finding in enumerate(out["effects"], start=1):
             finding["number"] = k
         return out
@@ -502,9 +504,15 @@ def _named(findings: Sequence[Finding | Retune]) -> str:
 def load_diagnosis(path: str | Path) -> Diagnosis:
     """The diagnosis of a findings.json, as `diagnose --json` writes it.
 
-    Raises InputError for a file that is not one or lacks a field.
+    Raises InputError for a file that is not one, lacks a field or is of another format.
     """
-    return read_json(path, "findings.json", "verdict", Diagnosis.from_dict)
+    return read_json(path, "findings.json", "verdict", _diagnosis_of)
+
+
+def _diagnosis_of(data: Mapping[str, Any]) -> Diagnosis:
+    # The first versions did not name the format.
+    require_format(data, FINDINGS_FORMAT, unmarked=1)
+    return Diagnosis.from_dict(data)
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.files import read_json, write_text
+from sdp_vs_penalty.files import read_json, require_format, write_text
 from sdp_vs_penalty.formatting import Shown, Summary, Table, number
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem, problem_from_dict, problem_to_dict
@@ -379,17 +379,13 @@ def load_estimate(path: str | Path) -> Estimate:
 
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
-    if (file_format := data["format"]) != FORMAT:
-        older = isinstance(file_format, int) and file_format < FORMAT
-        what = (
-            "an earlier version (format {}), which did not keep the bounds of the"
-            " model's problem"
-        )
-        new = f"a newer version (format {{}}, this one reads up to {FORMAT})"
-        remedy = "identify again" if older else "upgrade sdp-vs-penalty"
-        raise InputError(
-            f"written by {(what if older else new).format(file_format)}", remedy
-        )
+    require_format(
+        data,
+        FORMAT,
+        oldest=FORMAT,
+        older="which did not keep the bounds of the model's problem",
+        remedy="identify again",
+    )
     if not isinstance(data["method"], str):
         raise TypeError(f"method: {given(data['method'])} is no text")
     robot = Robot.from_dict(data["robot"])

@@ -344,7 +344,8 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             objective, sent, inside, task.bound, centre, fine, smallest_scale
         )
         try:
-            solution = solver(posed.solver).solve(problem.conic, accuracy)
+            chosen = solver(posed.solver)
+            solution = chosen.solve_for_user(problem.conic, accuracy)
         except NotApplicableError as error:
             raise InputError(
                 f"solver {posed.solver} cannot pose this method's problem ({error})",
@@ -423,7 +424,7 @@ def interior_point(
     # as far.
     for scale in (task.bound, moving_scale(constraints.convex, nominal, task.bound)):
         problem = largest_margin(constraints.convex, nominal, scale)
-        solution = solver(solver_name).solve(problem.conic, 1e-8)
+        solution = solver(solver_name).solve_for_user(problem.conic, 1e-8)
         if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
             continue
         theta = max((problem.theta(solution), nominal), key=constraints.depth)

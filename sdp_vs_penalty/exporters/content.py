@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from lxml import etree
 
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
 from sdp_vs_penalty.robot import inertia
@@ -257,12 +257,24 @@ def number(value: float) -> str:
     return repr(float(value) + 0.0)  # + 0.0: no negative zero
 
 
+#: What an XML document cannot hold, however it is written.
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def xml_name(text: str) -> str:
+    """A name whose characters an XML document can hold; others are written as Python
+    writes them."""
+    return _NOT_XML.sub(lambda found: printable(found[0]), text)
+
+
 def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
     """A child with text and attributes; numbers and arrays of them are written by
     :func:`number`."""
 
     def written(x: Any) -> str:
-        return x if isinstance(x, str) else " ".join(map(number, np.atleast_1d(x)))
+        if isinstance(x, str):
+            return xml_name(x)
+        return " ".join(map(number, np.atleast_1d(x)))
 
     child = etree.SubElement(
         parent, tag, {name: written(x) for name, x in attributes.items()}

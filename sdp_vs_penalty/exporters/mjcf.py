@@ -14,6 +14,7 @@ from sdp_vs_penalty.exporters.content import (
     Options,
     element,
     parts,
+    xml_name,
     xml_text,
 )
 from sdp_vs_penalty.robot.joint import Joint
@@ -40,7 +41,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     Raises InputError for a link that MuJoCo cannot load: one without mass or without
     thickness.
     """
-    root = etree.Element("mujoco", model=robot.name)
+    root = etree.Element("mujoco", model=xml_name(robot.name))
     # Nothing is to be guessed or mended: the numbers are those that were identified.
     no = dict.fromkeys(("inertiafromgeom", "balanceinertia"), "false")
     element(root, "compiler", angle="radian", autolimits="true", **no)

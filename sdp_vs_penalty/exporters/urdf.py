@@ -29,6 +29,7 @@ from sdp_vs_penalty.exporters.content import (
     number,
     parts,
     require_consistent,
+    xml_name,
     xml_text,
 )
 from sdp_vs_penalty.files import read_bytes
@@ -181,7 +182,7 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
     tags.
     """
     root = etree.Element(
-        "robot", name=robot.name, nsmap={"drake": _DRAKE} if drake else None
+        "robot", name=xml_name(robot.name), nsmap={"drake": _DRAKE} if drake else None
     )
     element(root, "link", name="base_link")
     for part in parts(robot, content.links):

@@ -168,7 +168,7 @@ def read(job: JobRequest) -> Answer:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
                 part = _loaded(job, problem, path)
-            remarks += [str(w.message) for w in heard if w.category is Remark]
+            remarks += [str(w.message) for w in heard if issubclass(w.category, Remark)]
             for twin in (
                 run for run in (*job["runs"], *runs) if run["file"] == _file(part)
             ):

@@ -65,6 +65,7 @@ def parse_isolated(
     *arguments: Any,
     prepare: Callable[[], object] = dict,
     seconds: float = _LIMITS.silence,
+    n_bytes: int | None = None,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
     """What ``parser(path, *arguments)`` yields, from a child process.
 
@@ -76,6 +77,8 @@ def parse_isolated(
     prepare : a function at the level of a module that loads what the parser needs; it
         runs before the child is forked
     seconds : that the parser may be silent [s]
+    n_bytes : by which memory and time are limited in place of the file's size, where
+        the parser reads other files too
 
     Yields
     ------
@@ -90,7 +93,7 @@ def parse_isolated(
     MemoryError
         The file unpacks to more than its size allows.
     """
-    size = _size(Path(path))
+    size = _size(Path(path)) if n_bytes is None else n_bytes
     request = {
         "parser": [parser.__module__, parser.__qualname__],
         "arguments": [str(path), *arguments],

@@ -1,16 +1,21 @@
 """Read a robot from an MJCF file through MuJoCo's own reader (extra [engines]): hinges
 and slides, several of one body, mimic joints by equality, armature, damping, friction
-loss and the gains of position actuators."""
+loss and the gains of position actuators.
 
-from collections.abc import Mapping, Sequence
+MuJoCo parses in a process of its own: a broken file ends that process.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.isolated import Arrays, ParserEndedError, parse_isolated
 from sdp_vs_penalty.robot.joint import (
     Follower,
     HeldJoint,
@@ -20,6 +25,93 @@ from sdp_vs_penalty.robot.joint import (
 )
 from sdp_vs_penalty.robot.robot import Robot, check_held
 from sdp_vs_penalty.robot.urdf import joint_motion
+
+#: The arrays of MuJoCo's model that are needed, by its own names.
+_ARRAYS = (
+    "actuator_biasprm",
+    "actuator_biastype",
+    "actuator_gainprm",
+    "actuator_gear",
+    "actuator_trnid",
+    "actuator_trntype",
+    "body_inertia",
+    "body_ipos",
+    "body_iquat",
+    "body_jntadr",
+    "body_jntnum",
+    "body_mass",
+    "body_parentid",
+    "body_pos",
+    "body_quat",
+    "dof_armature",
+    "dof_damping",
+    "dof_frictionloss",
+    "eq_active0",
+    "eq_data",
+    "eq_obj1id",
+    "eq_obj2id",
+    "eq_type",
+    "jnt_actfrclimited",
+    "jnt_actfrcrange",
+    "jnt_axis",
+    "jnt_dofadr",
+    "jnt_limited",
+    "jnt_pos",
+    "jnt_qposadr",
+    "jnt_range",
+    "jnt_type",
+    "qpos0",
+)
+#: Files that an MJCF file names, in its folder or in one below it.
+_ASSETS = (".stl", ".obj", ".msh", ".png", ".skn", ".hf", ".xml")
+#: Folders and files that are looked at, and bytes that count for the limits of memory
+#: and time.
+_MAX_FOLDERS = 50
+_MAX_FILES = 2000
+_MAX_BYTES = 2**28
+#: MuJoCo's numbers of kinds (mjtJoint, mjtEq, mjtTrn, mjtBias).
+_SLIDE = 2
+_HINGE = 3
+_KINDS = {_SLIDE: "prismatic", _HINGE: "revolute"}
+_JOINT_EQUALITY = 2
+_JOINT_TRANSMISSION = 0
+_AFFINE_BIAS = 1
+
+
+@dataclass(frozen=True)
+class MujocoModel:
+    """What MuJoCo's compiler makes of a file.
+
+    Parameters
+    ----------
+    path : of the file
+    name : of the model; "" without
+    gravity : (3,) [m/s^2]
+    joint_names : of all joints in MuJoCo's order
+    arrays : by the names that MuJoCo's manual gives to fields of mjModel
+    """
+
+    path: Path
+    name: str
+    gravity: tuple[float, float, float]
+    joint_names: tuple[str, ...]
+    arrays: Arrays
+
+    def row(self, field: str, index: int) -> Array:
+        """One row of a field."""
+        return self.arrays[field][index]
+
+    def number(self, field: str, index: int) -> float:
+        """One number of a field."""
+        return float(np.ravel(self.arrays[field][index])[0])
+
+    def integer(self, field: str, index: int) -> int:
+        """One whole number of a field."""
+        return int(self.number(field, index))
+
+    def start(self, joint: int) -> float:
+        """Where a joint stands in the file's reference configuration [rad, m]."""
+        return self.number("qpos0", self.integer("jnt_qposadr", joint))
 
 
 def load_mjcf(
@@ -48,129 +140,163 @@ def load_mjcf(
     InputError
         A file that MuJoCo does not read, a free or ball joint, a loop, no joint at all.
     """
-    model = _compiled(path)
+    model = _compiled(Path(path))
     still = dict(held or {})
-    constants, followers = _equalities(path, model)
+    constants, followers = _equalities(model)
     placed = tuple[HeldJoint, ...]()
     if still:
-        driven = load_mjcf(path, gravity)[0].joint_names
+        robot, _ = _robot_of(model, constants, followers, gravity)
+        driven = robot.joint_names
         places = check_held(driven, still)
         placed = tuple(HeldJoint(driven[k], still[driven[k]], k) for k in places)
-    still = hold_followers(still | constants, followers)
-    tree, links, massless = _tree(path, model, still)
+    held_joints = hold_followers(still | constants, followers)
+    robot, links = _robot_of(model, held_joints, followers, gravity, placed)
+    return robot, links, _values(model, robot.joint_names)
+
+
+def _robot_of(
+    model: MujocoModel,
+    still: Mapping[str, float],
+    followers: Mapping[str, Follower],
+    gravity: Sequence[float] | None,
+    held: tuple[HeldJoint, ...] = (),
+) -> tuple[Robot, Array]:
+    """The robot and its links (links, 10), some joints of which stand still."""
+    tree, links, massless = _tree(model, still)
     moving = {joint.name for joint in tree}
-    joints, mechanism = resolve_mimic_joints(
-        tree, {n: f for n, f in followers.items() if n in moving}, massless
-    )
-    down = tuple(map(float, model.opt.gravity if gravity is None else gravity))
-    name = model.names.partition(b"\0")[0].decode() or Path(path).stem
-    robot = Robot(name, joints, down, None, mechanism, placed)
-    kept = [x for k, x in enumerate(links) if k not in massless]
-    return robot, np.array(kept), _values(model, robot.joint_names)
+    moving_followers = {name: f for name, f in followers.items() if name in moving}
+    joints, mechanism = resolve_mimic_joints(tree, moving_followers, massless)
+    down = model.gravity
+    if gravity is not None:
+        x, y, z = map(float, gravity)
+        down = (x, y, z)
+    name = model.name or model.path.stem
+    robot = Robot(name, joints, down, None, mechanism, held)
+    return robot, np.array([x for k, x in enumerate(links) if k not in massless])
 
 
-def _compiled(path: str | Path) -> Any:
-    """MuJoCo's model of a file."""
+def _compiled(path: Path) -> MujocoModel:
+    """MuJoCo's model of a file, from a process of its own."""
     try:
-        import mujoco
+        first, *named = parse_isolated(
+            model_arrays, path, prepare=load_mujoco, n_bytes=_n_bytes_around(path)
+        )
     except ImportError as error:
         raise missing_extra("MJCF files need", "engines") from error
+    except ParserEndedError as error:
+        what = f"MuJoCo does not read it ({error})"
+        raise InputError(what, "correct it", path) from error
+    arrays = dict(first)
+    x, y, z = arrays.pop("gravity").tolist()
+    names = [name for part in named for name in part]
+    model_name, *joint_names = names
+    called = tuple(
+        text.partition(":")[2] or f"joint{k}"
+        for k, text in enumerate(joint_names, start=1)
+    )
+    return MujocoModel(path, model_name.partition(":")[2], (x, y, z), called, arrays)
+
+
+def _n_bytes_around(path: Path) -> int:
+    """Bytes of a file and of the meshes and textures in its folder and below."""
+    n_bytes = path.stat().st_size
+    for folder in (path.parent, *islice(path.parent.glob("*/"), _MAX_FOLDERS)):
+        files = islice(folder.iterdir(), _MAX_FILES)
+        n_bytes += sum(
+            file.stat().st_size
+            for file in files
+            if file.suffix.lower() in _ASSETS and file.is_file()
+        )
+    return min(n_bytes, _MAX_BYTES)
+
+
+def load_mujoco() -> None:
+    """Import what the parser needs before its process is forked."""
+    import mujoco  # noqa: F401
+
+
+def model_arrays(path: str) -> Iterator[Arrays]:
+    """The fields of MuJoCo's model; then the names of the model and of its joints, each
+    as the name of an empty array behind its number."""
+    import mujoco
+
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        model = mujoco.MjModel.from_xml_path(path)
     except ValueError as error:
         what = (str(error).splitlines() or ["no reason given"])[0][:200]
         raise InputError(
-            f"MuJoCo does not read it ({what})", "correct it", path
+            f"MuJoCo does not read it ({what})", "correct it", Path(path)
         ) from error
+    fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
+    yield {"gravity": np.array(model.opt.gravity, float), **fields}
+    yield {f"0:{_name_of_model(model)}": np.zeros(0)}
+    for k in range(model.njnt):
+        yield {f"{k + 1}:{model.joint(k).name}": np.zeros(0)}
 
 
-def _name(model: Any, kind: str, index: int) -> str:
-    """A joint's name, or one by its number."""
-    found: str = getattr(model, kind)(index).name
-    return found or f"{kind}{index + 1}"
+def _name_of_model(model: object) -> str:
+    """The model's name, at the beginning of all names."""
+    names: bytes = model.names  # type: ignore[attr-defined]
+    return names.partition(b"\0")[0].decode(errors="replace")
 
 
 def _equalities(
-    path: str | Path, model: Any
+    model: MujocoModel,
 ) -> tuple[dict[str, float], dict[str, Follower]]:
     """Joints that an equality holds, and those that it makes followers."""
-    import mujoco
-
     constants = dict[str, float]()
     followers = dict[str, Follower]()
-    for k in range(model.neq):
-        if not model.eq_active0[k]:
+    for k in range(len(model.arrays["eq_type"])):
+        if not model.integer("eq_active0", k):
             continue
-        if int(model.eq_type[k]) != int(mujoco.mjtEq.mjEQ_JOINT):
+        if model.integer("eq_type", k) != _JOINT_EQUALITY:
             what = "an equality other than of joints, as of a closed loop"
-            raise InputError(
-                what, "cut the loop, for only trees can be identified", path
-            )
-        first = int(model.eq_obj1id[k])
-        second = int(model.eq_obj2id[k])
-        course = model.eq_data[k, :5]
-        name = _name(model, "joint", first)
-        start = float(model.qpos0[model.jnt_qposadr[first]])
+            remedy = "cut the loop, for only trees can be identified"
+            raise InputError(what, remedy, model.path)
+        first = model.integer("eq_obj1id", k)
+        second = model.integer("eq_obj2id", k)
+        course = model.row("eq_data", k)[:5]
+        name = model.joint_names[first]
         if second < 0:
-            constants[name] = start + float(course[0])
+            constants[name] = model.start(first) + float(course[0])
             continue
         if np.any(course[2:]):
             what = f"joint {name!r} follows another one by a curve"
-            raise InputError(what, "make its polycoef a straight line", path)
-        leader = float(model.qpos0[model.jnt_qposadr[second]])
-        offset = start + float(course[0] - course[1] * leader)
-        followers[name] = _name(model, "joint", second), float(course[1]), offset
+            raise InputError(what, "make its polycoef a straight line", model.path)
+        constant, slope = course[:2].tolist()
+        offset = model.start(first) + constant - slope * model.start(second)
+        followers[name] = model.joint_names[second], slope, offset
     return constants, followers
 
 
 def _tree(
-    path: str | Path, model: Any, still: Mapping[str, float]
+    model: MujocoModel, still: Mapping[str, float]
 ) -> tuple[list[Joint], list[Array], tuple[int, ...]]:
     """The moving joints depth first, the link of each (10,), and which have no mass.
 
     Of a body with several joints each but the last carries a link without mass.
     """
-    import mujoco
-
-    kinds = {
-        int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
-        int(mujoco.mjtJoint.mjJNT_SLIDE): "prismatic",
-    }
     joints = list[Joint]()
     links = list[Array]()
     # Of each body the joint that carries it and its pose in that joint's moved frame.
     carriers = [-1]
     poses = [np.eye(4)]
-    for body in range(1, model.nbody):
-        parent = int(model.body_parentid[body])
-        at = _pose(model.body_pos[body], model.body_quat[body])
+    for body in range(1, len(model.arrays["body_parentid"])):
+        parent = model.integer("body_parentid", body)
+        at = _pose(model.row("body_pos", body), model.row("body_quat", body))
         carrier = carriers[parent]
         pose = poses[parent] @ at
-        for j in range(
-            model.body_jntadr[body], model.body_jntadr[body] + model.body_jntnum[body]
-        ):
-            if int(model.jnt_type[j]) not in kinds:
-                what = f"joint {_name(model, 'joint', j)!r} is free, or a ball"
-                raise InputError(
-                    what, "fix a floating base; give a ball three hinges", path
-                )
-            anchor = np.eye(4)
-            back = np.eye(4)
-            anchor[:3, 3], back[:3, 3] = model.jnt_pos[j], -model.jnt_pos[j]
-            joint = _joint(
-                model, int(j), kinds[int(model.jnt_type[j])], carrier, pose @ anchor
-            )
-            start = -float(model.qpos0[model.jnt_qposadr[j]])
+        for j in _joints_of_body(model, body):
+            kind = _kind_of(model, j)
+            anchor, back = _to_anchor(model, j)
+            joint = _joint(model, j, kind, carrier, pose @ anchor)
+            start = -model.start(j)
             if joint.name in still:
-                pose = (
-                    pose
-                    @ anchor
-                    @ joint_motion(joint, still[joint.name] + start)
-                    @ back
-                )
+                moved = joint_motion(joint, still[joint.name] + start)
+                pose = pose @ anchor @ moved @ back
                 continue
-            begun = joint.placement @ joint_motion(joint, start)
-            joints.append(_joint(model, int(j), joint.kind, carrier, begun))
+            placement = joint.placement @ joint_motion(joint, start)
+            joints.append(_joint(model, j, kind, carrier, placement))
             links.append(np.zeros(10))
             carrier = len(joints) - 1
             pose = back
@@ -179,68 +305,113 @@ def _tree(
         if carrier >= 0:
             links[carrier] += inertia.transform(pose) @ _inertial(model, body)
     if not joints:
-        raise InputError(
-            "no moving joint, so nothing to identify", "name another file", path
-        )
+        what = "no moving joint, so nothing to identify"
+        raise InputError(what, "name another file", model.path)
     massless = tuple(k for k, link in enumerate(links) if not link.any())
     return joints, links, massless if len(massless) < len(links) else ()
 
 
-def _joint(model: Any, j: int, kind: str, parent: int, placement: Array) -> Joint:
+def _joints_of_body(model: MujocoModel, body: int) -> range:
+    """The numbers of a body's joints."""
+    first = model.integer("body_jntadr", body)
+    return range(first, first + model.integer("body_jntnum", body))
+
+
+def _kind_of(model: MujocoModel, j: int) -> str:
+    """ "revolute" or "prismatic"; InputError for a free or a ball joint."""
+    number = model.integer("jnt_type", j)
+    if number not in _KINDS:
+        what = f"joint {model.joint_names[j]!r} is free, or a ball"
+        remedy = "fix a floating base; give a ball three hinges"
+        raise InputError(what, remedy, model.path)
+    return _KINDS[number]
+
+
+def _to_anchor(model: MujocoModel, j: int) -> tuple[Array, Array]:
+    """(4, 4) from a body's frame to its joint's anchor, and back."""
+    anchor = np.eye(4)
+    back = np.eye(4)
+    anchor[:3, 3] = model.row("jnt_pos", j)
+    back[:3, 3] = -model.row("jnt_pos", j)
+    return anchor, back
+
+
+def _joint(
+    model: MujocoModel, j: int, kind: str, parent: int, placement: Array
+) -> Joint:
     """One moving joint."""
-    lower, upper = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
+    lower = -np.inf
+    upper = np.inf
+    if model.integer("jnt_limited", j):
+        lower, upper = model.row("jnt_range", j).tolist()
     effort = np.inf
-    if model.jnt_actfrclimited[j]:
-        effort = float(np.abs(model.jnt_actfrcrange[j]).max())
-    axis = np.array(model.jnt_axis[j]) / np.linalg.norm(model.jnt_axis[j])
-    limits = float(lower), float(upper), np.inf, effort
+    if model.integer("jnt_actfrclimited", j):
+        effort = float(np.abs(model.row("jnt_actfrcrange", j)).max())
+    axis = model.row("jnt_axis", j)
     return Joint(
-        _name(model, "joint", j), kind, parent, placement, axis, np.eye(4), *limits
+        model.joint_names[j],
+        kind,
+        parent,
+        placement,
+        axis / np.linalg.norm(axis),
+        np.eye(4),
+        lower=lower,
+        upper=upper,
+        velocity=np.inf,
+        effort=effort,
     )
 
 
-def _inertial(model: Any, body: int) -> Array:
+def _inertial(model: MujocoModel, body: int) -> Array:
     """(10,) standard parameters of a body about its frame."""
-    about_com = np.diag(model.body_inertia[body])
     link = np.zeros(10)
-    link[0] = model.body_mass[body]
+    link[0] = model.number("body_mass", body)
+    about_com = np.diag(model.row("body_inertia", body))
     link[4:] = inertia.inertia_entries(about_com)
-    at = _pose(model.body_ipos[body], model.body_iquat[body])
+    at = _pose(model.row("body_ipos", body), model.row("body_iquat", body))
     return inertia.transform(at) @ link
 
 
 def _pose(position: Array, quaternion: Array) -> Array:
     """(4, 4) of a position [m] and a unit quaternion w, x, y, z."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    out = np.eye(4)
     k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    out[:3, :3] += 2.0 * w * k + 2.0 * k @ k
-    out[:3, 3] = position
-    return out
+    pose = np.eye(4)
+    pose[:3, :3] += 2.0 * w * k + 2.0 * k @ k
+    pose[:3, 3] = position
+    return pose
 
 
-def _values(model: Any, names: Sequence[str]) -> dict[str, float]:
+def _values(model: MujocoModel, names: Sequence[str]) -> dict[str, float]:
     """Nominal values of joints' parameters by their names; none where they are zero."""
-    import mujoco
+    number_by_joint = {
+        model.joint_names.index(name): number
+        for number, name in enumerate(names, start=1)
+    }
+    values = dict[str, float]()
+    for joint, number in number_by_joint.items():
+        dof = model.integer("jnt_dofadr", joint)
+        values[f"I_a{number}"] = model.number("dof_armature", dof)
+        values[f"f_v{number}"] = model.number("dof_damping", dof)
+        values[f"f_c{number}"] = model.number("dof_frictionloss", dof)
+    values |= _servo_gains(model, number_by_joint)
+    return {name: value for name, value in values.items() if value != 0.0}
 
-    found: dict[str, float] = {}
-    places = {_name(model, "joint", j): j for j in range(model.njnt)}
-    for k, name in enumerate(names, start=1):
-        dof = model.jnt_dofadr[places[name]]
-        found |= {
-            f"I_a{k}": float(model.dof_armature[dof]),
-            f"f_v{k}": float(np.ravel(model.dof_damping[dof])[0]),
-            f"f_c{k}": float(model.dof_frictionloss[dof]),
-        }
-    numbers = {places[name]: k for k, name in enumerate(names, start=1)}
-    for a in range(model.nu):
-        on_joint = int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-        is_servo = int(model.actuator_biastype[a]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
-        number = numbers.get(int(model.actuator_trnid[a, 0]))
-        if on_joint and is_servo and number is not None:
-            gear = float(model.actuator_gear[a, 0])
-            gain = model.actuator_gainprm[a]
-            bias = model.actuator_biasprm[a]
-            found[f"kp{number}"] = gear**2 * float(gain[0])
-            found[f"kd{number}"] = -(gear**2) * float(bias[2])
-    return {name: value for name, value in found.items() if value != 0.0}
+
+def _servo_gains(
+    model: MujocoModel, number_by_joint: Mapping[int, int]
+) -> dict[str, float]:
+    """Gains kp [N m/rad] and kd [N m s/rad] of position actuators, at their joints."""
+    gains = dict[str, float]()
+    for a in range(len(model.arrays["actuator_trntype"])):
+        is_on_joint = model.integer("actuator_trntype", a) == _JOINT_TRANSMISSION
+        is_servo = model.integer("actuator_biastype", a) == _AFFINE_BIAS
+        number = number_by_joint.get(model.integer("actuator_trnid", a))
+        if not is_on_joint or not is_servo or number is None:
+            continue
+        gear = model.number("actuator_gear", a)
+        stiffness = model.number("actuator_gainprm", a)
+        damping = -float(model.row("actuator_biasprm", a)[2])
+        gains[f"kp{number}"] = gear**2 * stiffness
+        gains[f"kd{number}"] = gear**2 * damping
+    return gains

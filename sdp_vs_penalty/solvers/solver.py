@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.plugins import summary_line
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import ConicProblem, Solution
@@ -91,6 +92,16 @@ class Solver(ABC):
         answer = self.run(form.problem, self.options(accuracy))
         x, z = form.back(answer.x, answer.z)
         return replace(answer, x=x, z=z)
+
+    def solve_for_user(self, problem: ConicProblem, accuracy: float) -> Solution:
+        """As :meth:`solve`; InputError where a signal has ended its program."""
+        try:
+            return self.solve(problem, accuracy)
+        except (ChildProcessError, TimeoutError) as error:
+            raise InputError(
+                f"solver {self.name}: {error}",
+                "choose another solver, or install it anew",
+            ) from error
 
     def make_solution(
         self, x: Array, z: Array, status: str, iterations: float, more: str = ""

@@ -233,10 +233,9 @@ def objective(p):
 def check(proof):
     """The proved interval (lower, upper), or None for a proof of infeasibility;
     ValueError otherwise."""
-    need(
-        type(proof) is dict and proof.get("format") == FORMAT,
-        f"its format is not {FORMAT!r}",
-    )
+    need(type(proof) is dict, "it is no JSON object")
+    form = proof.get("format")
+    need(form == FORMAT, f"its format is {repr(form)[:60]}, not {FORMAT!r}")
     p = typed(proof, OPTIMUM if proof.get("kind") == "optimum" else PROOF, {})
     text = json.dumps(
         {name: proof[name] for name in proof if name != "sha256"}, sort_keys=True

@@ -9,9 +9,9 @@ from small_runs import small_run
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, mended
 from sdp_vs_penalty.checks.channels import lockstep
-from sdp_vs_penalty.checks.clock import velocity
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
+from sdp_vs_penalty.checks.velocity import velocity
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
 
@@ -59,10 +59,30 @@ def test_a_velocity_that_is_the_derivative_says_nothing():
     assert not [*velocity(summary(RUN))]
 
 
-@pytest.mark.parametrize("lag", [1, 3])
-def test_a_velocity_that_comes_late_is_no_other_clock(lag):
+def test_a_velocity_one_sample_late_says_nothing():
     assert RUN.dq is not None
-    assert not [*velocity(summary(replace(RUN, dq=np.roll(RUN.dq, lag, axis=0))))]
+    assert not [*velocity(summary(replace(RUN, dq=np.roll(RUN.dq, 1, axis=0))))]
+
+
+@pytest.mark.parametrize("lag", [-4, 3, 12])
+def test_a_velocity_that_comes_late_is_a_note_with_its_lag(lag):
+    """To a sample, and no other clock."""
+    assert RUN.dq is not None
+    (issue,) = velocity(summary(replace(RUN, dq=np.roll(RUN.dq, lag, axis=0))))
+    assert issue.kind == "velocity lag"
+    assert issue.severity == "note"
+    assert issue.figures["samples"] == pytest.approx(lag, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(180.0 / np.pi, "degrees"), (30.0 / np.pi, "turns")]
+)
+def test_a_velocity_in_another_unit_is_no_fault_of_the_clock(factor, unit):
+    assert RUN.dq is not None
+    (issue,) = velocity(summary(replace(RUN, dq=factor * RUN.dq)))
+    assert issue.kind == "velocity unit"
+    assert issue.severity == "note"
+    assert unit in issue.what
 
 
 @pytest.mark.parametrize("name", ["q", "tau"])

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import peak_memory
+from commands import HOME, peak_memory
 from small_runs import small_run
 
 from sdp_vs_penalty import Problem, identify
@@ -240,3 +240,23 @@ def test_where_nothing_can_be_written(verb, good, tmp_path):
         else "exec"
     )
     assert "Permission denied" in refused(verb, someone, good, folder)
+
+
+def test_a_folder_that_was_removed_is_a_sentence(tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    code = f"""if True:
+        import os
+        from sdp_vs_penalty.cli.main import main
+
+        os.rmdir({str(gone)!r})
+        main(["list"])"""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=gone,
+        env={**os.environ, "PYTHONPATH": HOME},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert "the current folder cannot be used" in done.stderr

@@ -148,3 +148,74 @@ def test_a_short_run_can_be_compared(two_link):
     run = small_run(two_link, seconds=1.0)
     estimate = sdp.identify(two_link, run, "ols")
     assert sdp.compare(estimate, run)
+
+
+@pytest.fixture(scope="module")
+def findings(two_link):
+    run = small_run(two_link)
+    return json.loads(
+        json.dumps(sdp.diagnose(sdp.identify(two_link, run), run).to_dict())
+    )
+
+
+def load_findings(content: object, folder):
+    from sdp_vs_penalty.diagnosis import load_diagnosis
+
+    (folder / "findings.json").write_text(json.dumps(content))
+    return load_diagnosis(folder / "findings.json")
+
+
+def test_findings_name_their_format(findings, tmp_path):
+    assert findings["format"] == 1
+    assert load_findings(findings, tmp_path).to_dict() == findings
+
+
+def test_findings_of_the_first_versions_are_read(findings, tmp_path):
+    unmarked = {name: x for name, x in findings.items() if name != "format"}
+    assert load_findings(unmarked, tmp_path).to_dict() == findings
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [(2, "a newer version"), (0, "an earlier version"), ("1", "'1'"), (True, "True")],
+)
+def test_findings_of_another_format_are_refused(number, words, findings, tmp_path):
+    with pytest.raises(sdp.InputError, match=words):
+        load_findings({**findings, "format": number}, tmp_path)
+
+
+@pytest.mark.parametrize("number", [0, 3, 1.5, "2", None, True, [2], 10**30])
+def test_a_model_of_another_format_is_refused(number, model, tmp_path):
+    assert "format" in refusal({**model, "format": number}, tmp_path)
+
+
+@pytest.mark.parametrize("number", [1, 3])
+def test_a_proof_of_another_format_is_refused_by_its_name(number, two_link, tmp_path):
+    from sdp_vs_penalty.estimation import verify_proof_file
+
+    sdp.identify(two_link, small_run(two_link), proof=tmp_path / "proof.json")
+    text = (tmp_path / "proof.json").read_text()
+    changed = text.replace("sdp-vs-penalty proof 2", f"sdp-vs-penalty proof {number}")
+    (tmp_path / "proof.json").write_text(changed)
+    holds, sentence = verify_proof_file(tmp_path / "proof.json")
+    assert not holds
+    assert f"its format is 'sdp-vs-penalty proof {number}'" in sentence
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "[]",
+        "3",
+        "{",
+        '{"a": 1}',
+        '{"a": {"hash": 3}}',
+        '{"a": {}, "a": {}}',
+        "[" * 9999,
+    ],
+)
+def test_intervals_that_no_shootout_has_written_are_refused(content, tmp_path, capsys):
+    (tmp_path / "references.json").write_text(content)
+    problem = "two_link simulated one-step gyration"
+    assert run_cli("shootout", "--problems", problem, "--out", tmp_path) == 2
+    assert "holds no intervals of a shootout" in capsys.readouterr().err

@@ -13,8 +13,7 @@ from recorded import refusal
 from scipy.io import savemat
 
 from sdp_vs_penalty import convert, load_measurements
-from sdp_vs_penalty.data import read_run, recognise
-from sdp_vs_penalty.data.formats.recognition import LOGGERS
+from sdp_vs_penalty.data import LOGGERS, read_run, recognise
 from sdp_vs_penalty.errors import Remark
 
 JOINTS = ("joint1", "joint2")

@@ -35,9 +35,18 @@ def adopting_orphans() -> Iterator[None]:
 
 def fork_command(action: Callable[[], object], folder: Path) -> int:
     """Start a silent process that acts in the folder; its number."""
+    code = 130
     child = os.fork()
     if child:
         return child
+    try:
+        code = _exit_code(action, folder)
+    finally:
+        os._exit(code)
+
+
+def _exit_code(action: Callable[[], object], folder: Path) -> int:
+    """Act in this process, which is to end then."""
     code = 1
     try:
         os.setsid()
@@ -50,10 +59,11 @@ def fork_command(action: Callable[[], object], folder: Path) -> int:
         code = 0
     except SystemExit as end:
         code = int(end.code or 0)
-    finally:
-        with suppress(OSError, ValueError):
-            sys.stderr.flush()
-        os._exit(code)
+    except Exception as error:
+        print(repr(error), file=sys.stderr)
+    with suppress(OSError, ValueError):
+        sys.stderr.flush()
+    return code
 
 
 def _be_silent(printed: Path) -> None:

@@ -55,6 +55,19 @@ def rtde(path: Path, run: Measurements) -> None:
     _write(path, ["timestamp", *names], columns, " ")
 
 
+def rtde_torque(path: Path, run: Measurements) -> None:
+    """As the controller makes torques of currents."""
+    fields = ("actual_q_{}", "actual_qd_{}", "actual_current_as_torque_{}")
+    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau)]
+    _write(path, ["timestamp", *_numbered(*fields)], columns, " ")
+
+
+def rtde_controller(path: Path, run: Measurements) -> None:
+    names = _numbered("actual_q_{}", "actual_qd_{}", "target_moment_{}")
+    columns = [1234.5 + run.t, *_blocks(run.q, run.dq, run.tau)]
+    _write(path, ["timestamp", *names], columns, " ")
+
+
 def rostopic(path: Path, run: Measurements) -> None:
     fields = _numbered(*(f"field.{x}{{}}" for x in ("position", "velocity", "effort")))
     stamps = [str(START * 10**9 + round(1e9 * t)) for t in run.t]
@@ -193,6 +206,8 @@ def _two_parts(run: Measurements) -> tuple[list[str], list[str]]:
 #: What writes each file of tests/data/logs.
 SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "rtde.csv": rtde,
+    "rtde_torque.csv": rtde_torque,
+    "rtde_controller.csv": rtde_controller,
     "rostopic.csv": rostopic,
     "ros2_echo.csv": ros2_echo,
     "bagpy.csv": bagpy,

@@ -195,3 +195,14 @@ def test_names_of_robot_descriptions(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "robot_descriptions.own_description", one)
     assert load_problem("own_description").robot.n == 2
     refusal(lambda: load_problem("other_description"), "'other_description'")
+
+
+def test_a_parser_that_ends_is_one_sentence(tmp_path, monkeypatch):
+    from sdp_vs_penalty.robot import mjcf
+
+    def ends(*_: object, **__: object) -> None:
+        raise mjcf.ParserEndedError("its parser was ended by SIGSEGV")
+
+    monkeypatch.setattr(mjcf, "parse_isolated", ends)
+    path = write(tmp_path, "slide")
+    refusal(lambda: load_problem(path), "slide.xml", "ended by SIGSEGV")

@@ -11,7 +11,7 @@ from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.constants import WIDEST
 from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
-from sdp_vs_penalty.data.formats.recognition import UNITS as NAMED
+from sdp_vs_penalty.data.formats.units import UNITS as NAMED
 
 #: Factors of units, and what a channel is in whose torque has to be multiplied by one.
 UNITS = {

@@ -15,16 +15,18 @@ import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.recognition import (
+    AmbiguousColumnsError,
     CellTable,
+    Recognition,
     counted_from_zero,
-    expanded,
     find_clock,
-    parts_of,
-    recognise_and_warn,
+    has_our_names,
+    recognise,
 )
+from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
 from sdp_vs_penalty.data.formats.stamps import second_part_unit
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, gathered
-from sdp_vs_penalty.errors import InputError, Remark
+from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The header of RUN.csv, in words.
@@ -38,15 +40,20 @@ HEADER = (
 GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
 #: Groups that are taken where they are whole: other logs call other things so.
 _WHOLE = ("temp", "current", "voltage")
+#: Rows that are shown of columns that were guessed.
+_ROWS_SHOWN = 5
 
 
 @dataclass(frozen=True)
 class Choice:
     """What of a file to take.
 
-    joints : names of the robot's joints in order, for formats that name theirs; topic :
-    of a bag with several; rename : {our name: the file's name} of columns or variables,
-    for tables; rate : samples a second [Hz], in place of the file's clock.
+    Parameters
+    ----------
+    joints : names of the robot's joints in order, for formats that name theirs
+    topic : of a bag with several
+    rename : {our name: the file's name} of columns or variables, for tables
+    rate : samples a second [Hz], in place of the file's clock
     """
 
     joints: Sequence[str] | None = None
@@ -76,11 +83,19 @@ def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
 class Header:
     """Which columns of a file are which channels.
 
-        groups : the file's columns of each of ours (t, q, dq, tau, ...), one a joint or one
-        block; of t two where a stamp is in two parts, none without a clock; factors : by
-        the file's names, where they are not 1; what : how messages call the file; angles :
-    XX : the column that counts runs; rate : in place of a clock
-        [Hz].
+    Parameters
+    ----------
+    path : of the file
+    groups : the file's columns of each of ours (t, q, dq, tau, ...), one a joint or one
+        block; of t two where a stamp is in two parts, none without a clock
+    factors : by the file's names, where they are not 1
+    what : how messages call the file
+    names : of all its columns
+    order : of the joints of a block, where the robot's is another one
+    rate : samples a second [Hz] in place of a clock
+    episode : the column that counts runs
+    joints : their names, where the file says them
+    recognition : what was guessed; None where names are ours or were chosen
     """
 
     path: Path
@@ -92,6 +107,7 @@ class Header:
     rate: float | None = None
     episode: str | None = None
     joints: tuple[str, ...] = ()
+    recognition: Recognition | None = None
 
     @classmethod
     def of(
@@ -103,92 +119,59 @@ class Header:
         remedy: str = "",
         table: CellTable | None = None,
     ) -> Header:
-        """Of a file's columns by their names: our own, those that are chosen, else
-        those recognised.
+        """The header of a file whose columns have these names: our own, those that are
+        chosen, else those recognised.
 
-        remedy : what to do about missing columns (default: the `convert` command for
-        the file); table : what its columns hold. Others are left out with a warning:
-        logs hold accelerations, currents, states. Raises InputError where q or tau (and
-        qcmd), or one of several joints is missing; where t is, :meth:`run` does.
+        Parameters
+        ----------
+        path : of the file
+        names : of its columns
+        choice : what to take
+        what : how messages call the file; its path by default
+        remedy : what to do about missing columns; the `convert` command by default
+        table : what the columns hold
+
+        Raises
+        ------
+        InputError
+            q or tau (and qcmd), or one of several joints is missing. Where t is,
+            :meth:`run` raises it.
         """
-        path, what = Path(path), what or str(path)
-        recognition = (
-            None if choice.rename else recognise_and_warn(path, names, choice, table)
-        )
+        path = Path(path)
+        what = what or str(path)
+        recognition = None
+        if not choice.rename:
+            recognition = recognise_file(path, names, choice.joints, table)
+        rename = expanded(choice.rename or {}, names)
+        if recognition is not None:
+            rename = recognition.rename
         if recognition is None and not choice.rename and counted_from_zero(names):
-            shown = brief_names(names)
-            lacking = f"columns are counted from 0, and not alike (columns: {shown})"
-            command = _rename_command(path, ["q", "tau"])
-            raise InputError(lacking, remedy or command, what)
-        rename = (
-            expanded(choice.rename or {}, names)
-            if recognition is None
-            else recognition.rename
-        )
-        for our_name, their_name in rename.items():
-            for name in parts_of(their_name, names):
-                if name not in names:
-                    lacking = (
-                        f"no column {name!r} to take as {our_name} (columns:"
-                        f" {brief_names(names)})"
-                    )
-                    raise InputError(lacking, "give --rename a name of the file", what)
-        named = {
-            **({} if recognition else dict(zip(names, names, strict=True))),
-            **rename,
-        }
-        groups = {
-            g: columns_of_group
-            for g in GROUPS
-            if (columns_of_group := _columns(named, g, what))
-        }
-        if "t" in named:
-            groups = {"t": list(parts_of(named["t"], names)), **groups}
-        elif choice.rename and (clock := find_clock(names)):
+            problem = "columns are counted from 0, and not alike"
+            raise _lacking(path, names, problem, ["q", "tau"], what, remedy)
+        _require_columns(rename, names, what)
+        groups = _groups(rename, names, recognition is not None, what)
+        clock = _clock_of(rename, names, choice)
+        if clock is not None:
             groups = {"t": list(parts_of(clock, names)), **groups}
-        needed = ("q",) if "qcmd" in groups else ("q", "tau")
-        missing = [group for group in needed if group not in groups]
+        missing = _missing_groups(groups)
         if missing:
-            missing = [g for g in ("t", "q", "tau") if g in missing or g not in groups]
-            if "qcmd" in groups:
-                missing.remove("tau")
-            lacking = (
-                f"no column {' or '.join(missing)} (columns: {brief_names(names)})"
-            )
-            raise InputError(lacking, remedy or _rename_command(path, missing), what)
-        count = Counter(names)
-        for name in (name for columns in groups.values() for name in columns):
-            if count.pop(name, 0) > 1:
-                raise InputError(
-                    f"column {name} comes twice", "rename one of them", what
-                )
-        if count and not rename:
-            # Accelerations are the one kind of column that people expect to be read.
-            known_too = any(
-                re.fullmatch(r"(ddq|qdd|acc)_?[0-9]*", name.lower()) for name in count
-            )
-            why = (
-                ". Accelerations are computed from q, with the same filter as the"
-                " torque" * known_too
-            )
-            shown = ", ".join(
-                name[:40] or "a column without a name" for name in list(count)[:6]
-            )
-            more = f" and {len(count) - 6} more" if len(count) > 6 else ""
-            warnings.warn(
-                f"{path}: not used: {shown}{more}{why}.", Remark, stacklevel=2
-            )
-        scale = recognition.scale if recognition else {}
-        factors = {
-            rename[our_name]: x for our_name, x in scale.items() if our_name != "t"
-        }
-        for k, name in enumerate(groups.get("t", ())):
-            factors[name] = second_part_unit(name) if k else scale.get("t", 1.0)
-        order = recognition.order if recognition else None
-        episode = recognition.episode if recognition else None
-        joints = recognition.joints if recognition else ()
+            problem = f"no column {' or '.join(missing)}"
+            raise _lacking(path, names, problem, missing, what, remedy)
+        unused = _unused_columns(groups, names, what)
+        if unused and not rename:
+            _say_unused(path, unused)
+        episode = "episode_index" if "episode_index" in names else None
         return cls(
-            path, groups, factors, what, names, order, choice.rate, episode, joints
+            path,
+            groups,
+            _factors(rename, recognition, groups.get("t", ())),
+            what,
+            names,
+            order=_order_of(recognition, choice, table, names),
+            rate=choice.rate,
+            episode=episode,
+            joints=recognition.joints if recognition else (),
+            recognition=recognition,
         )
 
     @property
@@ -201,57 +184,82 @@ class Header:
         return [*clock, *channels]
 
     def run(self, columns: Mapping[str, Array]) -> Measurements:
-        """The run, or a piece of it, of columns (N,) or blocks (N, n) by the file's
-        names.
+        """The run, or a piece of it.
 
-        Raises InputError where lengths or numbers of joints differ, or no clock is
-        known.
+        Parameters
+        ----------
+        columns : (N,) numbers or (N, n) blocks by the file's names
+
+        Returns
+        -------
+        Measurements
+            In SI units, joints in the robot's order.
+
+        Raises
+        ------
+        InputError
+            Lengths or numbers of joints differ, or no clock is known.
         """
+        channels = {group: n for group, n in self.groups.items() if group != "t"}
         groups_read = {
-            group: [
-                self.factors.get(n, 1.0) * np.asarray(columns[n], float) for n in names
-            ]
-            for group, names in self.groups.items()
-            if group != "t"
+            group: [self._in_si(name, columns) for name in names]
+            for group, names in channels.items()
         }
         t = self._clock(columns, groups_read)
         blocks = {
             group: self._block(group, parts, len(t))
             for group, parts in groups_read.items()
         }
-        for (
-            group
-        ) in _WHOLE:  # what else a file calls temp is no temperature of its joints
+        # What else a file calls temp is no temperature of its joints.
+        for group in _WHOLE:
             if group in blocks and blocks[group].shape != blocks["q"].shape:
                 del blocks[group]
-        widths = {group: block.shape[1] for group, block in blocks.items()}
-        if len(set(widths.values())) != 1:
-            width_words = ", ".join(
-                f"{group} {width}" for group, width in widths.items()
-            )
-            what = f"the groups have different numbers of joints: {width_words}"
-            raise InputError(what, "give q, dq and tau a column a joint", self.what)
+        self._require_equal_widths(blocks)
         if self.order is not None and len(blocks["q"]):
             blocks = {group: block[:, self.order] for group, block in blocks.items()}
         return Measurements.of(t, blocks, (self.path.name,))
 
+    def read(self, columns: Mapping[str, Array]) -> Measurements:
+        """The run of whole columns, as :meth:`gather` makes it of pieces."""
+        return self.gather([self.run(columns)])
+
     def gather(self, pieces: Iterable[Measurements]) -> Measurements:
         """The run of consecutive pieces; episodes come one after the other, a second
-        apart."""
+        apart. One remark says what was guessed, and shows the first rows."""
         run = replace(gathered(pieces), joint_names=self.joints)
-        if self.episode is None or len(run.t) < 2:
-            return run
+        if self.episode is not None and len(run.t) > 1:
+            run = self._episodes_in_a_row(run)
+        if self.recognition is not None and not self.recognition.is_own:
+            sentence = self.recognition.sentence(self.path, self.names)
+            rows = rows_shown(run, self.recognition)
+            warnings.warn(ColumnsRemark(sentence, rows), stacklevel=2)
+        return run
+
+    def _episodes_in_a_row(self, run: Measurements) -> Measurements:
+        """The run with a clock that goes on where an episode begins anew."""
         steps = np.diff(run.t)
         is_start = steps <= 0.0
-        if is_start.any():
-            shift = np.concatenate(
-                [[0.0], np.cumsum(np.where(is_start, 1.0 - steps, 0.0))]
-            )
-            episodes = formatting.count(int(is_start.sum()) + 1, "episode")
-            warning = f"{self.path}: {episodes} one after the other, a second apart"
-            warnings.warn(warning, Remark, stacklevel=2)
-            run = replace(run, t=run.t + shift)
-        return run
+        if not is_start.any():
+            return run
+        gaps = np.where(is_start, 1.0 - steps, 0.0)
+        shift = np.concatenate([[0.0], np.cumsum(gaps)])
+        episodes = formatting.count(int(is_start.sum()) + 1, "episode")
+        warning = f"{self.path}: {episodes} one after the other, a second apart"
+        warnings.warn(warning, Remark, stacklevel=3)
+        return replace(run, t=run.t + shift)
+
+    def _in_si(self, name: str, columns: Mapping[str, Array]) -> Array:
+        """A column of the file in SI units."""
+        return self.factors.get(name, 1.0) * np.asarray(columns[name], float)
+
+    def _require_equal_widths(self, blocks: Mapping[str, Array]) -> None:
+        """InputError where groups have different numbers of joints."""
+        widths = {group: block.shape[1] for group, block in blocks.items()}
+        if len(set(widths.values())) == 1:
+            return
+        shown = ", ".join(f"{group} {width}" for group, width in widths.items())
+        what = f"the groups have different numbers of joints: {shown}"
+        raise InputError(what, "give q, dq and tau a column a joint", self.what)
 
     def _clock(
         self, columns: Mapping[str, Array], groups_read: Mapping[str, Sequence[Array]]
@@ -259,10 +267,7 @@ class Header:
         """(N,) s: of one column, the sum of a stamp's two parts, or of the rate."""
         clock = self.groups.get("t", ())
         if clock and self.rate is None:
-            parts = [
-                self.factors.get(n, 1.0) * np.ravel(np.asarray(columns[n], float))
-                for n in clock
-            ]
+            parts = [np.ravel(self._in_si(name, columns)) for name in clock]
             return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
         first = groups_read["q"][0]
         count = max(first.shape) if first.ndim == 2 else len(first)
@@ -274,22 +279,13 @@ class Header:
 
     def _no_clock(self, groups_read: Mapping[str, Sequence[Array]]) -> InputError:
         """The error of a file without a clock: the rate is proposed where velocities
-        tell it."""
-        rate = None
+        show it."""
+        rate = _rate_of(groups_read)
         why = "HZ being its samples a second"
-        if "dq" in groups_read:
-            q, dq = (
-                np.column_stack(
-                    [np.reshape(x, (len(x), -1)) for x in groups_read[group]]
-                )
-                for group in ("q", "dq")
-            )
-            rate = rate_from_velocities(q, dq) if q.shape == dq.shape else None
         if rate is not None:
             why = "dq is the derivative of q at this rate"
-        command = formatting.convert_command(
-            self.path, "--rate", "HZ" if rate is None else f"{rate:g}"
-        )
+        word = "HZ" if rate is None else f"{rate:g}"
+        command = formatting.convert_command(self.path, "--rate", word)
         lacking = f"no column t (columns: {brief_names(self.names)})"
         remedy = (
             f"give its rate with `{command}` ({why}), or name its clock with --rename"
@@ -298,13 +294,14 @@ class Header:
         return InputError(lacking, remedy, self.what)
 
     def _block(self, group: str, parts: Sequence[Array], count: int) -> Array:
+        """(N, n) the channels of a group, from columns or one block either way up."""
         block = parts[0]
         if block.ndim > 2:
             what = f"{group} has {block.ndim} dimensions"
             raise InputError(what, "give it 2: samples and joints", self.what)
         if len(parts) == 1 and block.ndim == 2:
-            across = len(block) == count or block.shape[1] != count
-            parts = list(block.T if across else block)
+            is_upright = len(block) == count or block.shape[1] != count
+            parts = list(block.T if is_upright else block)
         if not parts:
             what = f"{group} has no columns, so there are no joints"
             raise InputError(what, "give q, dq and tau a column a joint", self.what)
@@ -313,6 +310,162 @@ class Header:
                 what = f"{group} has {part.size} rows, t has {count}"
                 raise InputError(what, "give each as many rows as t", self.what)
         return np.column_stack([np.ravel(part) for part in parts])
+
+
+def recognise_file(
+    path: Path,
+    names: Sequence[str],
+    joints: Sequence[str] | None,
+    table: CellTable | None,
+) -> Recognition | None:
+    """What the columns of a file are; None where our own names are there, or nothing is
+    recognised. Raises InputError where two sets of columns are as good."""
+    if has_our_names(names):
+        return None
+    try:
+        return recognise(names, joints, table)
+    except AmbiguousColumnsError as error:
+        command = formatting.convert_command(path, "--rename", error.words)
+        remedy = f"choose, such as with `{command}`"
+        raise InputError(error.what, remedy, path) from None
+
+
+def rows_shown(run: Measurements, recognition: Recognition) -> tuple[str, ...]:
+    """The first five rows of a run, a line a channel: our name, the file's, SI values."""
+    first_rows = run.rows(slice(0, _ROWS_SHOWN))
+    lines = list[str]()
+    for name, values in columns_of(first_rows).items():
+        group = group_of(name)
+        theirs = recognition.rename.get(name, recognition.rename.get(group, ""))
+        numbers = " ".join(f"{x:>11.5g}" for x in values)
+        lines.append(f"  {name:<6} {numbers}  {theirs}")
+    return tuple(lines)
+
+
+def _require_columns(
+    rename: Mapping[str, str], names: Sequence[str], what: str
+) -> None:
+    """InputError for a chosen name that the file does not have."""
+    for our_name, their_name in rename.items():
+        for name in parts_of(their_name, names):
+            if name not in names:
+                lacking = f"no column {name!r} to take as {our_name}"
+                shown = f"(columns: {brief_names(names)})"
+                remedy = "give --rename a name of the file"
+                raise InputError(f"{lacking} {shown}", remedy, what)
+
+
+def _groups(
+    rename: Mapping[str, str], names: Sequence[str], is_recognised: bool, what: str
+) -> dict[str, Sequence[str]]:
+    """The file's columns of each of our groups; those with our own names too, unless
+    columns were recognised."""
+    ours = {} if is_recognised else dict(zip(names, names, strict=True))
+    named = {**ours, **rename}
+    groups = {group: _columns(named, group, what) for group in GROUPS}
+    return {group: columns for group, columns in groups.items() if columns}
+
+
+def _clock_of(
+    rename: Mapping[str, str], names: Sequence[str], choice: Choice
+) -> str | None:
+    """The file's clock; None without."""
+    if "t" in rename:
+        return rename["t"]
+    if choice.rename and "t" not in names:
+        return find_clock(names)
+    return "t" if "t" in names else None
+
+
+def _missing_groups(groups: Mapping[str, Sequence[str]]) -> list[str]:
+    """The groups that a run needs and the file has not; the clock too where another one
+    is missing."""
+    needed = ["q"] if "qcmd" in groups else ["q", "tau"]
+    if all(group in groups for group in needed):
+        return []
+    return [group for group in ("t", *needed) if group not in groups]
+
+
+def _lacking(
+    path: Path,
+    names: Sequence[str],
+    problem: str,
+    missing: Sequence[str],
+    what: str,
+    remedy: str,
+) -> InputError:
+    """The error of a file without columns, with the command that names them."""
+    shown = f"{problem} (columns: {brief_names(names)})"
+    return InputError(shown, remedy or _rename_command(path, missing), what)
+
+
+def _unused_columns(
+    groups: Mapping[str, Sequence[str]], names: Sequence[str], what: str
+) -> list[str]:
+    """The columns that are not read; InputError for one that is and comes twice."""
+    count = Counter(names)
+    for columns in groups.values():
+        for name in columns:
+            if count.pop(name, 0) > 1:
+                problem = f"column {name} comes twice"
+                raise InputError(problem, "rename one of them", what)
+    return list(count)
+
+
+def _say_unused(path: Path, names: Sequence[str]) -> None:
+    """A remark about columns that are not read."""
+    # Accelerations are the one kind of column that people expect to be read.
+    is_acceleration = re.compile(r"(ddq|qdd|acc)_?[0-9]*")
+    why = ""
+    if any(is_acceleration.fullmatch(name.lower()) for name in names):
+        why = ". Accelerations are computed from q, with the same filter as the torque"
+    shown = ", ".join(name[:40] or "a column without a name" for name in names[:6])
+    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    warnings.warn(f"{path}: not used: {shown}{more}{why}.", Remark, stacklevel=3)
+
+
+def _factors(
+    rename: Mapping[str, str], recognition: Recognition | None, clock: Sequence[str]
+) -> dict[str, float]:
+    """What columns are multiplied by, by the file's names."""
+    scale = recognition.scale if recognition else {}
+    factors = {rename[ours]: x for ours, x in scale.items() if ours != "t"}
+    for k, name in enumerate(clock):
+        factors[name] = second_part_unit(name) if k else scale.get("t", 1.0)
+    return factors
+
+
+def _order_of(
+    recognition: Recognition | None,
+    choice: Choice,
+    table: CellTable | None,
+    names: Sequence[str],
+) -> tuple[int, ...] | None:
+    """The order of the joints within blocks, where the file says it; also where columns
+    were chosen and the joints were named."""
+    if recognition is not None:
+        return recognition.order
+    if not choice.rename or not choice.joints or table is None:
+        return None
+    try:
+        guess = recognise(names, choice.joints, table)
+    except AmbiguousColumnsError:
+        return None
+    return None if guess is None else guess.order
+
+
+def _rate_of(groups_read: Mapping[str, Sequence[Array]]) -> float | None:
+    """The rate that velocities show [Hz]; None without."""
+    if "dq" not in groups_read:
+        return None
+    blocks = [
+        np.column_stack([np.reshape(x, (len(x), -1)) for x in groups_read[group]])
+        for group in ("q", "dq")
+    ]
+    positions, velocities = blocks
+    if positions.shape != velocities.shape:
+        return None
+    return rate_from_velocities(positions, velocities)
 
 
 def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
@@ -336,6 +489,23 @@ def _rename_command(path: Path, missing: Sequence[str]) -> str:
     pairs = ",".join(f"{group}=NAME" for group in missing)
     command = formatting.convert_command(path, "--rename", pairs)
     return f"name them with `{command}` (columns of joints as '{missing[-1]}*=NAME_*')"
+
+
+def table_of_arrays(arrays: Mapping[str, Array]) -> CellTable:
+    """What arrays by name hold: one a column, or blocks of several columns."""
+    kinds = dict[str, str]()
+    cells = dict[str, list[str]]()
+    for name, array in arrays.items():
+        kinds[name] = "list" if min(array.shape, default=1) > 1 else "number"
+        is_upright = array.ndim < 2 or array.shape[0] >= array.shape[1]
+        rows = array if is_upright else array.T
+        cells[name] = [_cell(row) for row in rows[:_ROWS_SHOWN]]
+    return CellTable(kinds, cells)
+
+
+def _cell(row: Array) -> str:
+    """A number, or several, as text."""
+    return " ".join(f"{x:.6g}" for x in np.ravel(row))
 
 
 def brief_names(names: Sequence[str]) -> str:

@@ -5,6 +5,7 @@ long the file."""
 import re
 import warnings
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import DATASETS
 from sdp_vs_penalty.data.formats.columns import HEADER, Choice, Header, columns_of
 from sdp_vs_penalty.data.formats.recognition import CellTable
-from sdp_vs_penalty.data.formats.stamps import seconds_of
+from sdp_vs_penalty.data.formats.stamps import past_midnight, seconds_of
 from sdp_vs_penalty.data.formats.text_table import (
     PIECE,
     TextTable,
@@ -31,6 +32,14 @@ from sdp_vs_penalty.robot.arrays import Array
 SUFFIXES = (".csv",)
 #: What messages call a sample.
 SAMPLE = "row"
+#: A table with so many incomplete rows is sparse; fewer are faults [rows].
+_SPARSE_ROWS = 3
+#: What research code writes of each joint.
+_THREE_GROUPS: tuple[str, ...] = ("q", "dq", "tau")
+
+
+class _EmptyCellError(InputError):
+    """A chosen column has no number in a row."""
 
 
 def read(path: Path, choice: Choice) -> Measurements:
@@ -39,24 +48,41 @@ def read(path: Path, choice: Choice) -> Measurements:
     names = list(table.names)
     if not table.has_header and names[0] == "#1" and not choice.rename:
         if choice.rate is None:
-            raise _no_header(table)
+            raise _no_header(table, choice)
         names = _three_groups(path, names)
-    header = Header.of(path, names, choice, table=_described(table, names))
+    header = Header.of(path, names, choice, table=_cell_table(table, names))
     chosen = sorted(names.index(name) for name in header.columns)
     _refuse_texts(table, names, chosen)
     called = [names[k] for k in chosen]
-    if any(table.is_sparse(k) for k in chosen):
-        return _read_sparse(table, header, chosen, called)
     pieces = _read_columns(table, chosen)
-    return header.gather(
-        header.run(dict(zip(called, piece, strict=True))) for piece in pieces
-    )
+    try:
+        run = header.gather(
+            header.run(dict(zip(called, piece, strict=True))) for piece in pieces
+        )
+    except _EmptyCellError as error:
+        columns = _sparse_columns(table, header, chosen, called)
+        if columns is None:
+            raise error
+        run = header.read(columns)
+    clock = header.groups.get("t", ())
+    if choice.rate is None and any(
+        table.kinds[names.index(name)] == "stamp" for name in clock
+    ):
+        run = replace(run, t=past_midnight(run.t))
+    return run
 
 
-def _described(table: TextTable, names: Sequence[str]) -> CellTable:
-    """What the recogniser is told of the columns."""
+def inspect(path: Path) -> CellTable:
+    """What the columns of a table hold."""
+    table = inspect_table(path)
+    return _cell_table(table, table.names)
+
+
+def _cell_table(table: TextTable, names: Sequence[str]) -> CellTable:
+    """What the recogniser needs to know of the columns."""
     kinds = dict(zip(names, table.kinds, strict=True))
-    return CellTable(kinds, {n: table.first_cells(k) for k, n in enumerate(names)})
+    cells = {name: table.first_cells(k) for k, name in enumerate(names)}
+    return CellTable(kinds, cells)
 
 
 def write(measurements: Measurements, path: Path) -> None:
@@ -73,8 +99,18 @@ def write(measurements: Measurements, path: Path) -> None:
 def numbers(path: Path, width: int) -> Array:
     """The rows (N, width) of a file without a header; InputError naming the row that is
     wrong."""
-    names, kinds = tuple(f"#{k}" for k in range(1, width + 1)), ("number",) * width
-    table = TextTable(path, ",", ".", False, False, names, False, 1, kinds, ())
+    table = TextTable(
+        path,
+        delimiter=",",
+        decimal=".",
+        quoted=False,
+        nested=False,
+        names=tuple(f"#{k}" for k in range(1, width + 1)),
+        has_header=False,
+        first=1,
+        kinds=("number",) * width,
+        sample=(),
+    )
     pieces = _read_columns(table, range(width))
     columns = [np.concatenate(parts) for parts in zip(*pieces, strict=True)]
     return columns[0][:, None] if width == 1 else np.stack(columns, axis=1)
@@ -88,38 +124,60 @@ def _three_groups(path: Path, names: Sequence[str]) -> list[str]:
         remedy = "keep q, dq and tau of each joint, or name columns by --rename q1=#2"
         raise InputError(f"{width} columns are not three a joint", remedy, path)
     joints = range(1, width // 3 + 1)
-    return [f"{group}{k}" for group in ("q", "dq", "tau") for k in joints]
+    return [f"{group}{k}" for group in _THREE_GROUPS for k in joints]
 
 
-def _no_header(table: TextTable) -> InputError:
-    """The error of a table whose first row holds numbers."""
+def _no_header(table: TextTable, choice: Choice) -> InputError:
+    """The error of a table whose first row holds numbers, with the command that names
+    its columns."""
     path = table.path
-    width = table.width
-    files = [(d.name, Path(f.path).name) for d in DATASETS.values() for f in d.files]
-    known = [name for name, file in files if file == path.name]
-    remedy = f"put {HEADER} above them"
-    if known:
-        remedy = f"take what `sdp-vs-penalty fetch {known[0]}` makes of this raw file"
-    elif width > 3 and width % 3 == 1:
-        joints = range(1, width // 3 + 1)
-        groups = enumerate(("q", "dq", "tau"))
-        pairs = [
-            f"{group}{k}=#{1 + at * len(joints) + k}"
-            for at, group in groups
-            for k in joints
-        ]
-        command = formatting.convert_command(
-            path, "--rename", ",".join(["t=#1", *pairs])
-        )
-        remedy += f", or, where its columns are t, q, dq and tau, `{command}`"
-    elif width % 3 == 0:
-        command = formatting.convert_command(path, "--rate", "HZ")
-        remedy += f", or, where its columns are q, dq and tau, `{command}`"
-    else:
-        remedy += (
-            ", or name columns by their numbers with `convert --rename t=#1,q1=#2`"
-        )
-    return InputError("row 1 holds numbers instead of a header", remedy, path)
+    problem = "row 1 holds numbers instead of a header"
+    dataset = _dataset_of(path)
+    if dataset is not None:
+        remedy = f"take what `sdp-vs-penalty fetch {dataset}` makes of this raw file"
+        return InputError(problem, remedy, path)
+    remedy = f"put {HEADER} above them, or "
+    layout = _layout(table.width, None if choice.joints is None else len(choice.joints))
+    if layout is None:
+        remedy += "name columns by their numbers with `convert --rename t=#1,q1=#2`"
+        return InputError(problem, remedy, path)
+    words = ["--rename", ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))]
+    has_clock = layout[0] == "t"
+    if not has_clock:
+        words += ["--rate", "HZ"]
+    groups = [name for name in ("t", "q", "dq", "tau") if f"{name}1" in layout]
+    groups = ["t", *groups] if has_clock else groups
+    shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
+    command = formatting.convert_command(path, *words)
+    return InputError(
+        problem, f"{remedy}where its columns are {shown}, `{command}`", path
+    )
+
+
+def _dataset_of(path: Path) -> str | None:
+    """The public data set that a raw file of this name belongs to; None without."""
+    for dataset in DATASETS.values():
+        if path.name in (Path(file.path).name for file in dataset.files):
+            return dataset.name
+    return None
+
+
+def _layout(width: int, n_joints: int | None) -> list[str] | None:
+    """Our names of so many columns without a header: those of the robot's number of
+    joints, else of three groups; None where neither fits."""
+    layouts = list[tuple[int, int, tuple[str, ...]]]()
+    for n_clocks in (0, 1):
+        for groups in (_THREE_GROUPS, ("q", "tau")):
+            n, n_left = divmod(width - n_clocks, len(groups))
+            if n > 0 and n_left == 0:
+                layouts.append((n_clocks, n, groups))
+    usual = [layout for layout in layouts if layout[1] == n_joints]
+    usual += [layout for layout in layouts if layout[2] == _THREE_GROUPS]
+    if not usual:
+        return None
+    n_clocks, n, groups = usual[0]
+    clock = ["t"] * n_clocks
+    return clock + [f"{group}{k}" for group in groups for k in range(1, n + 1)]
 
 
 def _refuse_texts(
@@ -141,7 +199,7 @@ def _read_columns(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Arra
     width = table.width
     yield [_no_values(table, k) for k in chosen]
     single_blanks = table.delimiter is not None or _has_single_blanks(table)
-    if table.nested or not single_blanks:
+    if table.nested or table.has_wrapped_cells or not single_blanks:
         yield from _read_carefully(table, chosen, first)
         return
     from pyarrow import ArrowException
@@ -276,6 +334,9 @@ def _parse_column(
     if table.kinds[column] == "stamp":
         return seconds_of(cells)
     for number, cell in enumerate(cells, start=first):
+        if not cell:
+            what = f"row {number}, column {column + 1} holds '', not a number"
+            raise _EmptyCellError(what, "correct it or delete the row", table.path)
         if not is_number(cell, table.decimal):
             what = (
                 f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
@@ -299,39 +360,51 @@ def _refuse_widths(
             raise InputError(what, "complete the row or delete it", table.path)
 
 
-def _read_sparse(
+def _sparse_columns(
     table: TextTable, header: Header, chosen: Sequence[int], called: Sequence[str]
-) -> Measurements:
-    """The run of a table in which columns have rows of their own, as topics of
-    different times have: what is nearest in time comes together."""
-    columns = list[list[str]]([[] for _ in chosen])
-    for row, rows in iter_rows(table.path):
-        rows = rows[max(table.first - row, 0) :]
-        row = max(row, table.first)
-        lines = [line for line in rows if line.strip()]
-        cells = [split_cells(line, table.delimiter) for line in lines]
-        _refuse_widths(table, row, lines, cells)
-        for column, k in zip(columns, chosen, strict=True):
-            column += [cells_of_row[k] for cells_of_row in cells]
+) -> dict[str, Array] | None:
+    """The columns of a table in which some have rows of their own, as topics of
+    different times have: what is nearest in time comes together. None where no more
+    than a few rows lack a cell, which is a fault."""
+    columns = _cells_of_columns(table, chosen)
+    n_incomplete = sum(not all(row) for row in zip(*columns, strict=True))
+    if n_incomplete < _SPARSE_ROWS:
+        return None
     values = {
-        name: _with_gaps(table, k, column)
-        for name, k, column in zip(called, chosen, columns, strict=True)
+        name: _with_gaps(table, k, cells)
+        for name, k, cells in zip(called, chosen, columns, strict=True)
     }
-    clock = header.groups.get("t", ())
+    clock = header.groups.get("t", ()) if header.rate is None else ()
     t = np.sum([header.factors.get(n, 1.0) * values[n] for n in clock], axis=0)
     if not clock:
         t = np.arange(len(columns[0]), dtype=float)
-    others = {name: x for name, x in values.items() if name not in clock}
-    position_names = [name for name in header.groups["q"] if name in others]
-    kept_rows, merged = merge_columns(t, others, position_names)
-    left_out = len(t) - len(kept_rows)
-    if left_out:
-        rows_ = formatting.count(left_out, "row")
-        warning = (
-            f"{table.path}: {rows_} without all channels left out or joined to the"
-        )
-        warnings.warn(f"{warning} nearest in time", Remark, stacklevel=2)
-    return header.run({name: values[name][kept_rows] for name in clock} | merged)
+    channels = {name: x for name, x in values.items() if name not in clock}
+    positions = [name for name in header.groups["q"] if name in channels]
+    kept_rows, merged = merge_columns(t, channels, positions)
+    _say_rows_left_out(table, len(t) - len(kept_rows))
+    return {name: values[name][kept_rows] for name in clock} | merged
+
+
+def _cells_of_columns(table: TextTable, chosen: Sequence[int]) -> list[list[str]]:
+    """The cells of the chosen columns in all rows that are not empty."""
+    columns = list[list[str]]([[] for _ in chosen])
+    for number, rows in iter_rows(table.path):
+        first = max(number, table.first)
+        lines = [line for line in rows[first - number :] if line.strip()]
+        cells = [split_cells(line, table.delimiter) for line in lines]
+        _refuse_widths(table, first, lines, cells)
+        for column, k in zip(columns, chosen, strict=True):
+            column += [row[k] for row in cells]
+    return columns
+
+
+def _say_rows_left_out(table: TextTable, n_rows: int) -> None:
+    """A remark about rows that have not all channels."""
+    if n_rows == 0:
+        return
+    rows = formatting.count(n_rows, "row")
+    warning = f"{table.path}: {rows} without all channels left out or joined to the"
+    warnings.warn(f"{warning} nearest in time", Remark, stacklevel=3)
 
 
 def _with_gaps(table: TextTable, column: int, cells: Sequence[str]) -> Array:

@@ -6,7 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header, understood
+from sdp_vs_penalty.data.formats.columns import (
+    Choice,
+    Header,
+    table_of_arrays,
+    understood,
+)
+from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import writing
@@ -18,9 +24,20 @@ SUFFIXES = (".mat",)
 def read(path: Path, choice: Choice) -> Measurements:
     """Variables of the file, or the fields of its one struct; other variables are
     ignored."""
+    columns = _columns(path)
+    return Header.of(path, list(columns), choice).read(columns)
+
+
+def inspect(path: Path) -> CellTable:
+    """What the variables of a file hold."""
+    return table_of_arrays(_columns(path))
+
+
+def _columns(path: Path) -> dict[str, Array]:
+    """The numeric variables by name, read by a process of its own."""
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
-    arrays: dict[str, Array] = {}
+    arrays = dict[str, Array]()
     with understood(path, ".mat file", "save it again, as version 7 or earlier"):
         with path.open("rb") as file:
             start = file.read(128)
@@ -30,8 +47,7 @@ def read(path: Path, choice: Choice) -> Measurements:
             )
         for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
             arrays |= part
-    columns = {name: np.atleast_1d(block) for name, block in arrays.items()}
-    return Header.of(path, list(columns), choice).run(columns)
+    return {name: np.atleast_1d(block) for name, block in arrays.items()}
 
 
 def load_scipy() -> None:

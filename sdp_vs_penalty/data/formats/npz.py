@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of, understood
+from sdp_vs_penalty.data.formats.columns import (
+    Choice,
+    Header,
+    columns_of,
+    table_of_arrays,
+    understood,
+)
+from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import reading, writing
@@ -27,7 +34,12 @@ def read(path: Path, choice: Choice) -> Measurements:
         arrays = {
             name: _real_numbers(path, name, file[name]) for name in header.columns
         }
-    return header.run(arrays)
+    return header.read(arrays)
+
+
+def inspect(path: Path) -> CellTable:
+    """What the arrays of an archive hold."""
+    return table_of_arrays(numeric_arrays(path))
 
 
 def write(measurements: Measurements, path: Path) -> None:

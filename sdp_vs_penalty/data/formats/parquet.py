@@ -31,14 +31,30 @@ def read(path: Path, choice: Choice) -> Measurements:
         return header.gather(_pieces(path, header, file))
 
 
+def inspect(path: Path) -> CellTable:
+    """What the columns of a table hold."""
+    from pyarrow import parquet
+
+    with (
+        understood(path, "Parquet file", "write it anew, or convert it to CSV"),
+        parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
+    ):
+        return _cell_table(file)
+
+
 def _header(path: Path, choice: Choice, file: Any) -> Header:
     """Which columns of the file are which channels."""
+    table = _cell_table(file)
+    return Header.of(path, list(table.kinds), choice, table=table)
+
+
+def _cell_table(file: Any) -> CellTable:
+    """The columns that are no texts, and their first values."""
     schema = file.schema_arrow
     kinds = {field.name: _kind_of(field.type) for field in schema}
-    names = [name for name in schema.names if kinds[name] != "text"]
-    first = next(file.iter_batches(batch_size=50, columns=names), None)
-    cells = {name: _texts(first, name) for name in names}
-    return Header.of(path, names, choice, table=CellTable(kinds, cells))
+    kinds = {name: kind for name, kind in kinds.items() if kind != "text"}
+    first = next(file.iter_batches(batch_size=50, columns=list(kinds)), None)
+    return CellTable(kinds, {name: _texts(first, name) for name in kinds})
 
 
 def _pieces(path: Path, header: Header, file: Any) -> Iterator[Measurements]:

@@ -1,4 +1,4 @@
-"""Stamps as seconds: text as ISO 8601 writes it, and numbers in two parts."""
+"""Stamps as seconds: text with or without a date, and numbers in two parts."""
 
 import datetime
 import re
@@ -17,6 +17,19 @@ SECOND_PARTS: dict[str, float] = tomllib.loads(
 )["second_parts"]
 #: Words that the first part ends with.
 FIRST_PARTS = ("sec", "secs", "seconds", "s")
+_DAY = 86_400.0
+_DATE = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}"
+_CLOCK = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,:]\d+)?)?"
+_ZONE = r"Z|UTC|[+-]\d{2}:?\d{2}"
+_STAMP = re.compile(
+    rf"(?:(?P<date>{_DATE})(?:T|,? +))?(?P<clock>{_CLOCK})"
+    rf"(?: ?(?P<half>[AaPp]\.?[Mm]\.?))?(?: ?(?P<zone>{_ZONE}))?"
+)
+
+
+def is_stamp(text: str) -> bool:
+    """Whether a text is a time of day, with or without a date and a zone."""
+    return _STAMP.fullmatch(text.strip()) is not None
 
 
 def find_two_parts(names: Sequence[str]) -> tuple[str, str] | None:
@@ -35,43 +48,114 @@ def second_part_unit(name: str) -> float:
 
 
 def _stem_and_word(name: str) -> tuple[str, str]:
-    """A name's last word and what comes before it."""
-    stem, word = re.fullmatch(r"(.*?)([A-Za-z]*)\W*", name.strip().lower()).groups()  # type: ignore[union-attr]
-    return re.sub(r"\W|_", "", stem), word
+    """A name's last word, "nanosec" of "stampNanoSec", and what comes before it."""
+    words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name.strip())
+    words = [word.lower() for word in words]
+    if len(words) > 1 and words[-2] + words[-1] in SECOND_PARTS:
+        words[-2:] = [words[-2] + words[-1]]
+    return "".join(words[:-1]), words[-1] if words else ""
 
 
 def seconds_of(texts: Sequence[str]) -> Array:
-    """(N,) seconds since 1970 (UTC without a zone), or since midnight where a stamp has
-    no date; InputError for what is no stamp."""
+    """Stamps as seconds.
+
+    Parameters
+    ----------
+    texts : (N,) times of day, all with a date or all without
+
+    Returns
+    -------
+    Array
+        (N,) seconds [s] since 1970 (UTC without a zone) where the date begins with its
+        year; else since midnight: :func:`past_midnight` is for those.
+
+    Raises
+    ------
+    InputError
+        A text that is no stamp.
+    """
+    texts = [text.strip() for text in texts]
+    fast = _seconds_by_arrow(texts)
+    if fast is not None:
+        return fast
+    matches = [_match(text) for text in texts]
+    clock = np.array([_time_of_day(match) for match in matches])
+    dates = [_date_of(match) for match in matches]
+    if matches and None not in dates:
+        return clock + _seconds_since_1970(dates)
+    # Other dates do not say whether the day or the month comes first.
+    return clock
+
+
+def past_midnight(clock: Array) -> Array:
+    """(N,) times of day [s] that go on past midnight."""
+    if len(clock) < 2:
+        return clock
+    is_next_day = np.diff(clock) < -0.5 * _DAY
+    n_days = np.concatenate([[0], np.cumsum(is_next_day)])
+    return clock + _DAY * n_days
+
+
+def _seconds_by_arrow(texts: Sequence[str]) -> Array | None:
+    """What the fast reader makes of stamps with dates; None where it reads them not."""
     import pyarrow as arrow
     from pyarrow import compute
 
-    texts = [text.strip() for text in texts]
-    has_date = all("-" in text[:5] for text in texts)
-    if has_date and texts:
-        zoned = bool(re.search(r"(Z|[+-]\d{2}:?\d{2})$", texts[0][10:]))
-        kind = arrow.timestamp("ns", "UTC" if zoned else None)
-        try:
-            stamps = compute.cast(arrow.array(texts), kind)
-            return 1e-9 * np.array(stamps.cast("int64").to_pylist(), float)
-        except arrow.ArrowException:
-            pass  # a comma before the fraction, or another variety of the standard
-    return np.array([_seconds(text) for text in texts])
-
-
-def _seconds(text: str) -> float:
-    """The same of one stamp."""
-    # From 3.11 on Python reads any number of digits, but keeps six.
-    digits = re.search(r"[.,](\d+)", text)
-    fraction = float(f"0.{digits[1]}") if digits else 0.0
-    whole_seconds = re.sub(r"[.,]\d+", "", text)
+    if not texts or not all("-" in text[:5] for text in texts):
+        return None
+    is_zoned = bool(re.search(r"(Z|[+-]\d{2}:?\d{2})$", texts[0][10:]))
+    kind = arrow.timestamp("ns", "UTC" if is_zoned else None)
     try:
-        if "-" in text[:5]:
-            at = datetime.datetime.fromisoformat(whole_seconds)
-            at = at if at.tzinfo else at.replace(tzinfo=datetime.UTC)
-            return at.timestamp() + fraction
-        clock = datetime.time.fromisoformat(whole_seconds)
+        stamps = compute.cast(arrow.array(texts), kind)
+    except arrow.ArrowException:
+        return None  # a comma before the fraction, or another variety of the standard
+    return 1e-9 * np.array(stamps.cast("int64").to_pylist(), float)
+
+
+def _match(text: str) -> re.Match[str]:
+    match = _STAMP.fullmatch(text)
+    if match is None:
+        remedy = "write stamps like 2025-05-01T12:00:00.005"
+        raise InputError(f"{text[:40]!r} is no time", remedy)
+    return match
+
+
+def _time_of_day(match: re.Match[str]) -> float:
+    """Seconds since midnight of a stamp's own clock, UTC where it has a zone [s]."""
+    parts = re.split(r"[:.,]", match["clock"])
+    hours, minutes = int(parts[0]), int(parts[1])
+    seconds = float(parts[2]) if len(parts) > 2 else 0.0
+    fraction = float(f"0.{parts[3]}") if len(parts) > 3 else 0.0
+    if match["half"]:
+        hours = hours % 12 + (12 if match["half"][0] in "Pp" else 0)
+    if hours > 23 or minutes > 59 or seconds > 60.0:
+        remedy = "write stamps like 2025-05-01T12:00:00.005"
+        raise InputError(f"{match[0][:40]!r} is no time", remedy)
+    return 3600.0 * hours + 60.0 * minutes + seconds + fraction - _offset(match["zone"])
+
+
+def _offset(zone: str | None) -> float:
+    """How far a zone is before UTC [s]."""
+    if not zone or zone in ("Z", "UTC"):
+        return 0.0
+    digits = zone[1:].replace(":", "")
+    offset = 3600.0 * int(digits[:2]) + 60.0 * int(digits[2:])
+    return -offset if zone[0] == "-" else offset
+
+
+def _date_of(match: re.Match[str]) -> datetime.date | None:
+    """A stamp's date where it begins with the year; None otherwise."""
+    if not match["date"] or not re.match(r"\d{4}", match["date"]):
+        return None
+    year, month, day = map(int, re.split(r"[-/.]", match["date"]))
+    try:
+        return datetime.date(year, month, day)
     except ValueError:
         remedy = "write stamps like 2025-05-01T12:00:00.005"
-        raise InputError(f"{text[:40]!r} is no time", remedy) from None
-    return 3600.0 * clock.hour + 60.0 * clock.minute + clock.second + fraction
+        raise InputError(f"{match[0][:40]!r} is no time", remedy) from None
+
+
+def _seconds_since_1970(dates: Sequence[datetime.date | None]) -> Array:
+    """(N,) seconds from 1970 to the midnights of dates [s]."""
+    first = datetime.date(1970, 1, 1)
+    return np.array([_DAY * (date - first).days for date in dates if date is not None])

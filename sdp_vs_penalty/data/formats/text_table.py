@@ -12,17 +12,19 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
+from sdp_vs_penalty.data.formats.stamps import is_stamp
 from sdp_vs_penalty.errors import InputError
 
 #: Characters that are worked on at a time; a file with a longer line is no table.
 PIECE = 1 << 20
 #: The separators that are tried, in this order; None: any number of blanks.
-DELIMITERS = (";", "\t", ",", None)
+DELIMITERS = (";", "\t", "|", ",", None)
+#: A quoted cell has at most so many lines.
+_LONGEST_CELL = 40
 FORMATS = "give measurements as CSV text or .npz"
 
-_STAMP = re.compile(r"(\d{4}-\d{2}-\d{2}[T ])?\d{2}:\d{2}(:\d{2}([.,]\d+)?)?.{0,6}")
 _COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
-_LIST = re.compile(r"(array\()?\s*[\[(].*[\])]", re.DOTALL)
+_LIST = re.compile(r"(array\s*)?[\[(].*[\])]", re.DOTALL)
 _UNIT = re.compile(r"[\[(]?[A-Za-z%°/*·^. 0-9-]{1,12}[\])]?")
 
 
@@ -34,6 +36,7 @@ class TextTable:
     "#1", "#2" ... without a header. first : the row of the first values, from 1. kinds
     : of each column "number", "text", "list", "stamp" or "empty", by the first rows.
     sample : their cells. nested : lists hold the separator outside of quotes.
+    has_wrapped_cells : a quoted cell goes on in the next line.
     """
 
     path: Path
@@ -46,16 +49,12 @@ class TextTable:
     first: int
     kinds: tuple[str, ...]
     sample: tuple[tuple[str, ...], ...]
+    has_wrapped_cells: bool = False
 
     @property
     def width(self) -> int:
         """How many columns."""
         return len(self.names)
-
-    def is_sparse(self, column: int) -> bool:
-        """Whether three of the first rows, and a twentieth of them, lack this column."""
-        cells = [row[column] for row in self.sample if len(row) == self.width]
-        return sum(not cell for cell in cells) >= max(3.0, 0.05 * len(cells))
 
     def first_cells(self, column: int) -> list[str]:
         """The cells of a column in the first rows, those that are not empty."""
@@ -71,7 +70,10 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         with path.open(encoding="utf-8-sig") as file:
             while text := file.read(PIECE):
                 text += file.readline(PIECE)
-                rows = text.removesuffix("\n").split("\n")
+                for _ in range(_LONGEST_CELL if text.count('"') % 2 else 0):
+                    text += file.readline(PIECE)
+                lines = text.removesuffix("\n").split("\n")
+                rows = _join_wrapped(lines) if '"' in text else lines
                 if "\0" in text:
                     raise InputError("a binary file", FORMATS, path)
                 long = next(
@@ -85,6 +87,25 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                 row += len(rows)
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text (near row {row})", FORMATS, path) from error
+
+
+def _join_wrapped(lines: Sequence[str]) -> list[str]:
+    """Rows whose quoted cells go on in the next lines as one row each; a quote that is
+    never closed wraps nothing."""
+    rows = list[str]()
+    k = 0
+    while k < len(lines):
+        row = lines[k]
+        n_lines = 1
+        while (
+            row.count('"') % 2 and n_lines < _LONGEST_CELL and k + n_lines < len(lines)
+        ):
+            row += "\n" + lines[k + n_lines]
+            n_lines += 1
+        is_closed = row.count('"') % 2 == 0
+        rows.append(row if is_closed else lines[k])
+        k += n_lines if is_closed else 1
+    return rows
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
@@ -132,53 +153,77 @@ def inspect_table(path: Path) -> TextTable:
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
     comments, rows = _split_comments(with_numbers)
     lines = [line for _, line in rows]
-    delimiter = _find_delimiter([*(comments[-1:] if comments else []), *lines])
-    split = partial(split_cells, delimiter=delimiter)
-    cells = [split(line) for line in lines]
-    decimal = _find_decimal(cells, delimiter)
+    delimiter = _find_delimiter([*comments[-1:], *lines])
+    cells = [split_cells(line, delimiter) for line in lines]
+    decimal = _find_decimal(cells)
     number = partial(is_number, decimal=decimal)
-    head = list[str]()
-    first = rows[0][0] if rows else 2
-    if comments and (not cells or any(map(number, cells[0]))):
-        named = split(comments[-1])
-        head = named if not cells or len(named) == len(cells[0]) else []
-    has_header = bool(head)
-    if not head and cells and _is_header(cells, number):
-        head = cells[0]
-        has_header = True
-        cells = cells[1:]
-        first = rows[1][0] if len(rows) > 1 else rows[0][0] + 1
-        if cells and len(rows) > 2 and _is_row_of_units(cells, number):
-            head = [_with_unit(name, u) for name, u in zip(head, cells[0], strict=True)]
-            cells = cells[1:]
-            first = rows[2][0]
-    width = len(head) if has_header else len(cells[0])
-    longer = [row for row in cells if len(row) == width + 1]
-    if has_header and len(longer) == len(cells) > 0 and not any(r[-1] for r in longer):
-        # a separator at the end of each row
-        head = [*head, ""]
-        width = width + 1
-    sample = tuple(tuple(row) for row in cells if any(row))
-    full = [row for row in sample if len(row) == width]
-    kinds = tuple(
-        _kind_of([row[k] for row in full if row[k]], number) for k in range(width)
-    )
-    names = head if has_header else _unnamed(kinds)
-    rows_text = lines[-len(cells) :] if cells else []
-    quoted = any('"' in line for line in rows_text)
-    nested = "list" in kinds and not quoted and (delimiter in (",", None))
+    comment = split_cells(comments[-1], delimiter) if comments else []
+    head, n_head_rows = _find_header(comment, cells, number)
+    width = len(head) if head else len(cells[0])
+    body = cells[n_head_rows:]
+    if head:
+        head = [*head, *[""] * _n_separators_at_the_end(body, width)]
+        width = len(head)
+    sample = tuple(tuple(row) for row in body if any(row))
+    kinds = _kinds(sample, width, number)
+    body_lines = lines[n_head_rows:]
+    is_quoted = any('"' in line for line in body_lines)
     return TextTable(
         path,
-        delimiter,
-        decimal,
-        quoted,
-        nested,
-        tuple(names),
-        has_header,
-        first,
-        kinds,
-        sample,
+        delimiter=delimiter,
+        decimal=decimal,
+        quoted=is_quoted,
+        nested="list" in kinds and not is_quoted and delimiter in (",", None),
+        names=tuple(head or _unnamed(kinds)),
+        has_header=bool(head),
+        first=_first_row_of_values(rows, n_head_rows),
+        kinds=kinds,
+        sample=sample,
+        has_wrapped_cells=any("\n" in line for line in body_lines),
     )
+
+
+def _find_header(
+    comment: list[str], cells: Sequence[list[str]], number: partial[bool]
+) -> tuple[list[str], int]:
+    """The columns' names, none without a header, and how many rows they take: of a
+    comment none, of a row of units one more."""
+    if not cells:
+        return comment, 0
+    if len(comment) == len(cells[0]) and any(map(number, cells[0])):
+        return comment, 0
+    if not _is_header(cells, number):
+        return [], 0
+    head = cells[0]
+    following = cells[1:]
+    if len(following) > 1 and _is_row_of_units(following, number):
+        pairs = zip(head, following[0], strict=True)
+        return [_with_unit(name, unit) for name, unit in pairs], 2
+    return head, 1
+
+
+def _first_row_of_values(rows: Sequence[tuple[int, str]], n_head_rows: int) -> int:
+    """The number of the first row of values, from 1."""
+    if len(rows) > n_head_rows:
+        return rows[n_head_rows][0]
+    return rows[-1][0] + 1 if rows else 2
+
+
+def _n_separators_at_the_end(body: Sequence[list[str]], width: int) -> int:
+    """How many empty cells every row has behind those that the header names."""
+    widths = {len(row) for row in body}
+    if len(widths) != 1 or any(any(row[width:]) for row in body):
+        return 0
+    return max(widths.pop() - width, 0)
+
+
+def _kinds(
+    sample: Sequence[tuple[str, ...]], width: int, number: partial[bool]
+) -> tuple[str, ...]:
+    """What each column holds, by the rows that have all cells."""
+    full_rows = [row for row in sample if len(row) == width]
+    columns = [[row[k] for row in full_rows if row[k]] for k in range(width)]
+    return tuple(_kind_of(cells, number) for cells in columns)
 
 
 def _first_rows(path: Path) -> list[tuple[int, str]]:
@@ -203,7 +248,8 @@ def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
     if "\0" in text or len(text) >= PIECE:
         yield from iter_rows(path)  # says what is wrong
     elif text:
-        yield 1, text.removesuffix("\n").split("\n")
+        lines = text.removesuffix("\n").split("\n")
+        yield 1, _join_wrapped(lines) if '"' in text else lines
 
 
 def _split_comments(
@@ -235,7 +281,7 @@ def _find_delimiter(lines: Sequence[str]) -> str | None:
     return several[0] if several else ","
 
 
-def _find_decimal(cells: Sequence[Sequence[str]], delimiter: str | None) -> str:
+def _find_decimal(cells: Sequence[Sequence[str]]) -> str:
     """The decimal mark: a comma where numbers hold one and none holds a point."""
     flat = [cell for row in cells[:20] for cell in row]
     commas = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for cell in flat)
@@ -282,7 +328,7 @@ def _kind_of(cells: Sequence[str], number: partial[bool]) -> str:
         return "number"
     if all(_LIST.fullmatch(cell) for cell in cells[:20]):
         return "list"
-    if all(_STAMP.fullmatch(cell) for cell in cells[:20]):
+    if all(map(is_stamp, cells[:20])):
         return "stamp"
     return "text"
 

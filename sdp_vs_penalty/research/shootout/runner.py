@@ -31,7 +31,12 @@ import pandas
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import folder_lock, read_text, write_text
+from sdp_vs_penalty.files import (
+    folder_lock,
+    read_text,
+    unique_fields,
+    write_text,
+)
 from sdp_vs_penalty.parallel import end_with, spread
 from sdp_vs_penalty.research.shootout.catalogue import (
     Entry,
@@ -340,14 +345,7 @@ def _references(
     """Each instance's hash and proved interval; kept in references.json beside the
     runs."""
     path = setup.out / "references.json"
-    known: dict[str, dict[str, Any]] = {}
-    if path.exists():
-        try:
-            known = json.loads(read_text(path, is_own=True))
-        except ValueError:
-            raise InputError(
-                "not JSON", "delete it, and the intervals are proved again", path
-            ) from None
+    known = _known_references(path)
     current = {e.name: instance(e.name).hash for e in entries}
     todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
     tasks = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()]
@@ -357,6 +355,42 @@ def _references(
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
         say(f"{done} of {len(tasks)}: proving intervals: {names[k]}")
     return {name: known[name] for name in current}
+
+
+def _known_references(path: Path) -> dict[str, dict[str, Any]]:
+    """What references.json holds; nothing where there is none. Raises InputError for
+    what no shootout has written."""
+    if not path.exists():
+        return {}
+    try:
+        document = json.loads(
+            read_text(path, is_own=True), object_pairs_hook=unique_fields
+        )
+        return {name: _require_reference(entry) for name, entry in document.items()}
+    except (
+        AttributeError,
+        LookupError,
+        RecursionError,
+        TypeError,
+        ValueError,
+    ) as error:
+        raise InputError(
+            f"holds no intervals of a shootout ({error})",
+            "delete it, and the intervals are proved again",
+            path,
+        ) from None
+
+
+def _require_reference(entry: Any) -> dict[str, Any]:
+    """An entry of references.json; LookupError or TypeError where it is none."""
+    known = Reference(**entry["reference"])
+    texts = (entry["hash"], entry["remark"], known.verdict)
+    numbers = (known.lower, known.upper, known.scale)
+    if not all(isinstance(text, str) for text in texts):
+        raise TypeError("a text is missing")
+    if not all(isinstance(number, float) for number in numbers):
+        raise TypeError("a number is missing")
+    return dict(entry)
 
 
 def _pending(

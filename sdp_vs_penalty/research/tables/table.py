@@ -4,6 +4,7 @@ siunitx)."""
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +17,7 @@ import pandas
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
-from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.formatting import escape_markdown, markdown_table
 from sdp_vs_penalty.plugins import summary_line
 
 #: Text is written as it is (published cells keep their printed digits), None is an
@@ -34,6 +35,9 @@ _LATEX = str.maketrans(
         for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)
     }
 )
+
+#: Between two characters of which LaTeX would make one: a dash, a quotation mark.
+_LIGATURE = re.compile("(?<=-)(?=-)|(?<=`)(?=`)|(?<=')(?=')|(?<=[?!])(?=`)")
 
 
 @dataclass(frozen=True)
@@ -128,14 +132,16 @@ class Table:
         ]
 
     def markdown(self) -> str:
-        marks = {r"\|": r"\\|", r"<(?=[A-Za-z/!?])": r"\\<", "\n": " "}
-        cells = self.cells().replace(marks, regex=True)
+        """The title, the caption, the cells as shown, and the notes."""
+        cells = self.cells().map(escape_markdown)
+        headings = [escape_markdown(str(name)) for name in cells.columns]
         sides = ["---:" if _numeric(cells[name]) else ":---" for name in cells]
-        notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
-        table = markdown_table(list(cells.columns), cells.to_numpy().tolist(), sides)
-        return (
-            "\n".join([f"# {self.title}", "", self.caption, "", *table, *notes]) + "\n"
-        )
+        lines = [f"# {escape_markdown(self.title)}", ""]
+        lines += [escape_markdown(self.caption), ""]
+        lines += markdown_table(headings, cells.to_numpy().tolist(), sides)
+        if self.notes:
+            lines += ["", *(f"- {note}" for note in self.notes)]
+        return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
         cells = self.cells()
@@ -226,7 +232,7 @@ def _latex_header(name: str) -> str:
 def escape_latex(plain: str) -> str:
     """Text that LaTeX sets as it is written, control characters as Python writes
     them."""
-    return printable(plain).translate(_LATEX)
+    return _LIGATURE.sub("{}", printable(plain).translate(_LATEX))
 
 
 def _numeric(column: pandas.Series[str]) -> bool:

@@ -1,0 +1,1 @@
+"""Hostile files, names, formats and surroundings against the command line."""

@@ -1,0 +1,176 @@
+"""What the name of a column says: a quantity, a joint or its number, a unit."""
+
+import re
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sdp_vs_penalty.data.formats.units import units_of_name
+
+_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text())
+#: The words of each quantity, the best first.
+WORDS: dict[str, tuple[str, ...]] = {
+    name: tuple(words) for name, words in _TABLE["quantities"].items()
+}
+#: Words that say nothing about a quantity.
+FILLERS = frozenset(_TABLE["fillers"])
+#: Words of columns that are something else than was measured.
+_OTHERS = frozenset(_TABLE["others"])
+#: Two words that mean one.
+_COMPOUNDS = {tuple(text.split()): word for text, word in _TABLE["compounds"].items()}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a name says.
+
+    Parameters
+    ----------
+    quantity : t, q, dq, tau, temp or qcmd
+    rank : place of the word in its quantity's list, 0 for the best
+    joint : place of the robot's joint that the name holds, from 0; None without
+    number : the last number of the name; None without
+    other_words : what else the name holds, such as "left"
+    unit : as the name ends with, "" without
+    factor : of the unit, to SI
+    words : of the quantity
+    """
+
+    quantity: str
+    rank: int
+    joint: int | None
+    number: int | None
+    other_words: tuple[str, ...]
+    unit: str = ""
+    factor: float = 1.0
+    words: tuple[str, ...] = ()
+
+
+class JointNames:
+    """The robot's joints, as tokens that names of columns can hold."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        tokens = [tuple(split_tokens(name)) for name in names]
+        shared = _common_prefix(tokens)
+        self._joint_by_tokens = {words: k for k, words in enumerate(tokens)}
+        short_names = [words[shared:] for words in tokens]
+        has_letters = all(any(w.isalpha() for w in words) for words in short_names)
+        if has_letters and len(set(short_names)) == len(names):
+            for k, words in enumerate(short_names):
+                self._joint_by_tokens.setdefault(words, k)
+
+    def find(self, tokens: Sequence[str]) -> tuple[int, list[str]] | None:
+        """The joint that a name holds, and the name's other tokens; None without one.
+        The longest joint's name counts."""
+        by_length = sorted(self._joint_by_tokens, key=len, reverse=True)
+        for words in by_length:
+            if not words:
+                continue
+            for start in range(len(tokens) - len(words) + 1):
+                end = start + len(words)
+                if tuple(tokens[start:end]) == words:
+                    others = [*tokens[:start], *tokens[end:]]
+                    return self._joint_by_tokens[words], others
+        return None
+
+
+def _common_prefix(names: Sequence[tuple[str, ...]]) -> int:
+    """How many first tokens all names share, less than any has."""
+    if len(names) < 2:
+        return 0
+    shortest = min(len(words) for words in names) - 1
+    for k in range(shortest):
+        if len({words[k] for words in names}) > 1:
+            return k
+    return max(shortest, 0)
+
+
+def split_tokens(name: str) -> list[str]:
+    """Words and numbers of a name in small letters.
+
+    >>> split_tokens("stampNanoSec[3]")
+    ['stamp', 'nano', 'sec', '3']
+    """
+    with_blanks = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name.strip())
+    return re.findall(r"[a-z]+|[0-9]+", with_blanks.lower())
+
+
+def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
+    """What a name says; None where it says nothing, or of something that was not
+    measured."""
+    for unit in units_of_name(name):
+        reading = _read_tokens(split_tokens(unit.remainder), joints)
+        if reading is not None and reading.quantity == unit.quantity:
+            return Reading(
+                reading.quantity,
+                reading.rank,
+                reading.joint,
+                reading.number,
+                reading.other_words,
+                unit=unit.text,
+                factor=unit.factor,
+                words=reading.words,
+            )
+    return _read_tokens(split_tokens(name), joints)
+
+
+def _read_tokens(tokens: list[str], joints: JointNames | None) -> Reading | None:
+    """The reading without the robot's joint where there is one, else of all tokens."""
+    match = joints.find(tokens) if joints is not None else None
+    if match is not None:
+        joint, others = match
+        reading = _read_words(others, joint)
+        if reading is not None:
+            return reading
+    return _read_words(tokens, None)
+
+
+def _read_words(tokens: list[str], joint: int | None) -> Reading | None:
+    tokens = _join_compounds(tokens)
+    letters = [token for token in tokens if token.isalpha()]
+    numbers = [token for token in tokens if token.isdigit()]
+    if _OTHERS & set(letters):
+        return None
+    quantity = _quantity_of(letters)
+    if quantity is None:
+        return None
+    known = WORDS[quantity]
+    its_words = tuple(word for word in letters if word in known)
+    other_words = [
+        word
+        for word in letters
+        if word not in known and word not in FILLERS and word != "q"
+    ]
+    return Reading(
+        quantity,
+        min(known.index(word) for word in its_words),
+        joint,
+        int(numbers[-1]) if numbers else None,
+        (*other_words, *numbers[:-1]),
+        words=its_words,
+    )
+
+
+def _quantity_of(letters: Sequence[str]) -> str | None:
+    """The one quantity that words are of: "q1_torque" is of joint q1, not a position."""
+    quantities = {
+        quantity: [word for word in letters if word in known]
+        for quantity, known in WORDS.items()
+    }
+    quantities = {quantity: words for quantity, words in quantities.items() if words}
+    if len(quantities) > 1 and quantities.get("q") == ["q"]:
+        del quantities["q"]
+    return next(iter(quantities)) if len(quantities) == 1 else None
+
+
+def _join_compounds(tokens: Sequence[str]) -> list[str]:
+    """Tokens with "theta dot" as one word."""
+    joined = list[str]()
+    for token in tokens:
+        pair = (joined[-1], token) if joined else ()
+        if pair in _COMPOUNDS:
+            joined[-1] = _COMPOUNDS[pair]
+        else:
+            joined.append(token)
+    return joined

@@ -1,0 +1,166 @@
+"""What a file's columns are taken for, as a table that a user can read and correct."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sdp_vs_penalty.data.formats import csv, format_of
+from sdp_vs_penalty.data.formats.columns import recognise_file
+from sdp_vs_penalty.data.formats.recognition import CellTable, Recognition, find_clock
+from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
+from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import reading
+
+_N_CELLS = 5
+
+
+@dataclass(frozen=True)
+class ColumnRow:
+    """One column of a file.
+
+    Parameters
+    ----------
+    name : as the file calls it
+    meaning : our name (t, q1, tau ...), "" where the column is not used
+    kind : "number", "list" (one value a joint), "stamp", "text" or "empty"
+    factor : by which its values become SI
+    unit : a word for the factor, such as "deg"; "" where it is 1
+    first_cells : its first five cells as the file writes them
+    """
+
+    name: str
+    meaning: str
+    kind: str
+    factor: float
+    unit: str
+    first_cells: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ColumnReport:
+    """What the columns of one file are taken for.
+
+    Parameters
+    ----------
+    path : of the file
+    rows : one a column, in the file's order
+    logger : what writes such files, in words; "" where names are ours or unknown
+    sentence : what was taken for what, in which unit and why; "" where nothing was
+        guessed
+    command : the `convert` command that reads the file alike; "" likewise
+    joints : their names, where the file says them
+    missing : groups of (t, q, tau) that no column is
+    problem : why nothing could be chosen; "" otherwise
+    """
+
+    path: Path
+    rows: tuple[ColumnRow, ...]
+    logger: str = ""
+    sentence: str = ""
+    command: str = ""
+    joints: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    problem: str = ""
+
+    @property
+    def rename(self) -> dict[str, str]:
+        """Our names to the file's, as ``convert --rename`` takes them; a stamp in two
+        parts is one pair."""
+        pairs = dict[str, str]()
+        for row in self.rows:
+            if row.meaning and row.meaning in pairs:
+                pairs[row.meaning] += f"+{row.name}"
+            elif row.meaning:
+                pairs[row.meaning] = row.name
+        return pairs
+
+
+def describe_columns(
+    path: str | Path,
+    joints: Sequence[str] | None = None,
+    rename: Mapping[str, str] | None = None,
+) -> ColumnReport | None:
+    """What the columns of a file are taken for: the recogniser's choice, or the user's.
+
+    Parameters
+    ----------
+    path : of a text table, .npz, .mat or .parquet file
+    joints : names of the robot's joints in order
+    rename : our names to the file's, in place of a guess
+
+    Returns
+    -------
+    ColumnReport or None
+        None for a bag, whose messages name their joints and fields.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a name in ``rename`` that it does not have.
+    """
+    with reading(path) as place:
+        home = format_of(place) or csv
+        inspect = getattr(home, "inspect", None)
+        if inspect is None:
+            return None
+        table: CellTable = inspect(place)
+    names = list(table.kinds)
+    problem = ""
+    recognition = None
+    if not rename:
+        try:
+            recognition = recognise_file(place, names, joints, table)
+        except InputError as error:
+            problem = str(error)
+    pairs = _pairs(names, rename, recognition)
+    scale = recognition.scale if recognition else {}
+    meanings = {
+        theirs: ours for ours, name in pairs.items() for theirs in parts_of(name, names)
+    }
+    is_guess = recognition is not None and not recognition.is_own
+    return ColumnReport(
+        place,
+        tuple(_row(name, meanings.get(name, ""), table, scale) for name in names),
+        logger=recognition.logger if recognition and is_guess else "",
+        sentence=recognition.sentence(place, names) if recognition and is_guess else "",
+        command=recognition.command(place, names) if recognition and is_guess else "",
+        joints=recognition.joints if recognition else (),
+        missing=_missing(pairs),
+        problem=problem,
+    )
+
+
+def _pairs(
+    names: Sequence[str],
+    rename: Mapping[str, str] | None,
+    recognition: Recognition | None,
+) -> dict[str, str]:
+    """Our names to the file's: chosen, recognised, or ours."""
+    if recognition is not None:
+        return recognition.rename
+    groups = ("t", "q", "dq", "tau", "temp", "qcmd")
+    ours = {name: name for name in names if group_of(name) in groups}
+    pairs = {**ours, **expanded(rename or {}, names)}
+    clock = None if "t" in pairs else find_clock(names)
+    return pairs if clock is None or not pairs else {"t": clock, **pairs}
+
+
+def _row(
+    name: str, meaning: str, table: CellTable, scale: Mapping[str, float]
+) -> ColumnRow:
+    """The row of one column."""
+    factor = scale.get(meaning, 1.0) if meaning else 1.0
+    unit = ""
+    if factor != 1.0:
+        words = (word for word, value in UNITS.items() if value == factor)
+        unit = next(words, f"{factor:.6g}")
+    cells = tuple(table.cells.get(name, ())[:_N_CELLS])
+    return ColumnRow(name, meaning, table.kinds[name], factor, unit, cells)
+
+
+def _missing(pairs: Mapping[str, str]) -> tuple[str, ...]:
+    """The groups of a run that no column is."""
+    groups = {group_of(name) for name in pairs}
+    needed = ("t", "q") if "qcmd" in groups else ("t", "q", "tau")
+    return tuple(group for group in needed if group not in groups)

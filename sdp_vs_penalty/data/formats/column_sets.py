@@ -1,0 +1,168 @@
+"""Columns of one quantity that belong together: one a joint, named alike."""
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+from sdp_vs_penalty.data.formats.column_names import WORDS, Reading
+
+#: How columns can be told apart, the surest first.
+_STYLES = ("joint", "number", "block", "name")
+
+
+@dataclass(frozen=True)
+class ColumnSet:
+    """Columns of one quantity.
+
+    Parameters
+    ----------
+    quantity : q, dq, tau, temp or qcmd
+    rank : of its word
+    style : "joint" (columns hold the robot's joints' names), "number", "block" (one
+        column), "name" (other words tell them apart)
+    other_words : what all names hold besides
+    columns : the file's names by joint, number or words, in the order of the joints
+    """
+
+    quantity: str
+    rank: int
+    style: str
+    other_words: tuple[str, ...]
+    columns: dict[Hashable, str]
+
+    @property
+    def keys(self) -> frozenset[Hashable]:
+        """What its joints are told apart by."""
+        return frozenset(self.columns)
+
+    @property
+    def preference(self) -> tuple[int, int, int, int]:
+        """Smaller is better: the word, the words besides, the style, the size."""
+        style = _STYLES.index(self.style)
+        return self.rank, len(self.other_words), style, -len(self.columns)
+
+
+def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSet]:
+    """All sets of one quantity that are whole, the best first."""
+    of_quantity = {
+        name: reading
+        for name, reading in readings.items()
+        if reading.quantity == quantity
+    }
+    groups = dict[tuple[str, int, tuple[str, ...]], list[str]]()
+    for name, reading in of_quantity.items():
+        for style, other_words in _styles_of(reading):
+            groups.setdefault((style, reading.rank, other_words), []).append(name)
+    sets = list[ColumnSet]()
+    for (style, rank, other_words), names in groups.items():
+        columns = _keyed(style, names, of_quantity)
+        if columns:
+            sets.append(ColumnSet(quantity, rank, style, other_words, columns))
+    return sorted(sets, key=lambda columns: columns.preference)
+
+
+def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
+    """The styles that a name can be of, with the words that its set shares."""
+    if reading.joint is not None:
+        return [("joint", reading.other_words)]
+    styles = list[tuple[str, tuple[str, ...]]]([("name", ())])
+    if reading.number is None:
+        styles.append(("block", reading.other_words))
+    else:
+        styles.append(("number", reading.other_words))
+    return styles
+
+
+def _keyed(
+    style: str, names: Sequence[str], readings: Mapping[str, Reading]
+) -> dict[Hashable, str]:
+    """Columns by their keys in the order of the joints; none where two have one key,
+    numbers have gaps, or a style needs more or fewer of them."""
+    if style == "block":
+        return {"": names[0]} if len(names) == 1 else {}
+    keys = dict[str, Hashable]()
+    for name in names:
+        reading = readings[name]
+        if style == "joint":
+            keys[name] = reading.joint
+        elif style == "number":
+            keys[name] = reading.number
+        else:
+            keys[name] = (*reading.other_words, str(reading.number))
+    columns = {key: name for name, key in keys.items()}
+    if len(columns) != len(names):
+        return {}
+    if style == "name":
+        is_numbered = all(readings[name].number is not None for name in names)
+        return {} if is_numbered or len(columns) < 2 else columns
+    in_order = {k: columns[k] for k in sorted(columns)}  # type: ignore[type-var]
+    return _from_zero(in_order) if style == "number" else in_order
+
+
+def _from_zero(columns: Mapping[Hashable, str]) -> dict[Hashable, str]:
+    """Columns that are counted from 0 or 1 without a gap, from 0; none otherwise."""
+    numbers = list(columns)
+    first = numbers[0]
+    is_whole = first in (0, 1) and numbers == list(range(first, first + len(columns)))  # type: ignore[call-overload,operator]
+    return dict(enumerate(columns.values())) if is_whole else {}
+
+
+@dataclass(frozen=True)
+class SetChoice:
+    """The sets that were chosen by quantity, and others as good, which leave it open."""
+
+    sets: dict[str, ColumnSet]
+    rivals: tuple[ColumnSet, ...] = ()
+
+
+def choose_sets(
+    readings: Mapping[str, Reading], n_joints: int | None
+) -> SetChoice | None:
+    """The best set of positions that has torques, or commanded positions, of the same
+    joints, with those; None where there is none.
+
+    n_joints : of the robot; columns that are called by fewer of its joints than half
+    are not taken.
+    """
+    by_quantity = {
+        quantity: column_sets(quantity, readings)
+        for quantity in WORDS
+        if quantity != "t"
+    }
+    choices = list[SetChoice]()
+    for positions in by_quantity["q"]:
+        if positions.style == "joint" and 2 * len(positions.columns) <= (n_joints or 0):
+            continue
+        sets = {"q": positions}
+        for quantity, candidates in by_quantity.items():
+            if quantity == "q":
+                continue
+            partner = _partner_of(positions, candidates)
+            if partner is not None:
+                sets[quantity] = partner
+        if {"tau", "qcmd"} & set(sets):
+            choices.append(SetChoice(sets))
+    if not choices:
+        return None
+    best = choices[0].sets["q"]
+    rivals = [
+        choice.sets["q"]
+        for choice in choices[1:]
+        if choice.sets["q"].preference == best.preference
+    ]
+    return SetChoice(choices[0].sets, tuple(rivals))
+
+
+def _partner_of(
+    positions: ColumnSet, candidates: Sequence[ColumnSet]
+) -> ColumnSet | None:
+    """The set of another quantity of the same joints, of the same words if there is one;
+    its columns in the order of the positions."""
+    partners = [s for s in candidates if s.keys == positions.keys]
+    if not partners:
+        return None
+    best = min(
+        partners,
+        key=lambda s: (s.other_words != positions.other_words, s.preference),
+    )
+    columns = {key: best.columns[key] for key in positions.columns}
+    return ColumnSet(best.quantity, best.rank, best.style, best.other_words, columns)

@@ -1,0 +1,144 @@
+"""Units that the names of columns end with, or that ``--units`` asks for."""
+
+import math
+import re
+from dataclasses import dataclass
+from functools import cache
+
+_DEGREE = math.pi / 180.0
+
+#: Units that can be asked for, by what a value has to be multiplied by.
+UNITS: dict[str, float] = {
+    "ns": 1e-9,
+    "us": 1e-6,
+    "ms": 1e-3,
+    "s": 1.0,
+    "deg": _DEGREE,
+    "degrees": _DEGREE,
+    "degree": _DEGREE,
+    "rad": 1.0,
+    "rpm": math.pi / 30.0,
+    "nm": 1.0,
+    "mnm": 1e-3,
+    "ncm": 1e-2,
+    "kgfm": 9.80665,
+    "lbfft": 1.3558179,
+    "lbfin": 0.1129848,
+    "a": 1.0,
+    "ma": 1e-3,
+    "mm": 1e-3,
+}
+
+_LENGTHS = {
+    "rad": 1.0,
+    "radian": 1.0,
+    "radians": 1.0,
+    "mrad": 1e-3,
+    "deg": _DEGREE,
+    "degree": _DEGREE,
+    "degrees": _DEGREE,
+    "°": _DEGREE,
+    "rev": math.tau,
+    "turns": math.tau,
+    "m": 1.0,
+    "mm": 1e-3,
+    "cm": 1e-2,
+}
+_PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
+
+#: What names end with, by quantity.
+UNITS_IN_NAMES: dict[str, dict[str, float]] = {
+    "t": {
+        "ns": 1e-9,
+        "nsec": 1e-9,
+        "nanosec": 1e-9,
+        "nanoseconds": 1e-9,
+        "us": 1e-6,
+        "µs": 1e-6,
+        "usec": 1e-6,
+        "microseconds": 1e-6,
+        "ms": 1e-3,
+        "msec": 1e-3,
+        "millisec": 1e-3,
+        "milliseconds": 1e-3,
+        "s": 1.0,
+        "sec": 1.0,
+        "secs": 1.0,
+        "seconds": 1.0,
+    },
+    "q": _LENGTHS,
+    "dq": {
+        **_LENGTHS,
+        **{
+            pattern.format(unit): factor
+            for unit, factor in _LENGTHS.items()
+            for pattern in _PER_SECOND
+        },
+        "rads": 1.0,
+        "degs": _DEGREE,
+        "dps": _DEGREE,
+        "rpm": math.pi / 30.0,
+    },
+    "tau": {
+        "nm": 1.0,
+        "n m": 1.0,
+        "n_m": 1.0,
+        "n.m": 1.0,
+        "n*m": 1.0,
+        "n·m": 1.0,
+        "n-m": 1.0,
+        "mnm": 1e-3,
+        "mn m": 1e-3,
+        "mn*m": 1e-3,
+        "ncm": 1e-2,
+        "n cm": 1e-2,
+        "kgfm": 9.80665,
+        "kgfcm": 0.0980665,
+        "kgcm": 0.0980665,
+        "lbfft": 1.3558179,
+        "lbfin": 0.1129848,
+        "n": 1.0,
+        "a": 1.0,
+        "amps": 1.0,
+        "ma": 1e-3,
+    },
+    "temp": {"c": 1.0, "°c": 1.0, "degc": 1.0, "celsius": 1.0},
+}
+UNITS_IN_NAMES["qcmd"] = UNITS_IN_NAMES["q"]
+
+
+@dataclass(frozen=True)
+class NamedUnit:
+    """A unit at the end of a name.
+
+    quantity : that it is of; text : as the name writes it; factor : to SI; remainder :
+    the name without it.
+    """
+
+    quantity: str
+    text: str
+    factor: float
+    remainder: str
+
+
+def units_of_name(name: str) -> list[NamedUnit]:
+    """The units that a name could end with, the longest first; a joint's number may
+    follow."""
+    text = name.strip()
+    candidates = list[NamedUnit]()
+    for quantity, units in UNITS_IN_NAMES.items():
+        for unit, factor in units.items():
+            match = _pattern(unit).search(text)
+            if match is not None:
+                remainder = f"{text[: match.start()]} {match['number']}"
+                candidates.append(NamedUnit(quantity, unit, factor, remainder))
+    return sorted(candidates, key=lambda candidate: -len(candidate.text))
+
+
+@cache
+def _pattern(unit: str) -> re.Pattern[str]:
+    """A unit behind what is no letter, or with a capital letter ("posDeg"), at the end
+    but for a number."""
+    begins = r"(?:(?<![A-Za-zµ°/·*])|(?<=[a-z])(?=[A-Z][a-z]{2}))"
+    ends = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
+    return re.compile(f"{begins}(?i:{re.escape(unit)}){ends}")

@@ -1,0 +1,309 @@
+"""Logs as strangers write them: the same numbers come out of any spelling, and nothing
+is guessed where two readings are as good."""
+
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recorded import refusal
+
+from sdp_vs_penalty.data import describe_columns, read_run
+from sdp_vs_penalty.errors import ColumnsRemark, Remark
+
+JOINTS = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint")
+ORDER = (2, 0, 1)
+T = np.arange(160) * 0.005
+Q, DQ, TAU = np.round(np.random.default_rng(3).normal(size=(3, 160, 3)), 6)
+START = 1_740_000_000
+WHOLE = [START * 10**9 + round(1e9 * t) for t in T]
+
+Cells = Sequence[Sequence[object]]
+
+
+def write(path: Path, head: Sequence[str], columns: Cells, mark: str = ",") -> Path:
+    """A table of numbers or texts."""
+    lines = [mark.join(head)]
+    for row in zip(*columns, strict=True):
+        lines.append(mark.join(x if isinstance(x, str) else f"{x:.9f}" for x in row))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def numbered(*patterns: str, first: int = 0) -> list[str]:
+    return [pattern.format(first + k) for pattern in patterns for k in range(3)]
+
+
+def by_joint(*patterns: str) -> list[str]:
+    """Names in another order than the robot's."""
+    return [p.format(JOINTS[k]) for p in patterns for k in ORDER]
+
+
+def channels(*blocks: np.ndarray) -> list[np.ndarray]:
+    return [column for block in blocks for column in block.T]
+
+
+def read_silently(path: Path, joints: Sequence[str] | None = JOINTS):
+    with warnings.catch_warnings(action="ignore"):
+        return read_run(path, 3, joints)
+
+
+SPELLINGS = {
+    "zero based": ("t", numbered("q{}", "dq{}", "tau{}")),
+    "capitals": ("TIME", numbered("POS_{}", "VEL_{}", "TORQUE_{}", first=1)),
+    "brackets": ("time", numbered("q[{}]", "qd[{}]", "tau[{}]")),
+    "parentheses": ("time", numbered("q({})", "qd({})", "tau({})", first=1)),
+    "points": ("timestamp", numbered("position.{}", "velocity.{}", "effort.{}")),
+    "topics": (
+        "__time",
+        numbered("joint_states/position[{}]", "js/velocity[{}]", "js/effort[{}]"),
+    ),
+    "words twice": ("t", numbered("a/position[{}]", "a/vel[{}]", "efforts/effort[{}]")),
+    "joint first": ("time", numbered("q{}_pos", "q{}_vel", "q{}_torque", first=1)),
+    "dots": ("time", numbered("theta{}", "theta_dot{}", "torque{}", first=1)),
+    "blanks": (
+        "Time",
+        numbered("Joint {} Position", "Joint {} Speed", "Joint {} Torque"),
+    ),
+    "a robot's number": ("t", numbered("ur10/q_{}", "ur10/qd_{}", "ur10/tau_{}")),
+    "MuJoCo's points": ("time", numbered("qpos.{}", "qvel.{}", "qfrc_actuator.{}")),
+    "MuJoCo's data": (
+        "time",
+        numbered("data.qpos[{}]", "data.qvel[{}]", "data.qfrc_actuator[{}]"),
+    ),
+    "actuators' forces": ("time", numbered("qpos_{}", "qvel_{}", "actuator_force_{}")),
+}
+
+
+@pytest.mark.parametrize("spelling", SPELLINGS)
+def test_spellings_of_numbered_columns(spelling, tmp_path):
+    clock, names = SPELLINGS[spelling]
+    path = write(tmp_path / "run.csv", [clock, *names], [T, *channels(Q, DQ, TAU)])
+    run = read_silently(path)
+    np.testing.assert_allclose([run.q, run.dq, run.tau], [Q, DQ, TAU], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "patterns",
+    [
+        ("{}_position", "{}_effort"),
+        ("position/{}", "effort/{}"),
+        ("{}.pos", "{}.torque"),
+        ("left_{}/position", "left_{}/effort"),
+        ("/arm_2/joint_states/{}/position", "/arm_2/joint_states/{}/effort"),
+        ("q_{}", "tau_{}"),
+    ],
+)
+def test_columns_called_by_joints_come_in_the_robot_s_order(patterns, tmp_path):
+    columns = [T, *channels(Q[:, ORDER], TAU[:, ORDER])]
+    path = write(tmp_path / "run.csv", ["time", *by_joint(*patterns)], columns)
+    run = read_silently(path)
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
+
+
+def test_without_a_robot_torques_follow_the_order_of_the_positions(tmp_path):
+    names = [*by_joint("{}_position"), *(f"{joint}_effort" for joint in JOINTS)]
+    columns = [T, *channels(Q[:, ORDER], TAU)]
+    run = read_silently(write(tmp_path / "run.csv", ["time", *names], columns), None)
+    np.testing.assert_allclose(run.tau, TAU[:, ORDER], atol=1e-9)
+
+
+UNITS = {
+    "deg": (("q{}_deg", "dq{}_deg_s", "tau{}_mNm"), "t_ms"),
+    "(deg)": (("q{} (deg)", "dq{} (deg/s)", "tau{} (mNm)"), "Time (ms)"),
+    "[deg]": (("pos_deg[{}]", "vel_dps[{}]", "tau_mNm[{}]"), "time [ms]"),
+    "camel": (("posDeg{}", "velDeg{}", "torque_mNm_{}"), "time_ms"),
+}
+
+
+@pytest.mark.parametrize("writing", UNITS)
+def test_units_that_names_end_with(writing, tmp_path):
+    patterns, clock = UNITS[writing]
+    blocks = np.degrees(Q), np.degrees(DQ), 1e3 * TAU
+    columns = [1e3 * T, *channels(*blocks)]
+    path = write(tmp_path / "run.csv", [clock, *numbered(*patterns, first=1)], columns)
+    run = read_silently(path)
+    np.testing.assert_allclose(run.t, T, atol=1e-9)
+    np.testing.assert_allclose([run.q, run.dq, run.tau], [Q, DQ, TAU], atol=1e-9)
+
+
+def decimal_comma(x: float) -> str:
+    return f"{x:.9f}".replace(".", ",")
+
+
+@pytest.mark.parametrize("mark", [";", "\t", "|"])
+def test_decimal_commas(mark, tmp_path):
+    columns = [[decimal_comma(x) for x in c] for c in [T, *channels(Q, TAU)]]
+    head = ["Zeit", *numbered("q{}", "tau{}", first=1)]
+    run = read_silently(write(tmp_path / "run.csv", head, columns, mark))
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
+
+
+@pytest.mark.parametrize("tail", [",", ",,"])
+def test_separators_at_the_end_of_rows(tail, tmp_path):
+    head = ["t", *numbered("q{}", "tau{}", first=1)]
+    path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU)])
+    first, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([first, *(row + tail for row in rows)]))
+    np.testing.assert_allclose(read_silently(path).tau, TAU, atol=1e-9)
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_quotes_byte_order_marks_and_line_ends(ends, tmp_path):
+    head = [f'"{name}"' for name in ["t", *numbered("q{}", "tau{}", first=1)]]
+    columns = [[f'"{x:.9f}"' for x in c] for c in [T, *channels(Q, TAU)]]
+    path = write(tmp_path / "run.csv", head, columns)
+    text = path.read_text().replace("\n", ends)
+    path.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    np.testing.assert_allclose(read_silently(path).tau, TAU, atol=1e-9)
+
+
+PARTS = [
+    ("header.stamp.sec", "header.stamp.nanosec", 1),
+    ("stamp_s", "stamp_ns", 1),
+    ("Time (s)", "Time (ns)", 1),
+    ("tv_sec", "tv_usec", 1000),
+    ("time.sec", "time.msec", 10**6),
+    ("stampSec", "stampNanoSec", 1),
+    ("sec_", "nanosec_", 1),
+    ("timestamp.seconds", "timestamp.nanos", 1),
+    ("/js/header/stamp/sec", "/js/header/stamp/nanosec", 1),
+]
+
+
+@pytest.mark.parametrize(("first", "second", "unit"), PARTS)
+@pytest.mark.parametrize("is_turned", [False, True])
+def test_stamps_in_two_parts(first, second, unit, is_turned, tmp_path):
+    parts = {first: [str(x // 10**9) for x in WHOLE]}
+    parts[second] = [str(x % 10**9 // unit) for x in WHOLE]
+    names = [second, first] if is_turned else [first, second]
+    columns = [*(parts[name] for name in names), *channels(Q, TAU)]
+    path = write(tmp_path / "run.csv", [*names, *numbered("q_{}", "tau_{}")], columns)
+    np.testing.assert_allclose(read_silently(path).t - START, T, atol=1e-6)
+
+
+def text_stamps(layout: str) -> list[str]:
+    """Stamps from two tenths of a second before a midnight on."""
+    import datetime
+
+    begin = datetime.datetime(2025, 4, 30, 23, 59, 59, 800_000)
+    stamps = [begin + datetime.timedelta(microseconds=round(1e6 * t)) for t in T]
+    return [stamp.strftime(layout) for stamp in stamps]
+
+
+@pytest.mark.parametrize(
+    "layout",
+    [
+        "%Y-%m-%dT%H:%M:%S.%f",
+        "%Y-%m-%dT%H:%M:%S.%fZ",
+        "%Y-%m-%dT%H:%M:%S.%f+02:00",
+        "%Y-%m-%d %H:%M:%S.%f -0500",
+        "%Y/%m/%d %H:%M:%S.%f",
+        "%d.%m.%Y %H:%M:%S.%f",
+        "%m/%d/%Y %I:%M:%S.%f %p",
+        "%H:%M:%S.%f",
+    ],
+)
+def test_stamps_as_texts_go_on_past_midnight(layout, tmp_path):
+    head = ["time", *numbered("q{}", "tau{}", first=1)]
+    columns = [text_stamps(layout), *channels(Q, TAU)]
+    run = read_silently(write(tmp_path / "run.csv", head, columns))
+    np.testing.assert_allclose(run.t - run.t[0], T, atol=1e-6)
+
+
+LISTS: dict[str, Callable[[np.ndarray], str]] = {
+    "Python": lambda row: '"[' + ", ".join(map(str, row)) + ']"',
+    "NumPy": lambda row: "[" + " ".join(map(str, row)) + "]",
+    "NumPy, wrapped": lambda row: f'"[{row[0]} {row[1]}\n {row[2]}]"',
+    "array": lambda row: f"\"array('d', {list(map(float, row))})\"",
+    "tuple": lambda row: '"(' + ", ".join(map(str, row)) + ')"',
+}
+
+
+@pytest.mark.parametrize("kind", LISTS)
+def test_lists_in_cells(kind, tmp_path):
+    cells = [[LISTS[kind](row) for row in block] for block in (Q, TAU)]
+    path = write(tmp_path / "run.csv", ["time", "position", "effort"], [T, *cells])
+    run = read_silently(path)
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
+
+
+def test_lists_follow_the_names_in_the_row(tmp_path):
+    names = '"' + str([JOINTS[k] for k in ORDER]) + '"'
+    cells = [[LISTS["Python"](row[list(ORDER)]) for row in b] for b in (Q, TAU)]
+    head = ["time", "name", "position", "effort"]
+    run = read_silently(
+        write(tmp_path / "run.csv", head, [T, [names] * len(T), *cells])
+    )
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
+
+
+def test_rows_of_another_topic_may_begin_after_the_first_hundred(tmp_path):
+    head = ["__time", *numbered("/js/position[{}]", "/js/effort[{}]"), "/battery"]
+    path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU), [""] * len(T)])
+    lines = path.read_text().splitlines()
+    for k in range(120, 160, 3)[::-1]:
+        lines.insert(k + 2, f"{T[k] + 0.001:.6f},,,,,,,24.1")
+    path.write_text("\n".join(lines))
+    run = read_silently(path)
+    np.testing.assert_allclose([run.q, run.tau], [Q, TAU], atol=1e-9)
+
+
+def test_one_empty_cell_is_a_fault(tmp_path):
+    head = ["t", *numbered("q{}", "tau{}", first=1)]
+    path = write(tmp_path / "run.csv", head, [T, *channels(Q, TAU)])
+    lines = path.read_text().splitlines()
+    lines[130] = lines[130].rpartition(",")[0] + ","
+    path.write_text("\n".join(lines))
+    refusal(lambda: read_silently(path), "row 131", "holds ''")
+
+
+def test_two_arms_in_one_file_are_not_guessed(tmp_path):
+    names = numbered("left_q_{}", "left_tau_{}", "right_q_{}", "right_tau_{}")
+    columns = [T, *channels(Q, TAU, Q, TAU)]
+    path = write(tmp_path / "run.csv", ["time", *names], columns)
+    said = refusal(lambda: read_silently(path), "left_q_0 to left_q_2 or right_q_0")
+    assert "--rename 't=time,q*=left_q_*,tau*=left_tau_*'" in said
+
+
+def test_without_a_header_the_robot_tells_the_number_of_joints(tmp_path):
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.column_stack([T, Q, TAU]), delimiter=",")
+    said = refusal(lambda: read_silently(path), "where its columns are t, q and tau")
+    assert "q3=#4,tau1=#5" in said
+
+
+def test_a_guess_shows_the_first_rows(tmp_path):
+    head = ["time", *numbered("q_{}_deg", "tau_{}")]
+    columns = [T, *channels(np.degrees(Q), TAU)]
+    with pytest.warns(ColumnsRemark) as heard:
+        run = read_run(write(tmp_path / "run.csv", head, columns), 3, JOINTS)
+    (remark,) = [w.message for w in heard if isinstance(w.message, ColumnsRemark)]
+    name, *values, theirs = remark.rows[1].split()
+    assert (name, theirs) == ("q1", "q_0_deg")
+    np.testing.assert_allclose([float(x) for x in values], run.q[:5, 0], rtol=1e-4)
+
+
+def test_the_table_of_columns_is_the_recogniser_s(tmp_path):
+    head = ["time", *numbered("q_{}_deg", "tau_{}"), "note"]
+    columns = [T, *channels(np.degrees(Q), TAU), ["ok"] * len(T)]
+    report = describe_columns(write(tmp_path / "run.csv", head, columns), JOINTS)
+    assert report is not None
+    with pytest.warns(Remark, match="columns recognised") as heard:
+        read_run(report.path, 3, JOINTS)
+    assert report.sentence in [str(w.message) for w in heard]
+    assert [row.meaning for row in report.rows] == [
+        "t",
+        *numbered("q{}", "tau{}", first=1),
+        "",
+    ]
+    assert {row.unit for row in report.rows if row.meaning.startswith("q")} == {"deg"}
+    assert report.rows[-1].kind == "text"
+
+
+def test_what_is_missing_is_in_the_table_of_columns(tmp_path):
+    path = write(tmp_path / "run.csv", numbered("q_{}", "tau_{}"), channels(Q, TAU))
+    report = describe_columns(path)
+    assert report is not None
+    assert report.missing == ("t",)
