@@ -20,6 +20,7 @@ __getattr__ = lazy_exports(
     rules="Rules",
     search="Search",
     sizes="Size size_of size_with_interval",
+    where_it_fails="dependences",
     unexplained="least_squares_refit remainder unexplained_error",
     white_rows="diagnosis_rows mask_unsettled_rows whiten_rows",
     **{

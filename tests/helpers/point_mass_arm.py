@@ -119,13 +119,14 @@ class PointMassArm:
     """tilt [rad] : of the base about x; masses : as MASSES; spring : on each joint
     [N m/rad]; bristle_travel : by joint over which Coulomb friction turns round [rad],
     0 where it does so at once; channel : what the torque channels make of the torque
-    (N, 3) at instants (N,)."""
+    (N, 3) at instants (N,); extra : torque (N, 3) of instants, positions and velocities."""
 
     tilt: float = 0.0
     masses: tuple[tuple[int, tuple[float, float, float], float], ...] = MASSES
     spring: Array = field(default_factory=lambda: np.zeros(3))
     bristle_travel: Array = field(default_factory=lambda: np.zeros(3))
     channel: Callable[[Array, Array], Array] = lambda t, torque: torque
+    extra: Callable[[Array, Array, Array], Array] = lambda t, q, dq: 0.0 * q
 
     def run(
         self,
@@ -159,7 +160,8 @@ class PointMassArm:
                 arm = np.cross(now.axis[j], place - now.origin[j])
                 torque[:, j] += np.sum(arm * force, axis=1)
         dq = (trajectory.at(t + h) - trajectory.at(t - h)) / (2.0 * h)
-        return torque + VISCOUS * dq + COULOMB * self.direction(q, dq)
+        friction = VISCOUS * dq + COULOMB * self.direction(q, dq)
+        return torque + friction + self.extra(t, q, dq)
 
     def direction(self, q: Array, dq: Array) -> Array:
         """(N, 3) of dry friction: Dahl's bristles where a joint has them."""
