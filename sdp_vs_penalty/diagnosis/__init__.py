@@ -21,7 +21,8 @@ __getattr__ = lazy_exports(
     search="Search",
     sizes="Size size_of size_with_interval",
     where_it_fails="dependences",
-    unexplained="least_squares_refit remainder unexplained_error",
+    refit="least_squares_refit",
+    unexplained="remainder unexplained_error",
     white_rows="diagnosis_rows mask_unsettled_rows whiten_rows",
     **{
         "curves.accept": "accept_curves",

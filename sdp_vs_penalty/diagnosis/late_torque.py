@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Candidate, Key
+from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.unexplained import least_squares_refit
 from sdp_vs_penalty.diagnosis.white_rows import whitened, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate

@@ -24,8 +24,10 @@ from functools import cached_property
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
+from sdp_vs_penalty.diagnosis.events import hum_lines
 from sdp_vs_penalty.diagnosis.library import Candidate, Nuisance
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, Term, WhiteFit
+from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.rules import Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
@@ -62,6 +64,28 @@ def _in_units_of_largest(x: Array) -> Array:
     return np.asarray(x / nonzero_or_one(np.abs(x).max()))
 
 
+def hums(data: WhiteData, bare: WhiteFit) -> list[Nuisance]:
+    """By joint the waves of its spectral lines, of any phase in each run.
+
+    bare : the model alone. A wave may be as large as all that the model leaves.
+    """
+    rows = data.rows
+    residual = least_squares_refit(data, [])[1]
+    out = []
+    for j, lines in hum_lines(data, residual).items():
+        waves = []
+        for run in np.unique(rows.run):
+            inside = rows.run == run
+            for f in lines:
+                angle = 2.0 * np.pi * f * rows.t
+                waves += [inside * np.sin(angle), inside * np.cos(angle)]
+        size = float(np.std(residual[:, j]))
+        columns = data.white(np.column_stack(waves), j)
+        deviations = np.full(len(waves), max(size, 1e-200))
+        out.append(Nuisance(f"hum on {j}", {j: columns}, deviations))
+    return out
+
+
 class Nuisances:
     """What stands beside terms in a fit, on some rows and with some candidates.
 
@@ -84,8 +108,8 @@ class Nuisances:
         self._misfits: dict[str, list[tuple[int, Array, Array]]] = {}
 
     def with_law_misfits(self, terms: Sequence[ScoredEffect]) -> list[Term]:
-        """Terms, and what the laws of those that explain much may get wrong."""
-        out: list[Term] = [*terms]
+        """Terms, what the laws of those that explain much may get wrong, and hums."""
+        out: list[Term] = [*terms, *self.hums]
         for t in terms:
             if LAW_TOLERANCE * t.evidence > EVIDENCE_TO_DISTINGUISH:
                 out += self.law_misfits(t)
@@ -114,6 +138,12 @@ class Nuisances:
             for f in self._candidates
             if f.effect.tolerance
         }
+
+    @cached_property
+    def hums(self) -> list[Nuisance]:
+        """Waves of the lines that stand in the torque's spectrum: no constant of the
+        model is estimated anew for what happens beside it."""
+        return hums(self.data, self.bare) if self.rules.hums_first else []
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
         """What a term's law may get wrong, joint by joint.
