@@ -33,6 +33,12 @@ from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.segments import SegmentedRuns
+
+#: How far from a spectrum's line its frequency may be [Hz], and into how many steps that
+#: is divided: periods of five seconds tell no more, whole runs do.
+_NEAR_LINE = 0.1
+_NEAR_STEPS = 40
 
 
 def law_misfit_columns(
@@ -64,26 +70,38 @@ def _in_units_of_largest(x: Array) -> Array:
     return np.asarray(x / nonzero_or_one(np.abs(x).max()))
 
 
-def hums(data: WhiteData, bare: WhiteFit) -> list[Nuisance]:
+def hums(data: WhiteData) -> list[Nuisance]:
     """By joint the waves of its spectral lines, of any phase in each run.
 
-    bare : the model alone. A wave may be as large as all that the model leaves.
+    A wave may be as large as all that the model leaves.
     """
     rows = data.rows
     residual = least_squares_refit(data, [])[1]
     out = []
     for j, lines in hum_lines(data, residual).items():
         waves = []
-        for run in np.unique(rows.run):
-            inside = rows.run == run
-            for f in lines:
-                angle = 2.0 * np.pi * f * rows.t
+        for f in lines:
+            angle = 2.0 * np.pi * _refined(f, rows, residual[:, j]) * rows.t
+            for run in np.unique(rows.run):
+                inside = rows.run == run
                 waves += [inside * np.sin(angle), inside * np.cos(angle)]
         size = float(np.std(residual[:, j]))
         columns = data.white(np.column_stack(waves), j)
         deviations = np.full(len(waves), max(size, 1e-200))
         out.append(Nuisance(f"hum on {j}", {j: columns}, deviations))
     return out
+
+
+def _refined(frequency: float, rows: SegmentedRuns, residual: Array) -> float:
+    """The frequency [Hz] near one of a short spectrum's at which a residual (M,) has most
+    power in whole runs."""
+    near = frequency + np.linspace(-_NEAR_LINE, _NEAR_LINE, 2 * _NEAR_STEPS + 1)
+    power = np.zeros(len(near))
+    for run in np.unique(rows.run):
+        inside = rows.run == run
+        turned = np.exp(-2j * np.pi * np.outer(near, rows.t[inside]))
+        power += np.abs(turned @ residual[inside]) ** 2
+    return float(near[np.argmax(power)])
 
 
 class Nuisances:
@@ -143,7 +161,7 @@ class Nuisances:
     def hums(self) -> list[Nuisance]:
         """Waves of the lines that stand in the torque's spectrum: no constant of the
         model is estimated anew for what happens beside it."""
-        return hums(self.data, self.bare) if self.rules.hums_first else []
+        return hums(self.data) if self.rules.hums_first else []
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
         """What a term's law may get wrong, joint by joint.
