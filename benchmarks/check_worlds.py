@@ -39,8 +39,8 @@ from reliability import (  # noqa: E402
 from sdp_vs_penalty.checks import Issue, check_runs  # noqa: E402
 from sdp_vs_penalty.errors import InputError  # noqa: E402
 from sdp_vs_penalty.files import write_text  # noqa: E402
-from sdp_vs_penalty.formatting import markdown_table  # noqa: E402
 from sdp_vs_penalty.problem.load import load_problem  # noqa: E402
+from sdp_vs_penalty.results.table import markdown_lines  # noqa: E402
 
 #: Statements about the arm or the motion, no fault of the log.
 ABOUT_THE_ARM = {
@@ -169,7 +169,7 @@ def markdown(rows: Sequence[Row], command: str) -> str:
             table.append([str(x) for x in cells])
     text = ["# What the check says of logs that nothing is wrong with", ""]
     text += [f"Made by `{command}`.", ""]
-    text += markdown_table(heads, table)
+    text += markdown_lines(heads, table)
     seconds = sum(r.seconds for r in rows) / max(len(rows), 1)
     text += ["", f"Mean time of the processor: {seconds:.2f} s a world.", ""]
     text += ["## False explanations", ""]

@@ -32,8 +32,8 @@ from sdp_vs_penalty import identify
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.results.table import markdown_lines
 
 TURN = (
     0.04,
@@ -134,7 +134,7 @@ def main() -> None:
         call,
         "",
     ]
-    text += [*markdown_table(head, rows), ""]
+    text += [*markdown_lines(head, rows), ""]
     write_text(chosen.out, "\n".join(text))
     print("\n".join(text))
 

@@ -23,9 +23,9 @@ import numpy as np
 from sdp_vs_penalty import Estimate, Measurements, PayloadEstimator, identify
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.online import PayloadChange, ResidualNoise
 from sdp_vs_penalty.problem import measured_runs
+from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.robot import random_trajectory
 
 #: kg: the authors' load.
@@ -174,7 +174,7 @@ def main() -> None:
     load = os.getloadavg()[0]
     rows = real_picks(runs) + update_times(model_of(runs, PAIRS[0]))
     rows.append(("load of the machine meanwhile", f"{load:.1f} on {os.cpu_count()}"))
-    table = markdown_table(("figure", "measured"), rows)
+    table = markdown_lines(("figure", "measured"), rows)
     text = "# A payload in the control loop\n\n" + "\n".join(table) + "\n"
     write_text(options.out / "picks.md", text)
     print(text)

@@ -20,7 +20,7 @@ from challenge.judge import share
 
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.results.table import markdown_lines
 
 #: The words of certainty, the strongest first.
 WORDS = "certain", "likely", "possible"
@@ -76,7 +76,7 @@ def table_of(claims: pandas.DataFrame) -> list[str]:
             percent, interval = share(int(right.sum()), len(right))[1:]
             cells.append(f"{int(right.sum())} of {len(right)}, {percent} ({interval})")
         rows.append(cells)
-    return markdown_table(["logs", *(f"{word}: right" for word in WORDS)], rows)
+    return markdown_lines(["logs", *(f"{word}: right" for word in WORDS)], rows)
 
 
 def markdown(claims: pandas.DataFrame, command: str) -> str:

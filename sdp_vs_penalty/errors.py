@@ -92,6 +92,10 @@ class InputError(ValueError):
         return type(self)(self.what, self.remedy, place)
 
 
+class RepairableError(InputError):
+    """Measurements that cannot be used as they are, and that `check --fix` can repair."""
+
+
 class Remark(UserWarning):
     """What the user should know of the data and need not act on; the command line
     prints it."""

@@ -1,56 +1,12 @@
-"""How results show themselves: five lines in a terminal, a table in a notebook,
-matplotlib if asked."""
+"""Numbers, units, joints and enumerations as text; axes of matplotlib if asked."""
 
 import math
 import re
-from collections.abc import Iterable, Sequence
-from html import escape
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.errors import command_line, missing_extra, printable
-
-#: A title, and names with their texts.
-Summary = tuple[str, Sequence[tuple[str, str]]]
-#: Headings, and rows of cells.
-Table = tuple[Sequence[str], Sequence[Sequence[str]]]
-
-
-class Shown:
-    """A result with a repr of at most five lines, which fit a terminal, and an HTML
-    form; subclasses define ``_summary``."""
-
-    def _summary(self) -> Summary:
-        raise NotImplementedError
-
-    def _table(self) -> Table | None:
-        """The figures behind the summary, for notebooks; None where the summary is all."""
-        return None
-
-    def __repr__(self) -> str:
-        title, rows = self._summary()
-        lines = (f"  {name}: {text}" for name, text in rows[:4])
-        return "\n".join(
-            [title, *(x if len(x) <= 110 else f"{x[:107]}..." for x in lines)]
-        )
-
-    def _repr_html_(self) -> str:
-        title, rows = self._summary()
-        html = f"<p><b>{escape(printable(title))}</b></p>" + _table_html((), rows)
-        table = self._table()
-        return html if table is None else html + _table_html(*table)
-
-
-def _table_html(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    def row(tag: str, cells: Sequence[str]) -> str:
-        return (
-            "<tr>"
-            + "".join(f"<{tag}>{escape(printable(cell))}</{tag}>" for cell in cells)
-            + "</tr>"
-        )
-
-    head = row("th", headings) if headings else ""
-    return f"<table>{head}{''.join(row('td', cells) for cells in rows)}</table>"
 
 
 def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
@@ -95,16 +51,6 @@ def escape_markdown(text: str) -> str:
     return escaped
 
 
-def markdown_table(
-    headings: Sequence[str], rows: Iterable[Sequence[str]], sides: Sequence[str] = ()
-) -> list[str]:
-    """The lines of a table in Markdown; sides : "---:" of a column that stands right."""
-    return [
-        f"| {' | '.join(cells)} |"
-        for cells in (headings, sides or ["---"] * len(headings), *rows)
-    ]
-
-
 def finite(x: float) -> float | None:
     """JSON knows no NaN: what is undefined (no torque at all) is null."""
     return float(x) if math.isfinite(x) else None
@@ -118,6 +64,15 @@ def words(items: Sequence[object]) -> str:
     """
     texts = [str(item) for item in items]
     return texts[0] if len(texts) == 1 else f"{', '.join(texts[:-1])} and {texts[-1]}"
+
+
+def sentence(text: str) -> str:
+    """A text that begins with a capital letter, otherwise as it is.
+
+    >>> sentence("joint 2 errs by 3 N m")
+    'Joint 2 errs by 3 N m'
+    """
+    return text[:1].upper() + text[1:]
 
 
 def joints(numbers: Sequence[int]) -> str:
@@ -142,6 +97,24 @@ def number(x: float | None, digits: int = 3) -> str:
         return "-"
     text = f"{x:.{digits}g}"
     return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
+
+
+def milli(value: float, unit: str, digits: int = 3) -> str:
+    """A value in thousandths of its unit.
+
+    >>> milli(0.0123, "rad"), milli(0.004, "s", 2)
+    ('12.3 mrad', '4 ms')
+    """
+    return f"{number(1e3 * value, digits)} m{unit}"
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """A share in per cent.
+
+    >>> percent(0.1234)
+    '12.3 %'
+    """
+    return f"{number(100.0 * share, digits)} %"
 
 
 def command(*words: object) -> str:
@@ -170,36 +143,3 @@ def change_of(before: float, after: float) -> str:
         return "-"
     percent = 100.0 * (after / before - 1.0)
     return f"{percent:+.0f} %" if abs(percent) >= 0.5 else "0 %"
-
-
-def error_table(
-    names: Sequence[str],
-    errors: Sequence[Any],
-    floor: Any,
-    units: Sequence[str],
-    r2: Any = (),
-) -> tuple[list[str], list[list[str]]]:
-    """Headings, and of each joint a row: number and unit, RMS error of each model, the
-    change from the first to the last (of a model alone R2), noise floor where it is
-    known.
-
-    errors (models, n), floor (n,) or None, r2 (n,) : arrays or lists.
-    """
-    rows = []
-    for j, unit in enumerate(units):
-        errors_of_joint = [errors_of_model[j] for errors_of_model in errors]
-        change = (
-            change_of(errors_of_joint[0], errors_of_joint[-1])
-            if len(errors_of_joint) > 1
-            else f"{r2[j]:.4f}"
-        )
-        known = number(None if floor is None else floor[j])
-        rows.append(
-            [
-                f"{j + 1} [{plain_unit(unit)}]",
-                *map(number, errors_of_joint),
-                change,
-                known,
-            ]
-        )
-    return ["joint", *names, "change" if len(errors) > 1 else "R2", "noise floor"], rows

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.render.tables import error_table
+from sdp_vs_penalty.results import Shown, Summary, markdown_lines
 
 
 @pytest.mark.parametrize(
@@ -56,34 +58,34 @@ def test_a_count_has_its_plural(count, words):
 
 
 def test_errors_stand_beside_each_other_with_the_noise():
-    head, rows = formatting.error_table(
+    table = error_table(
         ["a", "b"],
         [[1.0, 2.0], [0.5, 2.0]],
         [0.1, 0.2],
         ["rad", "N*m"],
     )
-    assert head == ["joint", "a", "b", "change", "noise floor"]
-    assert rows == [
+    assert table.headings == ["joint", "a", "b", "change", "noise floor"]
+    assert table.rows == [
         ["1 [rad]", "1", "0.5", "-50 %", "0.1"],
         ["2 [N m]", "2", "2", "0 %", "0.2"],
     ]
 
 
 def test_errors_of_one_model_have_its_r2():
-    head, rows = formatting.error_table(["a"], [[1.0]], None, ["N"], [0.98765])
-    assert head == ["joint", "a", "R2", "noise floor"]
-    assert rows == [["1 [N]", "1", "0.9877", "-"]]
+    table = error_table(["a"], [[1.0]], None, ["N"], [0.98765])
+    assert table.headings == ["joint", "a", "R2", "noise floor"]
+    assert table.rows == [["1 [N]", "1", "0.9877", "-"]]
 
 
 def test_a_markdown_table_has_a_head_and_rows():
-    lines = formatting.markdown_table("ab", ["cd"])
+    lines = markdown_lines("ab", ["cd"])
     assert lines == ["| a | b |", "| --- | --- |", "| c | d |"]
 
 
-class Result(formatting.Shown):
+class Result(Shown):
     """A result with more lines, and longer ones, than are shown."""
 
-    def _summary(self) -> formatting.Summary:
+    def _summary(self) -> Summary:
         entries = [(f"name {k}", "x" * 98 + "y" * k) for k in range(6)]
         return "A <title>", entries
 
@@ -97,5 +99,7 @@ def test_a_result_shows_itself_in_five_lines():
 
 def test_a_result_shows_itself_in_html():
     html = Result()._repr_html_()
-    assert html.startswith("<p><b>A &lt;title&gt;</b></p><table><tr><td>name 0</td>")
+    assert html.startswith(
+        "<p><b>A &lt;title&gt;</b></p><table><tbody><tr><td>name 0</td>"
+    )
     assert html.count("<tr>") == 6

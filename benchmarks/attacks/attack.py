@@ -5,8 +5,8 @@
 
 Each attack is a command in a process of its own. It fails where the process ends by a
 signal, takes more than 30 s, prints a traceback, an internal error, a warning of NumPy,
-a raw control character or a command that a shell takes for something else, leaves a
-process or a partial file, or runs what a name says. Kinds of files are bytes and
+a raw control character or a command that a shell takes for something else, changes what
+was there, leaves a process or a partial file, or runs what a name says. Kinds of files are bytes and
 structure of what is read; kinds of surroundings are what a command meets while it runs.
 """
 
@@ -16,6 +16,7 @@ import re
 import shlex
 import shutil
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
@@ -119,7 +120,7 @@ def open_stream(handle: int, encoding: str) -> TextIO | None:
 
 def outcome(attack: Attack, folder: Path) -> tuple[str, bytes]:
     """What becomes of an attack, "ok" or what is wrong, and what was printed."""
-    before = {path.name for path in folder.iterdir()}
+    before = contents(folder)
     sheets = [folder.parent / name for name in ("printed", "printed by the rival")]
     known = killing.descendants()
     processes = [start(attack, attack.words, folder, sheets[0])]
@@ -144,6 +145,8 @@ def outcome(attack: Attack, folder: Path) -> tuple[str, bytes]:
             return wrong, printed
     if living := killing.survivors(known):
         return f"left {living}", printed
+    if lost := before.items() - contents(folder).items():
+        return f"lost {sorted(name for name, _ in lost)}", printed
     new = [path for path in folder.iterdir() if path.name not in before]
     if broken := broken_outputs(new):
         return f"left {broken}", printed
@@ -153,6 +156,14 @@ def outcome(attack: Attack, folder: Path) -> tuple[str, bytes]:
     if attack.again:
         return outcome(Attack(attack.words), folder)
     return "ok", printed
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """What each file of a folder holds; nothing for links, pipes and folders."""
+    return {
+        path.name: path.read_bytes() if stat.S_ISREG(path.lstat().st_mode) else b""
+        for path in folder.iterdir()
+    }
 
 
 def wrong_end(code: int, attack: Attack) -> str:

@@ -14,6 +14,8 @@ URDF = """<robot name="r"><link name="b"/><link name="l"><inertial><mass value="
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><collision>
 <geometry>{shape}</geometry></collision></link><joint name="j" type="continuous">
 <parent link="b"/><child link="l"/><axis xyz="0 1 0"/></joint></robot>"""
+#: Robots of other shapes.
+URDFS = sorted((Path(__file__).parents[2] / "tests").rglob("*.urdf"))
 #: What is done with a log, by its name.
 VERBS_OF_LOGS = (
     "check {} --problem two_link",
@@ -110,9 +112,10 @@ def companion(folder: Path, rng: Rng) -> Attack:
 
 
 def urdf(folder: Path, rng: Rng) -> Attack:
-    """A URDF whose elements are changed in one to four places."""
+    """A URDF whose elements are changed in one to four places: an exported arm, or one
+    of those with trees, sliders, fixed joints and meshes that the tests have."""
     path = folder / "arm.urdf"
-    content = path.read_bytes()
+    content = pick([path, *URDFS], rng).read_bytes()
     for _ in range(int(rng.integers(1, 5))):
         content = change_structure(".urdf", content, rng)
     path.write_bytes(content)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from challenge.worlds.conditions import NUISANCES
-from sdp_vs_penalty.formatting import markdown_table
+from sdp_vs_penalty.results.table import markdown_lines
 
 Record = dict[str, Any]
 
@@ -192,7 +192,7 @@ def _shares(records: Sequence[Record]) -> list[str]:
         for name in names:
             if mine := [r for r in records if r["class"] == name and counted(r)]:
                 rows.append([name, what, *share(sum(map(test, mine)), len(mine)), goal])
-    return markdown_table(
+    return markdown_lines(
         ("class", "counted", "cases", "share", "interval", "to reach"), rows
     )
 
@@ -254,7 +254,7 @@ def _clean(records: Sequence[Record]) -> list[str]:
         " where something has a name; named: only what is fair, or a changed shape"
         " constant; abstained: where that is fair."
     )
-    table = [note, "", *markdown_table(headings, rows)] if rows else []
+    table = [note, "", *markdown_lines(headings, rows)] if rows else []
     return ["Clean robots, by nuisance", *table]
 
 
@@ -316,7 +316,7 @@ def _by_effect(records: Sequence[Record]) -> list[str]:
         "By effect: all classes that hide one",
         note,
         "",
-        *markdown_table(headings, rows),
+        *markdown_lines(headings, rows),
     ]
 
 

@@ -38,8 +38,8 @@ from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.results.table import markdown_lines
 
 #: A model this many times worse on clean data is harmed.
 HARMFUL = 1.3
@@ -264,12 +264,12 @@ def markdown(cases: Sequence[Case], command: str) -> str:
         " model from the"
     ]
     text += ["clean run. In brackets Wilson's 95 % interval.", ""]
-    text += markdown_table(
+    text += markdown_lines(
         head, [summary(*g) for g in (*groups.items(), ("all", cases))]
     )
     text += ["", "## By kind", ""]
     counts = [[k, *summary(k, v)[1 : 2 + len(_WORDS)]] for k, v in kinds.items()]
-    text += markdown_table(["kind", "cases", *_WORDS], counts)
+    text += markdown_lines(["kind", "cases", *_WORDS], counts)
     text += ["", f"## Silent, and more than {HARMFUL:g} times worse on clean data", ""]
     told = [
         f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times" for c in silent

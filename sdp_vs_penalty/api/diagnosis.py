@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,12 @@ from sdp_vs_penalty.api.identification import WITHOUT_CHECK
 from sdp_vs_penalty.checks.gate import consented, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.adding import add
+from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.diagnose import diagnose as find_missing_effects
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 
@@ -88,6 +93,43 @@ def diagnose(
     >>> [finding.effect for finding in found.effects][:1]
     ['joint_spring']
     """
+    diagnosis, _ = diagnose_and_add(
+        estimate,
+        measurements,
+        test,
+        frozen=frozen,
+        seed=seed,
+        progress=progress,
+        noise_from=noise_from,
+        gain_uncertainty=gain_uncertainty,
+        check=check,
+        warn=warn or functools.partial(warnings.warn, stacklevel=3),
+        without_check=without_check,
+        judged_recordings=judged_recordings,
+    )
+    return diagnosis
+
+
+def diagnose_and_add(
+    estimate: Estimate | str | Path,
+    measurements: Source,
+    test: Source = None,
+    *,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Progress = no_progress,
+    noise_from: Source = None,
+    gain_uncertainty: float | None = None,
+    check: bool = True,
+    warn: Callable[[str], Any] | None = None,
+    without_check: str = WITHOUT_CHECK,
+    judged_recordings: Source = None,
+) -> tuple[Diagnosis, Estimate | None]:
+    """:func:`diagnose`, and the model with all that is sure added; None where nothing is.
+
+    Sizes and intervals of the sure findings are those of this model, so that `add`
+    prints the same ones. Everything else is as in :func:`diagnose`.
+    """
     model = as_estimate(estimate, "diagnose(estimate=...)")
 
     def read(source: Source, argument: str) -> Measurements | None:
@@ -110,7 +152,7 @@ def diagnose(
         if warn is None:
             warn = functools.partial(warnings.warn, stacklevel=3)
         raise_on_errors(model.problem, recording, "diagnose", without_check, warn=warn)
-    return find_missing_effects(
+    diagnosis = find_missing_effects(
         model,
         recording,
         read(test, "test"),
@@ -121,3 +163,26 @@ def diagnose(
         gain_uncertainty=gain_uncertainty,
         judged_recordings=read(judged_recordings, "judged_recordings"),
     )
+    if not diagnosis.sure or not recording.torque_logged:
+        return diagnosis, None
+    progress("adding what is sure")
+    try:
+        better = add(
+            model,
+            diagnosis.selected(confident=True),
+            recording,
+            frozen=frozen,
+            seed=seed,
+            progress=progress,
+            gain_uncertainty=gain_uncertainty,
+        )
+    except InputError as error:
+        remark = f"What is sure cannot be added to this model: {error}"
+        return replace(diagnosis, remarks=(*diagnosis.remarks, remark)), None
+    sized = with_sizes_of(diagnosis, better)
+    if test is not None and diagnosis.held_out_source == "test":
+        progress("judging the model with all that is sure")
+        models = {"before": model, "after": better}
+        before, after = compare(models, test, noise_from=judged_recordings)
+        sized = sized.with_judged_errors(before.rmse, after.rmse)
+    return sized, better

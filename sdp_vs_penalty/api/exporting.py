@@ -54,7 +54,7 @@ def export(
     model = as_estimate(estimate, "export(estimate=...)")
     judged = judge_as_exported(model, out, measurements, noise_from)
     verdict = None if judged is None else judged[0]
-    return exporting.export(
+    return exporting.write_model(
         model, out, urdf, force=force, flange=flange, judged=verdict
     )
 

@@ -98,6 +98,19 @@ class Issue:
         is_certain = self.certainty.startswith("certain")
         return self.nature == FACT and self.repair is not None and is_certain
 
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "Issue":
+        """What :meth:`to_dict` wrote; without the repair."""
+        names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
+        gravity = data["gravity"]
+        return cls(
+            **{name: data[name] for name in names},
+            apply=data["apply"],
+            equivalents=tuple(data["equivalents"]),
+            figures=dict(data["figures"]),
+            gravity=None if gravity is None else tuple(gravity),
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; joints count from 1."""
         names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")

@@ -1,18 +1,27 @@
 """What the check says of one run."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.formatting import Shown, Summary, Table
+from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.table import Table
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True, repr=False)
-class Report(Shown):
+class Report(Record):
     """issues : of one run, the gravest first; repaired_all : the run with every repair made,
     those that are only likely included; repaired_certain : with the certain ones only; unexplained
     : share of the torques' energy that the arm's dynamics leave over, after mending,
@@ -43,6 +52,38 @@ class Report(Shown):
         """Errors and warnings, without notes."""
         return tuple(f for f in self.issues if f.severity != "note")
 
+    @fact("", digits=9)
+    def n_problems(self) -> int:
+        """Errors and warnings of the check; notes do not count."""
+        return len(self.errors_and_warnings)
+
+    @fact("%", digits=2, name="unexplained torque")
+    def unexplained_percent(self) -> float | None:
+        """What the arm's dynamics leave over of the torque's root mean square, with
+        every repair made; unknown where there is nothing to fit."""
+        return None if self.unexplained is None else 100.0 * self.unexplained**0.5
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row an issue: kind, severity, where, what, certainty, remedy."""
+        import pandas
+
+        columns = ["kind", "severity", "where", "what", "certainty", "remedy"]
+        rows = [[getattr(issue, name) for name in columns] for issue in self.issues]
+        return pandas.DataFrame(rows, columns=columns)
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote: issues without their repairs, no repaired runs."""
+        percent = data["unexplained_percent"]
+        nothing = Measurements(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
+        return cls(
+            run=data["run"],
+            issues=tuple(map(Issue.from_dict, data["findings"])),
+            repaired_all=nothing,
+            repaired_certain=nothing,
+            unexplained=None if percent is None else (percent / 100.0) ** 2,
+        )
+
     @property
     def verdict(self) -> str:
         """How many problems there are, and how well the arm's dynamics explain the
@@ -55,9 +96,9 @@ class Report(Shown):
             elif not self.meaningless:
                 why = "its torques were not judged"
             return f"{self.run}: {found}; {why}"
-        share = 100.0 * self.unexplained**0.5
+        share = self.facts()["unexplained_percent"].text
         return (
-            f"{self.run}: {found}; the arm's dynamics leave {share:.2g} % of the torque"
+            f"{self.run}: {found}; the arm's dynamics leave {share} of the torque"
             " unexplained"
         )
 
@@ -66,7 +107,9 @@ class Report(Shown):
 
     def _table(self) -> Table | None:
         rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
-        return (("kind", "where", "certainty", "remedy"), rows) if rows else None
+        if not rows:
+            return None
+        return Table(("kind", "where", "certainty", "remedy"), rows, words=(0, 1, 2, 3))
 
     def changes(self, name: str, done: Sequence[Issue]) -> str:
         """What a repaired copy of the file of this name differs in from it, and what is
@@ -90,8 +133,7 @@ class Report(Shown):
         return {
             "run": self.run,
             "meaningless": self.meaningless,
-            "unexplained_percent": (
-                None if self.unexplained is None else 100.0 * self.unexplained**0.5
-            ),
+            "unexplained_percent": self.unexplained_percent,
             "findings": [f.to_dict() for f in self.issues],
+            "facts": self.facts_to_dict(),
         }

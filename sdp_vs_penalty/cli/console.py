@@ -9,15 +9,14 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Table as Grid
 
 from sdp_vs_penalty.errors import command_line, printable
 from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.results.table import Table
 
 #: All that is printed passes these two and :func:`printable`.
 out = Console(highlight=False)
@@ -75,29 +74,18 @@ def next_step(words: Sequence[object]) -> None:
     say(f"Next: {command_line(['sdp-vs-penalty', *words])}")
 
 
-def table(
-    title: str, headings: Sequence[str], rows: Sequence[Sequence[str]], words: int = 1
-) -> None:
-    """A table under its title: its first ``words`` columns hold words, the others
-    numbers; the first, which is never wrapped, holds the names to type."""
-    if title:
-        say(title, style="italic")
-    grid = Table(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-    for k, heading in enumerate(headings):
-        side: Any = "left" if k < words else "right"
-        grid.add_column(
-            _shown(heading), justify=side, no_wrap=not 0 < k < words, overflow="fold"
-        )
-    for row in rows:
-        grid.add_row(*map(_shown, row))
-    out.print(grid)
+def table(table: Table) -> None:
+    """A table under its title."""
+    if table.title:
+        say(table.title, style="italic")
+    out.print(table)
 
 
-def details(headings: Sequence[str], row: Sequence[str]) -> None:
+def details(entries: Sequence[tuple[str, str]]) -> None:
     """Names and texts, a line each; empty texts are left out."""
-    grid = Table.grid(padding=(0, 2))
+    grid = Grid.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
-    for heading, cell in zip(headings, row, strict=True):
-        if cell:
-            grid.add_row(_shown(heading), _shown(cell))
+    for name, text in entries:
+        if text:
+            grid.add_row(_shown(name), _shown(text))
     out.print(grid)

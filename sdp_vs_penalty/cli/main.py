@@ -21,7 +21,14 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.cli.options import Parser
-from sdp_vs_penalty.errors import InputError, Remark, printable, require_known
+from sdp_vs_penalty.errors import (
+    InputError,
+    Remark,
+    RepairableError,
+    command_line,
+    printable,
+    require_known,
+)
 from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
@@ -138,8 +145,26 @@ def _run(words: Sequence[str]) -> None:
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
-    with _ending_politely():
-        verb(**arguments)
+    try:
+        with _ending_politely():
+            verb(**arguments)
+    except RepairableError as error:
+        raise _naming_the_repair(error, arguments) from error
+
+
+def _naming_the_repair(
+    error: RepairableError, arguments: Mapping[str, Any]
+) -> InputError:
+    """The error of runs that `check --fix` can repair, with this command where the verb
+    names a problem and its data."""
+    problem = arguments.get("problem")
+    data = arguments.get("data")
+    if not problem or not data:
+        return error
+    fixed = "fixed.csv" if len(data) == 1 else "fixed"
+    words = ["sdp-vs-penalty", "check", *data, "--problem", problem, "--fix", fixed]
+    remedy = f"{error.remedy}; `{command_line(words)}` writes a repaired copy"
+    return InputError(error.what, remedy, error.where)
 
 
 def _require_different(outputs: Mapping[str, Any]) -> None:

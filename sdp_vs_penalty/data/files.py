@@ -24,7 +24,14 @@ from sdp_vs_penalty.data.measurements import (
     without_traces,
 )
 from sdp_vs_penalty.data.store import iter_chunks
-from sdp_vs_penalty.errors import InputError, MissingJoints, Remark, given, other_robot
+from sdp_vs_penalty.errors import (
+    InputError,
+    MissingJoints,
+    Remark,
+    RepairableError,
+    given,
+    other_robot,
+)
 from sdp_vs_penalty.files import reading
 
 #: One run as Measurements, a file's path, a mapping or table of columns; or a sequence
@@ -330,7 +337,7 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
         many = formatting.count(len(stays), f"such {word}")
         steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
         what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
-        raise InputError(what, "delete them, or cut the file there", path)
+        raise RepairableError(what, "delete them, or cut the file there", path)
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

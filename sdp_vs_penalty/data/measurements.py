@@ -19,7 +19,7 @@ from sdp_vs_penalty.data.store import (
     iter_chunks,
 )
 from sdp_vs_penalty.errors import InputError
-from sdp_vs_penalty.formatting import Shown, Summary
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
 
 

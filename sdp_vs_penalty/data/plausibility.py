@@ -17,7 +17,9 @@ import numpy as np
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import iter_chunks
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, RepairableError
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 #: How far outside its range an encoder's zero may put a joint [rad, m].
@@ -27,43 +29,68 @@ _MOTORS = ", or motors' angles to joints' (`convert --motors`)"
 
 
 def check_plausible(robot: Robot, measurements: Measurements) -> None:
-    """InputError where positions cannot be this robot's, or are not in radians and
-    metres."""
+    """Refuse positions that cannot be this robot's, or are not in radians and metres.
+
+    Parameters
+    ----------
+    robot : whose joints' ranges are known
+    measurements : one or more runs
+
+    Raises
+    ------
+    InputError
+        The run, row and column; of angles a RepairableError.
+    """
     for run in measurements.runs():
         check_torque(run)
         _check_derivative(robot, run)
         _check_side(robot, run)
         far = far_outside(robot, run.q)
-        for j, (joint, travel) in enumerate(
-            zip(robot.joints, np.ptp(run.q, axis=0), strict=True)
-        ):
-            q = run.q[:, j]
-            turns = joint.kind == "revolute"
-            motors = _MOTORS if turns else ""
+        travels = np.ptp(run.q, axis=0)
+        for j in range(robot.n):
             if j in far:
-                worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
-                unit, units = (
-                    ("rad", "degrees to radians")
-                    if turns
-                    else ("m", "millimetres to metres")
-                )
-                span = f"joint {j + 1} ({joint.lower:.4g} to {joint.upper:.4g} {unit})"
-                what = (
-                    f"column q{j + 1}: {q[worst]:.6g} is far outside the range of"
-                    f" {span}"
-                )
-                remedy = (
-                    f"convert {units}{motors}, or choose the problem that belongs to"
-                    " this file"
-                )
-                raise InputError(f"{_place(run, worst)}, {what}", remedy)
-            # A motion to and fro over many turns, not a shaft that goes on turning.
-            free = turns and not np.isfinite(joint.upper - joint.lower)
-            if free and travel > 8.0 * math.tau and abs(q[-1] - q[0]) < 0.5 * travel:
-                where = f"{_place(run, int(np.argmax(np.abs(q))))}, column q{j + 1}"
-                what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
-                what += ": positions look like degrees"
-                raise InputError(what, f"convert to radians{motors}", where)
+                raise _outside_its_range(robot, run, j)
+            if _swings_too_far(robot.joints[j], run.q[:, j], float(travels[j])):
+                raise _many_turns(run, j, float(travels[j]))
+
+
+def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
+    """The error of a joint far outside its range."""
+    joint = robot.joints[j]
+    q = run.q[:, j]
+    worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
+    is_angle = joint.kind == "revolute"
+    unit = "rad" if is_angle else "m"
+    limits = f"{joint.lower:.4g} to {joint.upper:.4g} {unit}"
+    what = (
+        f"{_place(run, worst)}, column q{j + 1}: {q[worst]:.6g} is far outside the range"
+        f" of joint {j + 1} ({limits})"
+    )
+    robot_of_file = "or choose the problem that belongs to this file"
+    if not is_angle:
+        remedy = f"convert millimetres to metres, {robot_of_file}"
+        return InputError(what, remedy)
+    remedy = f"convert degrees to radians{_MOTORS}, {robot_of_file}"
+    return RepairableError(what, remedy)
+
+
+def _swings_too_far(joint: Joint, q: Array, travel: float) -> bool:
+    """Whether a joint without limits moves to and fro over many turns; a shaft that
+    goes on turning does not."""
+    is_free = joint.kind == "revolute" and not np.isfinite(joint.upper - joint.lower)
+    if not is_free or travel <= 8.0 * math.tau:
+        return False
+    return bool(abs(q[-1] - q[0]) < 0.5 * travel)
+
+
+def _many_turns(run: Measurements, j: int, travel: float) -> InputError:
+    """The error of a joint that swings over many turns."""
+    row = int(np.argmax(np.abs(run.q[:, j])))
+    where = f"{_place(run, row)}, column q{j + 1}"
+    what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
+    return RepairableError(
+        f"{what}: positions look like degrees", f"convert to radians{_MOTORS}", where
+    )
 
 
 def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, float]:
@@ -178,27 +205,32 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
     """Position and velocity of revolute joints in the same unit of angle."""
     if run.dq is None:
         return
-    sums = np.zeros((3, run.n))
-    channels = (iter_chunks(x, overlap=1) for x in (run.t, run.q, run.dq))
-    with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
-        for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-            way = np.diff(q, axis=0)
-            logged = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-            sums += [
-                np.sum(x * y, axis=0)
-                for x, y in ((logged, logged), (way, way), (way, logged))
-            ]
-    for j, (energy, way, common) in enumerate(sums.T.tolist()):
+    for j, (energy, way, common) in enumerate(_sums_of_steps(run, run.dq)):
         if robot.joints[j].kind != "revolute" or not 0.0 < energy * way < np.inf:
             continue
         if common * common < 0.5 * energy * way:
             continue  # noise, or a coarse encoder: nothing to conclude from
         ratio = common / energy
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
-            if 2.0 / 3.0 < math.radians(value) < 1.5:
-                what = (
-                    f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
-                )
-                raise InputError(
-                    what, f"convert {name} from degrees to radians", run.names[0]
-                )
+            is_degree = 2.0 / 3.0 < math.radians(value) < 1.5
+            if not is_degree:
+                continue
+            what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
+            remedy = f"convert {name} from degrees to radians"
+            raise RepairableError(what, remedy, run.names[0])
+
+
+def _sums_of_steps(run: Measurements, velocities: Array) -> list[list[float]]:
+    """Of each joint the sums over all steps: of the squares of velocity times time, of
+    the squares of the step of q, and of their products [rad^2]."""
+    sums = np.zeros((3, run.n))
+    channels = (iter_chunks(x, overlap=1) for x in (run.t, run.q, velocities))
+    with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
+        for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
+            way = np.diff(q, axis=0)
+            logged = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
+            sums[0] += np.sum(logged**2, axis=0)
+            sums[1] += np.sum(way**2, axis=0)
+            sums[2] += np.sum(way * logged, axis=0)
+    joints: list[list[float]] = sums.T.tolist()
+    return joints

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -16,16 +16,21 @@ from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible
 from sdp_vs_penalty.data.store import AppendableArray, iter_chunks
 from sdp_vs_penalty.errors import InputError, other_robot
+from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.drive_torque import driven, plant
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import (
+    ABOVE_NOISE,
     NoiseFloor,
     Verdict,
     doubt_of_log,
     judge,
     noise_level,
+    over_noise,
 )
-from sdp_vs_penalty.formatting import Shown, Summary, finite
+from sdp_vs_penalty.formatting import finite
+from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows
 from sdp_vs_penalty.signals.noise import REPETITION
@@ -63,7 +68,7 @@ class Signals:
 
 
 @dataclass(frozen=True, repr=False)
-class Comparison(Shown):
+class Comparison(Record):
     """One model against measurements, all joints in the same stated band.
 
     estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured
@@ -93,6 +98,93 @@ class Comparison(Shown):
     outside: Mapping[str, float] = field(default_factory=dict)
     judged_on: str | None = None
 
+    @fact("N m or N", name="error")
+    def joint_error(self) -> Array:
+        """(n,) root mean square of measured minus modelled torque, joint by joint, behind
+        the low-pass."""
+        return self.rmse
+
+    @fact("N m or N", name="noise floor")
+    def joint_noise(self) -> Array | None:
+        """(n,) standard deviation of the torque's noise behind the same low-pass."""
+        return self.noise_floor
+
+    @fact("times the noise")
+    def error_over_noise(self) -> Array | None:
+        """(n,) error of each joint over its noise floor; unknown without a floor."""
+        return over_noise(self.rmse, self.noise_floor)
+
+    @fact("times the noise")
+    def largest_error_over_noise(self) -> float | None:
+        """The largest of the joints' errors over noise."""
+        over = self.error_over_noise
+        return None if over is None else float(over.max())
+
+    @fact("", digits=9)
+    def worst_joint(self) -> int:
+        """The joint (from 1) whose error is the most times its noise; without a noise
+        floor the one with the largest error."""
+        over = self.error_over_noise
+        return int(np.argmax(self.rmse if over is None else over)) + 1
+
+    @fact("%")
+    def relative_error(self) -> float:
+        """100 |tau - tau_hat| / |tau| over all joints, behind the low-pass."""
+        return self.relative_error_percent
+
+    @fact("%", digits=2, name="relative error not ruled out")
+    def highest_relative_error(self) -> float | None:
+        """The upper end of the relative error's 95 % interval, by leaving out one stretch
+        of a second of the judged motion after another; unknown without the signals."""
+        signals = self.signals
+        seconds, n_rows = signals.seconds, len(signals.t)
+        if seconds is None:
+            return None
+        stretch = (np.arange(n_rows) * (seconds / n_rows) / _STRETCH).astype(np.intp)
+        errors = np.bincount(stretch, np.sum(signals.residual**2, axis=1))
+        torques = np.bincount(stretch, np.sum(signals.measured**2, axis=1))
+        return upper_relative_error(errors.astype(float), torques.astype(float))
+
+    @fact("Hz", name="band")
+    def band(self) -> float:
+        """The low-pass that measured and modelled torque passed."""
+        return self.band_hz
+
+    @fact("%", name="new motion")
+    def new_motion_percent(self) -> float | None:
+        """Share of the judged motion that the model was not fitted to."""
+        share = self.new_motion_share
+        return None if share is None else 100.0 * share
+
+    @fact("s", name="judged motion")
+    def judged_seconds(self) -> float | None:
+        """How long the judged motion lasts, behind the filters."""
+        return self.signals.seconds
+
+    @fact("mm")
+    def thinnest_link(self) -> float | None:
+        """The least thickness of all links: zero for a rod or a sheet, negative for a
+        link that cannot exist."""
+        thickness = self.estimate.certificate.smallest_thickness
+        return None if thickness is None else 1e3 * thickness
+
+    @fact("", digits=1)
+    def distance_to_best_fit(self) -> float | None:
+        """The certified gap: how far the loss can be above the best possible one, as a
+        share of it."""
+        return self.estimate.certificate.gap
+
+    @property
+    def is_within_noise(self) -> bool:
+        """Whether no joint's error is more than ABOVE_NOISE times its noise."""
+        largest = self.largest_error_over_noise
+        return largest is not None and largest <= ABOVE_NOISE
+
+    @property
+    def links_can_exist(self) -> bool:
+        """Whether every link is physically consistent, within its bounds."""
+        return self.estimate.certificate.worst <= ROUNDING
+
     @property
     def verdict(self) -> Verdict:
         """How good the model is on these measurements."""
@@ -118,6 +210,7 @@ class Comparison(Shown):
             remark=self.judged_on or "",
             seconds=self.signals.seconds,
             doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
+            highest=self.highest_relative_error,
         )
 
     def plot(
@@ -179,6 +272,46 @@ class Comparison(Shown):
         """The floor and its source."""
         return self.noise_floor, self.noise_source
 
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a joint (from 1): error, noise floor, their ratio, R2."""
+        import pandas
+
+        over = self.error_over_noise
+        unknown = np.full(len(self.rmse), np.nan)
+        columns = {
+            "error [N m or N]": self.rmse,
+            "noise floor [N m or N]": (
+                unknown if self.noise_floor is None else self.noise_floor
+            ),
+            "error over noise": unknown if over is None else over,
+            "R2": self.r2,
+        }
+        joints = range(1, len(self.rmse) + 1)
+        return pandas.DataFrame(columns, pandas.Index(joints, name="joint"))
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any], estimate: Estimate) -> Self:
+        """What :meth:`to_dict` wrote of this model; without the signals."""
+        floor = data["noise_floor"]
+        known = bool(floor) and floor[0] is not None
+        none = np.zeros((0, len(data["rmse"])))
+        return cls(
+            name=data["model"],
+            estimate=estimate,
+            rmse=np.array(data["rmse"], float),
+            mse=np.array(data["mse"], float),
+            r2=np.array(data["r2"], float),
+            noise_floor=np.array(floor, float) if known else None,
+            noise_source=data["verdict"]["noise_source"],
+            relative_error_percent=float(data["relative_error_percent"]),
+            band_hz=float(data["band_hz"]),
+            signals=Signals(np.zeros(0), none, none, none, none),
+            runs=tuple(data["verdict"]["judged_on"]),
+            new_motion_share=data["new_motion_share"],
+            outside=dict(data["outside"]),
+            judged_on=data["judged_on"],
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""
         return {
@@ -197,7 +330,34 @@ class Comparison(Shown):
             "new_motion_share": self.new_motion_share,
             "outside": dict(self.outside),
             "judged_on": self.judged_on,
+            "facts": self.facts_to_dict(),
         }
+
+
+#: Length [s] of the stretches of which a relative error's spread is told: longer than
+#: errors of a friction or a filter stay alike.
+_STRETCH = 1.0
+
+
+def upper_relative_error(errors: Array, torques: Array) -> float | None:
+    """The upper end of the 95 % interval of 100 sqrt(sum errors / sum torques) [%], by
+    the jackknife.
+
+    errors, torques (K,) : squared sums of stretches. Of fewer than three nothing can be
+    said: infinite; None without torque.
+    """
+    if not np.sum(torques) > 0.0:
+        return None
+    n = len(errors)
+    if n < 3:
+        return float("inf")
+    error = 100.0 * np.sqrt(errors.sum() / torques.sum())
+    left = torques.sum() - torques
+    if not np.all(left > 0.0):
+        return float("inf")
+    without = 100.0 * np.sqrt((errors.sum() - errors) / left)
+    variance = (n - 1) / n * np.sum((without - without.mean()) ** 2)
+    return float(error + NORMAL_95 * np.sqrt(variance))
 
 
 def new_motion(new_share: float | None) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 
@@ -20,9 +20,16 @@ from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
 from sdp_vs_penalty.files import JsonRecord, read_json, require_format
-from sdp_vs_penalty.formatting import Shown, Summary, Table, plain_unit
+from sdp_vs_penalty.formatting import plain_unit
+from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, RESIDUAL, SPECTRUM, SPECTRUM_KNOWN
+
+if TYPE_CHECKING:
+    import pandas
+
 
 #: Of findings.json.
 FINDINGS_FORMAT = 1
@@ -38,7 +45,7 @@ REASONS: Mapping[str, str] = {
     "uncertain": "its size is uncertain by > 20 %",
     "insignificant": "its size is not told from zero",
     "small": "its gain is small",
-    "not_held_out": "no joint's held-out error falls by 1 %",
+    "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "alone": "what is sure raises a held-out error with it",
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
@@ -134,6 +141,17 @@ class Finding(Rated):
         }
 
     @property
+    def physics(self) -> str:
+        """What the effect is, in a sentence or two, without size and rivals."""
+        text = self.explanation.partition(". ")[2]
+        return text.partition(" Indistinguishable in these data from")[0]
+
+    @property
+    def rivals_without_curve(self) -> tuple[str, ...]:
+        """The effects that fit as well."""
+        return tuple(name for name in self.indistinguishable_from if name != CURVE)
+
+    @property
     def undecided(self) -> str | None:
         """What a run should decide, as `excite --separate` takes it: between the
         finding and what fits as well, or whether a weak one is there at all. None for a
@@ -160,6 +178,42 @@ class Finding(Rated):
             f"tell{number}.csv",
         ]
         return command_line(["sdp-vs-penalty", *words])
+
+    @property
+    def main_joint(self) -> int:
+        """The joint (from 1) that the finding is about: its first one, or of a finding
+        of the whole robot the one whose error falls most."""
+        if self.joints:
+            return self.joints[0]
+        before = np.maximum(self.held_out_rmse_before, 1e-300)
+        return int(np.argmin(self.held_out_rmse_after / before)) + 1
+
+    def explained_share(self, j: int) -> float:
+        """Share of the error's variance on joint j (from 0) that it takes away."""
+        before, after = self.held_out_rmse_before[j], self.held_out_rmse_after[j]
+        return max(0.0, 1.0 - float(after / before) ** 2) if before > 0.0 else 0.0
+
+    def gain_sentence(self, diagnosis: Diagnosis) -> str:
+        """What adding it, after the findings before it, does to the error of its joint
+        on data left out."""
+        j = self.main_joint - 1
+        before = self.held_out_rmse_before[j]
+        after = self.held_out_rmse_after[j]
+        unit = "N m or N"
+        if diagnosis.held_out_over_noise is not None:
+            before = before / diagnosis.noise_floor[j]
+            after = after / diagnosis.noise_floor[j]
+            unit = "times the noise"
+        errors = [formatting.number(float(x)) for x in (before, after)]
+        if after >= before:
+            return (
+                f"Adding it does not lower joint {j + 1}'s error on data left out"
+                f" ({errors[0]} {unit})."
+            )
+        return (
+            f"Adding it cuts joint {j + 1}'s error on data left out from {errors[0]} to"
+            f" {errors[1]} {unit}."
+        )
 
     @property
     def cooled(self) -> str:
@@ -199,7 +253,7 @@ class Remaining(JsonRecord):
 
 
 @dataclass(frozen=True, repr=False)
-class Diagnosis(Shown, JsonRecord):
+class Diagnosis(Record, JsonRecord):
     """verdict : "effect_missing", "nothing_missing" or "unknown_effect"; effects in the
     order of adding; noise_floor (n,) of the filtered torque; events : what happened
     once.
@@ -271,11 +325,100 @@ class Diagnosis(Shown, JsonRecord):
             )
         return replace(self, effects=chosen, retuned=retuned, curves=curves)
 
+    def with_judged_errors(self, before: Array, after: Array) -> Diagnosis:
+        """The same with the errors (n,) that the model and the model with all that is
+        sure have on the test run, as `compare` and `add` print them.
+
+        The search fits every step again by least squares; those errors stay where the
+        sure findings are not the first of the list, and for the weak ones after them.
+        """
+        n_sure = len([f for f in self.effects if f.torque_is_certain])
+        sure = self.effects[:n_sure]
+        if not sure or self.curves or not all(f.torque_is_certain for f in sure):
+            return self
+        ladder = list(self.effects)
+        if not self.retuned:
+            ladder[0] = replace(ladder[0], held_out_rmse_before=before)
+        ladder[n_sure - 1] = replace(ladder[n_sure - 1], held_out_rmse_after=after)
+        if len(ladder) > n_sure:
+            ladder[n_sure] = replace(ladder[n_sure], held_out_rmse_before=after)
+        return replace(
+            self,
+            effects=tuple(ladder),
+            held_out_rmse_before=before,
+            held_out_rmse=after if len(ladder) == n_sure else self.held_out_rmse,
+        )
+
+    @fact("", digits=9)
+    def n_confident(self) -> int:
+        """Findings whose effect and size are sure."""
+        return self._count("confident")
+
+    @fact("", digits=9, name="n near-tie")
+    def n_near_tie(self) -> int:
+        """Findings whose torque is there, while another effect fits as well."""
+        return self._count("near-tie")
+
+    @fact("", digits=9)
+    def n_weak(self) -> int:
+        """Findings that are not sure."""
+        return self._count("weak")
+
+    def _count(self, rating: Rating) -> int:
+        return sum(f.rating == rating for f in self.effects)
+
+    @fact("times the noise", name="error on data left out")
+    def left_over_noise(self) -> Array | None:
+        """(n,) error of each joint on data left out, with all that was found, over its
+        noise floor; unknown where the noise is not known."""
+        return self.held_out_over_noise
+
+    @fact("N m or N", name="error on data left out in N m or N")
+    def left_error(self) -> Array:
+        """(n,) error of each joint on data left out, with all that was found."""
+        return self.held_out_rmse_with_all
+
+    @fact("N m or N", name="noise floor")
+    def joint_noise(self) -> Array:
+        """(n,) standard deviation of the torque's noise behind the same low-pass; an
+        estimate where no motion repeats."""
+        return self.noise_floor
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a finding: effect, joints, size with half its 95 % interval, unit,
+        rating, evidence, and the error on data left out of its first joint."""
+        import pandas
+
+        rows = []
+        for number, finding in enumerate(self.effects, start=1):
+            joint = finding.main_joint
+            rows.append(
+                {
+                    "finding": number,
+                    "effect": finding.effect,
+                    "joints": finding.joints,
+                    "size": finding.size,
+                    "half of 95 % interval": NORMAL_95 * finding.std,
+                    "unit": finding.unit,
+                    "rating": finding.rating,
+                    "evidence": finding.gain,
+                    "error before [N m or N]": finding.held_out_rmse_before[joint - 1],
+                    "error after [N m or N]": finding.held_out_rmse_after[joint - 1],
+                }
+            )
+        columns = list(rows[0]) if rows else ["finding"]
+        return pandas.DataFrame(rows, columns=columns).set_index("finding")
+
     @property
     def sure(self) -> tuple[Finding | Retune, ...]:
         """Constants and findings whose torque is sure: what to add."""
         candidates: tuple[Finding | Retune, ...] = (*self.retuned, *self.effects)
         return tuple(f for f in candidates if f.torque_is_certain)
+
+    @property
+    def texts(self) -> list[str]:
+        """Every finding and re-estimated constant, as `add` takes it."""
+        return [*(f.text for f in self.effects), *(r.text for r in self.retuned)]
 
     @property
     def noise_known(self) -> bool:
@@ -291,8 +434,8 @@ class Diagnosis(Shown, JsonRecord):
             text += f" The noise is {SPECTRUM_KNOWN}: no motion repeats."
         where = sorted({e.joint for e in self.events})
         if where:
-            events = formatting.count(len(self.events), "event")
-            text += f" Besides, {events} on {formatting.joints(where)}."
+            events = formatting.count(len(self.events), "isolated disturbance")
+            text += f" Also {events} on {formatting.joints(where)}."
         return text
 
     @property
@@ -305,7 +448,7 @@ class Diagnosis(Shown, JsonRecord):
         )
         if self.unexplained_sentence:
             if confident:
-                return f"Missing: {counted}; besides, {self.unexplained_sentence}."
+                return f"Missing: {counted}; also {self.unexplained_sentence}."
             return (
                 "Missing:"
                 f" {self.unexplained_sentence}{f'; possibly {counted}' if self.effects else ''}."
@@ -313,7 +456,7 @@ class Diagnosis(Shown, JsonRecord):
         if self.effects:
             text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
             if self.retuned:
-                text += f" Shape constants to change: {_named(self.retuned)}."
+                text += f" Settings to re-estimate: {_named(self.retuned)}."
             return (
                 text
                 if self.noise_known
@@ -321,7 +464,7 @@ class Diagnosis(Shown, JsonRecord):
             )
         if self.retuned:
             return (
-                "No effect is missing; shape constants should change:"
+                "No effect is missing; settings to re-estimate:"
                 f" {_named(self.retuned)}."
             )
         if self.noise_known:
@@ -335,7 +478,7 @@ class Diagnosis(Shown, JsonRecord):
         if over is None or not len(over):
             return "Nothing is missing that these measurements could show."
         worst = int(np.argmax(over))
-        times = formatting.number(float(over[worst]), 2)
+        times = formatting.number(float(over[worst]))
         if above := self.joints_above_noise:
             return (
                 "No effect of the library explains the torque beyond the noise on"
@@ -377,9 +520,9 @@ class Diagnosis(Shown, JsonRecord):
         """What error is left on data left out, joint by joint."""
         start = "Error on data left out, with everything found, joint by joint:"
         if self.held_out_over_noise is None:
-            errors = (formatting.number(x, 3) for x in self.held_out_rmse_with_all)
+            errors = self.facts()["left_error"].texts
             return f"{start} {', '.join(errors)} N m or N (the noise is not known)."
-        times = (formatting.number(x, 2) for x in self.held_out_over_noise)
+        times = self.facts()["left_over_noise"].texts
         return f"{start} {', '.join(times)} times the noise."
 
     @property
@@ -423,6 +566,8 @@ class Diagnosis(Shown, JsonRecord):
                 "Record a run that tells the findings from what fits as well: all are"
                 " weak."
             )
+        if self.joints_above_noise:
+            return "Look at what the error depends on: `compare` says it."
         return "Use the model, or record motion that excites more."
 
     @property
@@ -462,7 +607,8 @@ class Diagnosis(Shown, JsonRecord):
             for f in self.effects
         ]
         rows += [(r.text, r.explanation, r.rating, "") for r in self.retuned]
-        return ("effect", "size", "confidence", "indistinguishable from"), rows
+        heads = ("effect", "size", "confidence", "indistinguishable from")
+        return Table(heads, rows, words=(0, 1, 2, 3))
 
     @property
     def beside_curves(self) -> tuple[Finding, ...]:
@@ -478,6 +624,7 @@ class Diagnosis(Shown, JsonRecord):
         out = {"format": FINDINGS_FORMAT, **super().to_dict()}
         for k, finding in enumerate(out["effects"], start=1):
             finding["number"] = k
+        out["facts"] = self.facts_to_dict()
         return out
 
 
@@ -585,7 +732,9 @@ def event_lines(
         last = max(e.t_end for e in events)
         return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
     kinds = (
-        "one-off event" if e.frequency is None else f"a hum of {e.frequency:.3g} Hz"
+        "isolated disturbance"
+        if e.frequency is None
+        else f"a hum of {e.frequency:.3g} Hz"
         for e in events
     )
     return [

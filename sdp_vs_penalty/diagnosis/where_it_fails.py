@@ -11,12 +11,12 @@ nor of a motion that comes back.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,9 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.verdict import noise_level
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.formatting import Shown, Summary, plain_unit, words
+from sdp_vs_penalty.formatting import plain_unit, words
+from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.noise import REPETITION
@@ -66,6 +68,10 @@ UNNAMED = "no cause seen"
 NEAR = 0.15
 #: Causes that are seen at some instants only; all others act all the time.
 _AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
+
+
+#: Of a wave in JSON: how often a revolution, its amplitude, that over its surroundings.
+_ORDER = ("per_revolution", "amplitude", "over_surroundings")
 
 
 class FailingStretch(NamedTuple):
@@ -99,13 +105,43 @@ class JointFailure(JsonRecord):
     orders: tuple[tuple[int, float, float], ...]
     stretches: tuple[FailingStretch, ...] = ()
 
+    def numbers(self) -> dict[str, float | None]:
+        """Every number by its name; shares in per cent of the error's variance."""
+        shares = {"all that repeats": self.explainable_share, **self.held_out_shares}
+        numbers = {
+            "error [N m or N]": self.rmse,
+            "noise floor [N m or N]": self.noise_floor,
+            "near reversals over elsewhere": self.reversal_lift,
+        }
+        return numbers | {
+            f"{name} [%]": None if share is None else 100.0 * share
+            for name, share in shares.items()
+        }
+
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON; the joint counts from 1."""
-        named = "per_revolution", "amplitude", "over_surroundings"
         return super().to_dict() | {
-            "orders": [dict(zip(named, one, strict=True)) for one in self.orders],
+            "orders": [dict(zip(_ORDER, one, strict=True)) for one in self.orders],
             "stretches": [s._asdict() for s in self.stretches],
         }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote."""
+        lift = data["reversal_lift"]
+        return cls(
+            joint=int(data["joint"]),
+            rmse=float(data["rmse"]),
+            noise_floor=data["noise_floor"],
+            explainable_share=data["explainable_share"],
+            held_out_shares=dict(data["held_out_shares"]),
+            reversal_lift=float("nan") if lift is None else float(lift),
+            orders=tuple(
+                (int(one[_ORDER[0]]), float(one[_ORDER[1]]), float(one[_ORDER[2]]))
+                for one in data["orders"]
+            ),
+            stretches=tuple(FailingStretch(**one) for one in data["stretches"]),
+        )
 
 
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
@@ -142,7 +178,7 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     return out
 
 
-class Failures(Shown, list[JointFailure]):
+class Failures(Record, list[JointFailure]):
     """Where a model fails on a run, joint by joint; units : of the joints' torques."""
 
     def __init__(
@@ -150,6 +186,37 @@ class Failures(Shown, list[JointFailure]):
     ) -> None:
         super().__init__(failures)
         self.units = tuple(units)
+
+    @fact("times", name="error near reversals over elsewhere")
+    def reversal_lift(self) -> Array:
+        """(n,) RMS error within 0.15 s of a joint's reversals over that elsewhere."""
+        return np.array([f.reversal_lift for f in self])
+
+    @fact("")
+    def strongest_cause(self) -> str:
+        """Of the joint whose error is the most times its noise: the cause that explains
+        most of it on data left out."""
+        worst = self.worst_first[0]
+        strongest = dependences(worst, 1)
+        return strongest[0][0] if strongest else UNNAMED
+
+    @property
+    def worst_first(self) -> list[JointFailure]:
+        """By error over noise, or by the error where the noise is not known."""
+        above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
+        return [self[int(k)] for k in np.argsort(above)[::-1]]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON."""
+        return {
+            "units": list(self.units),
+            "joints": [failure.to_dict() for failure in self],
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote."""
+        return cls(map(JointFailure.from_dict, data["joints"]), data["units"])
 
     def to_frame(self) -> pandas.DataFrame:
         """One row a joint (from 1): rmse, noise_floor, what the error depends on most."""
@@ -164,11 +231,9 @@ class Failures(Shown, list[JointFailure]):
         )
 
     def _summary(self) -> Summary:
-        above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
-        worst = [self[int(k)] for k in np.argsort(above)[::-1]]
         return "Where the model fails, the worst joints first", [
             (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1])))
-            for f in worst
+            for f in self.worst_first
         ]
 
 

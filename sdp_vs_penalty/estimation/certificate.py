@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from sdp_vs_penalty.estimators.lmi_sdp import FAR_GAP
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.formatting import Shown, Summary
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.constraint import BarycentricBound
 
 
@@ -117,9 +117,10 @@ class Certificate(Shown, JsonRecord):
             out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:
             text = (
-                f"at {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"
+                "positive definite in"
+                f" {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"
             )
             if self.at_every_pose:
-                text = "at every pose (follows from the links)"
-            out.append(("M(q) positive definite", text))
+                text = "valid in every pose"
+            out.append(("inertia matrix", text))
         return out

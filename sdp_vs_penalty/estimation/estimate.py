@@ -27,9 +27,13 @@ from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import make_estimator
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.files import read_json, require_format, write_text
-from sdp_vs_penalty.formatting import Shown, Summary, Table, number
+from sdp_vs_penalty.formatting import number
+from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem, problem_from_dict, problem_to_dict
+from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
@@ -46,8 +50,14 @@ if TYPE_CHECKING:
 FORMAT = 2
 
 
+#: Exporters are plug-ins of a later folder: found by name when a model is asked for one.
+_SIMULATORS = lazy_exports(
+    "sdp_vs_penalty.exporters", simulators="to_pinocchio to_mjspec"
+)
+
+
 @dataclass(frozen=True, repr=False)
-class Estimate(Shown):
+class Estimate(Record):
     """The identified parameters of a model, and how they came about.
 
     Parameters
@@ -110,6 +120,43 @@ class Estimate(Shown):
         "bounds"."""
         undetermined = self.details.get("undetermined", {})
         return tuple(undetermined.get(p.name, "data") for p in self.model.parameters)
+
+    @property
+    def determined_by_data(self) -> list[tuple[str, str]]:
+        """How many parameters the data determine, and which base parameters the prior
+        or the bounds decide: names and texts; empty without base parameters.
+
+        Where a base parameter that should be the data's has no standard deviation, none
+        of it is known.
+        """
+        base = self.details.get("base_parameters") or []
+        if not base:
+            return []
+        std = {interval.name: interval.std for interval in self.uncertainty.base}
+        blind = sum(
+            entry["source"] == "data" and bool(np.isnan(std.get(entry["name"], 0.0)))
+            for entry in base
+        )
+        if blind:
+            text = (
+                f"nothing is known of the intervals: {blind} of {len(base)} base"
+                " parameters have none"
+            )
+            return [("determined by the data", text)]
+        prior = {
+            entry["name"]: entry["source"]
+            for entry in base
+            if entry["source"] not in ("data", "given")
+        }
+        text = (
+            f"{len(base) - len(prior)} of {len(base)} base parameters,"
+            f" {self.n_from_data} of {self.n_parameters} standard"
+        )
+        entries = [("determined by the data", text)]
+        if prior:
+            names = f"{', '.join(prior)}; see `source` in the file"
+            entries.append((f"from the {next(iter(prior.values()))}", names))
+        return entries
 
     @property
     def unweighed(self) -> str:
@@ -178,6 +225,71 @@ class Estimate(Shown):
             "values": self.theta.tolist(),
         }
         return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+
+    @fact("", digits=9)
+    def n_parameters(self) -> int:
+        """Parameters of the model."""
+        return len(self.theta)
+
+    @fact("", digits=9, name="n parameters from data")
+    def n_from_data(self) -> int:
+        """Parameters that the data determine; prior or bounds decide the others."""
+        return self.sources.count("data")
+
+    @fact("kg")
+    def total_mass(self) -> float | None:
+        """Sum of the links' masses."""
+        return float(self.links[:, 0].sum()) if len(self.links) else None
+
+    @fact("")
+    def largest_violation(self) -> float:
+        """The largest violation of a constraint, in its own unit; 0 for physically
+        consistent links."""
+        return self.certificate.worst
+
+    @fact("", digits=1)
+    def distance_to_best_fit(self) -> float | None:
+        """The certified gap: how far the loss can be above the best possible one, as a
+        share of it."""
+        return self.certificate.gap
+
+    def links_frame(self) -> pandas.DataFrame:
+        """One row a link: mass, centre of mass, inertia about it, nominal mass, least
+        thickness, and what the mass is from; units in the columns' names."""
+        from sdp_vs_penalty.estimation.frames import links_frame
+
+        return links_frame(self)
+
+    def base_frame(self) -> pandas.DataFrame:
+        """One row a base parameter: its full expression ("Izz1 + Iyy2 + 0.0998 m3"),
+        value, 95 % interval, verdict, unit."""
+        from sdp_vs_penalty.estimation.frames import base_frame
+
+        return base_frame(self)
+
+    def covariance_frame(self, base: bool = False) -> pandas.DataFrame:
+        """Covariance with labelled rows and columns, of the parameters or of the base
+        parameters; NaN for parameters that the data do not determine."""
+        from sdp_vs_penalty.estimation import frames
+
+        if base:
+            return frames.base_covariance_frame(self)
+        return frames.covariance_frame(self)
+
+    def to_pinocchio(self, force: bool = False) -> Any:
+        """The links, armature and friction as a Pinocchio Model; see
+        :func:`~sdp_vs_penalty.exporters.simulators.to_pinocchio`."""
+        return _SIMULATORS("to_pinocchio")(self, force)
+
+    def to_mjspec(self, force: bool = False) -> Any:
+        """The model as MuJoCo's MjSpec; see
+        :func:`~sdp_vs_penalty.exporters.simulators.to_mjspec`."""
+        return _SIMULATORS("to_mjspec")(self, force)
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Estimate:
+        """What :meth:`to_dict` wrote."""
+        return _from_dict(data)
 
     @property
     def weighting(self) -> str:
@@ -286,7 +398,8 @@ class Estimate(Shown):
             rows.append(
                 (p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect)
             )
-        return ("parameter", "value", "nominal", "from", "unit", "effect"), rows
+        heads = ("parameter", "value", "nominal", "from", "unit", "effect")
+        return Table(heads, rows, words=(0, 3, 4, 5))
 
     def to_frame(self) -> pandas.DataFrame:
         """The parameters as a table, indexed by name: value, std, 95 % interval, unit,

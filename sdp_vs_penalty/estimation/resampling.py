@@ -49,7 +49,6 @@ from sdp_vs_penalty.estimators.estimator import (
     no_progress,
 )
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
-from sdp_vs_penalty.formatting import Shown, Summary, Table
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -59,6 +58,8 @@ from sdp_vs_penalty.regression.regression import (
     Regression,
     compress_cells,
 )
+from sdp_vs_penalty.results.record import Shown, Summary
+from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.phases import phase_folds
@@ -172,7 +173,7 @@ class CrossValidation(Shown):
             (str(k), f"{f.start:.3g}-{f.stop:.3g}", f"{f.relative_error_percent:.3g}")
             for k, f in enumerate(self.folds, start=1)
         ]
-        return ("fold", "seconds", "relative error [%]"), rows
+        return Table(("fold", "seconds", "relative error [%]"), rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain JSON."""

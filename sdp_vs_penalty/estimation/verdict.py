@@ -169,6 +169,7 @@ def judge(
     remark: str = "",
     seconds: float | None = None,
     doubt: str = "",
+    highest: float | None = None,
 ) -> Verdict:
     """The verdict on one model.
 
@@ -178,20 +179,14 @@ def judge(
     nominal (links,) [kg] : of its links, identified and before; missing : what a
     diagnosis says, "" where there was none; forward : what a forward simulation says;
     remark : of long recordings; seconds : of filtered motion that errors are of; doubt :
-    what the data check leaves in doubt (:func:`doubt_of_log`).
+    what the data check leaves in doubt (:func:`doubt_of_log`); highest : error [%] that
+    motion of this length does not rule out.
     """
-    beyond, over = (
-        relative,
-        None,
-    )  # relative: without what the noise explains, where that is known
-    if floor is not None:
-        with np.errstate(divide="ignore", invalid="ignore"):
-            over = np.where(
-                floor > 0.0, rmse / floor, np.where(rmse > 0.0, np.inf, 1.0)
-            )
-        if np.isfinite(relative) and np.any(rmse > 0.0):
-            left = np.maximum(rmse**2 - floor**2, 0.0).sum()
-            beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
+    over = over_noise(rmse, floor)
+    beyond = relative  # without what the noise explains, where that is known
+    if floor is not None and np.isfinite(relative) and np.any(rmse > 0.0):
+        left = np.maximum(rmse**2 - floor**2, 0.0).sum()
+        beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
     fit = _fit(over, beyond, relative, noise_source, np.asarray(r2) < 0.0)
     prediction_words = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
@@ -208,7 +203,11 @@ def judge(
         f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
     )
     end = f"{prediction_words if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
-    lines = [fit, _prediction(beyond, relative, new_share, far, end, seconds), last]
+    lines = [
+        fit,
+        _prediction(beyond, relative, new_share, far, end, seconds, highest),
+        last,
+    ]
     if doubt:
         lines.insert(0, Line(LOG, "usable", doubt))
     weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
@@ -244,29 +243,34 @@ def _fit(
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     if over is None:
         sentence = (
-            f"{relative:.3g} % relative error; the noise floor is unknown: no motion"
-            " repeats"
+            f"{relative:.3g} % error; the noise floor is unknown: no motion repeats"
         )
     else:
         none = none & (over > ABOVE_NOISE)
-        sentence = (
-            "Error over noise, joint by joint:"
-            f" {', '.join(formatting.number(x, 2) for x in over)}"
-        )
+        sentence = _errors_in_words(over)
         if source == SPECTRUM:
             sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
         if grade == "do not use":
-            sentence = (
-                f"{beyond:.3g} % relative error beyond the noise;"
-                f" {sentence[0].lower()}{sentence[1:]}"
-            )
+            sentence = f"{beyond:.3g} % error beyond the noise. {sentence}"
         elif np.all(over <= ABOVE_NOISE):
             grade = "good"
     if none.any():
         grade = min(grade, "usable", key=GRADES.index)
         where = formatting.joints((np.flatnonzero(none) + 1).tolist())
-        sentence += f"; no model of {where} (worse than the mean torque)"
+        sentence += f"; {where}: worse than a constant torque"
     return Line(FIT, grade, f"{sentence}.")
+
+
+def _errors_in_words(over: Array) -> str:
+    """The joint that errs most, in multiples of its noise, then every joint."""
+    worst = int(np.argmax(over))
+    each = [f"j{j} {formatting.number(x)}" for j, x in enumerate(over, start=1)]
+    times = formatting.number(float(over[worst]))
+    if over[worst] <= ABOVE_NOISE:
+        start = f"No joint errs more than {times} times its noise"
+    else:
+        start = f"Joint {worst + 1} errs {times} times its noise"
+    return f"{start} (error / noise: {', '.join(each)})"
 
 
 def _prediction(
@@ -276,34 +280,43 @@ def _prediction(
     far: bool,
     end: str,
     seconds: float | None,
+    highest: float | None,
 ) -> Line:
     """far : rows lie outside of a measured curve, or the noise is not known; end : of
-    the sentence."""
+    the sentence; highest : the error [%] that the judged motion does not rule out, None
+    where that is not known."""
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     percent = "" if share is None else f"{100.0 * share:.0f} %"
     if share is None or share < MOSTLY_NEW:
-        known = (
-            f"{percent} of this is new to it"
-            if percent
-            else "the model does not record its own"
-        )
-        sentence = f"Not judged on unseen motion ({known}): compare it on another one"
-        if grade == "do not use":
-            sentence = f"{beyond:.3g} % relative error beyond the noise already here. {sentence}"
-    else:
-        grade = "good" if beyond <= 100.0 * CHANGES and not far else grade
-        length = "" if seconds is None else f" {seconds:.3g} s of"
+        known = "the model does not record its own motion"
+        if percent:
+            known = f"{percent} of this motion is new"
         sentence = (
-            f"{relative:.3g} % relative error on{length} motion of which {percent} is"
-            " new to the model"
+            f"Scored on training data ({known}); run `compare` on a new recording"
         )
+        if grade == "do not use":
+            sentence = f"{beyond:.3g} % error even on training data. {sentence}"
+        return Line(PREDICTION, grade, sentence + end)
+    length = "" if seconds is None else f": {seconds:.3g} s"
+    sentence = (
+        f"{relative:.3g} % error on motion not used for fitting{length}, {percent} of it"
+        " new"
+    )
+    limit = 100.0 * CHANGES
+    if beyond <= limit and not far:
+        if highest is not None and highest > limit:
+            sentence = f"Too short to tell: {sentence}"
+            if np.isfinite(highest):
+                sentence += f"; so little does not rule out {highest:.2g} %"
+        else:
+            grade = "good"
     return Line(PREDICTION, grade, sentence + end)
 
 
 def _left(fit: Line, over: Array | None) -> str:
     """What errors alone say of what is missing."""
     if fit.grade == "good":
-        times = formatting.number(1.0 if over is None else float(np.max(over)), 2)
+        times = formatting.number(1.0 if over is None else float(np.max(over)))
         return (
             "Nothing that these measurements show: no joint errs more than"
             f" {times} times its noise."
@@ -350,19 +363,30 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
     known = floor is not None and bool(np.all(floor > 0.0))
     scale = floor if known and floor is not None else np.ones(len(before))
 
-    def said(j: int) -> str:
+    def words(j: int) -> str:
         percent = f" ({100.0 * share[j]:+.0f} %)" if np.isfinite(share[j]) else ""
-        return f"{before[j] / scale[j]:.3g} -> {after[j] / scale[j]:.3g}{percent}"
+        errors = [formatting.number(float(x[j] / scale[j])) for x in (before, after)]
+        return f"{errors[0]} -> {errors[1]}{percent}"
 
     order = np.argsort(share)
-    better = [f"joint {j + 1}: {said(j)}" for j in order if share[j] < -CHANGES]
+    better = [f"joint {j + 1}: {words(j)}" for j in order if share[j] < -CHANGES]
     worse = [
-        f"joint {j + 1} worse: {said(j)}" for j in order[::-1] if share[j] > CHANGES
+        f"joint {j + 1} worse: {words(j)}" for j in order[::-1] if share[j] > CHANGES
     ]
     if not better and not worse:
         return ""
     unit = "times the noise" if known else "N m or N"
     return f"{'; '.join([*better, *worse])} {unit}."
+
+
+def over_noise(rmse: Array, floor: Array | None) -> Array | None:
+    """(n,) errors over the noise floor; infinite where the noise is zero and the error
+    is not; None without a floor."""
+    if floor is None:
+        return None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = rmse / floor
+    return np.where(floor > 0.0, ratio, np.where(rmse > 0.0, np.inf, 1.0))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from types import ModuleType
 
 from sdp_vs_penalty import exporters
 from sdp_vs_penalty.errors import InputError, printable
-from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
 from sdp_vs_penalty.files import write_bytes
@@ -24,9 +24,8 @@ def formats() -> dict[str, ModuleType]:
 
 def format_of(out: str | Path) -> ModuleType:
     """The module that writes files of this name. Raises InputError where there is none."""
-    endings = [
-        ending for ending in formats() if Path(out).name.lower().endswith(ending)
-    ]
+    name = Path(out).name.lower()
+    endings = [ending for ending in formats() if name.endswith(ending)]
     if not endings:
         known = ", ".join(
             f"{ending} ({home.ABOUT})" for ending, home in formats().items()
@@ -35,8 +34,8 @@ def format_of(out: str | Path) -> ModuleType:
     return formats()[max(endings, key=len)]
 
 
-def export(
-    estimate: Estimate | str | Path,
+def write_model(
+    estimate: Estimate,
     out: str | Path,
     urdf: str | Path | None = None,
     *,
@@ -44,36 +43,23 @@ def export(
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     judged: Verdict | None = None,
 ) -> tuple[str, ...]:
-    """Write a model in the format that the file's name chooses; `sdp-vs-penalty list
-    exports` names all.
-
-    estimate : the model, or its model.json; out : the file to write.
-    urdf : the user's own URDF file, whose inertials, damping and friction are replaced and whose every
-        other byte is kept; for ``out`` with the suffix .urdf only.
-    flange : where the flange lies in the last joint's frame [m], for a payload.
-    force : a link whose mass lies farther out than its body reaches is exported all the same.
-    judged : the verdict on :func:`as_exported`, where a file loses effects.
-    Files with comments begin with the verdict on what they hold, .json has it as a field.
-    Returns the effects that the format has no place for (they are in the .json).
-    Raises InputError for another suffix, an inconsistent or implausible inertial, or a URDF of another
-    robot.
-    """
-    estimate = as_estimate(estimate, "export(estimate=...)")
+    """What :func:`sdp_vs_penalty.export` does with a model that is read and, as the file
+    holds it, judged."""
     out = Path(out)
     home = format_of(out)
     if urdf is not None and not getattr(home, "EDITS", False):
         raise InputError(
             "an edited URDF must end in .urdf", "rename it, or leave the URDF out", out
         )
-    written: tuple[bytes, tuple[str, ...]] = home.write(
-        estimate, Options(urdf, force, flange)
-    )
-    content, left_out = written
+    options = Options(urdf, force, flange)
+    content: bytes
+    left_out: tuple[str, ...]
+    content, left_out = home.write(estimate, options)
     if urdf is None:  # of the user's own file every other byte is kept
-        said = verdict_line(estimate)
+        verdict = verdict_line(estimate)
         if left_out and hasattr(home, "HOLDS"):
-            said = exported_verdict(left_out, judged)
-        content = _with_verdict(content, out.suffix.lower(), said)
+            verdict = exported_verdict(left_out, judged)
+        content = _with_verdict(content, out.suffix.lower(), verdict)
     write_bytes(out, content)
     return left_out
 
@@ -86,13 +72,13 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
 
 
 def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
-    """What is said of a file that lacks effects, in printable ASCII."""
+    """The verdict on a file that lacks effects, in printable ASCII."""
     lacks = f"without {', '.join(left_out)}"
     if judged is None:
-        said = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
+        sentence = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
     else:
-        said = f"As exported, {lacks}. {judged.brief()}"
-    return re.sub(r"[^\x20-\x7e]", "?", said)
+        sentence = f"As exported, {lacks}. {judged.brief()}"
+    return re.sub(r"[^\x20-\x7e]", "?", sentence)
 
 
 def _with_verdict(content: bytes, suffix: str, line: str) -> bytes:
@@ -101,9 +87,12 @@ def _with_verdict(content: bytes, suffix: str, line: str) -> bytes:
     line = printable(line)
     if suffix in (".urdf", ".xml", ".sdf"):
         comment = f"<!-- {re.sub('-(?=-)', '- ', line)} -->\n".encode()
-        declared = content.find(b"?>\n") + 3 if content.startswith(b"<?xml") else 0
-        return content[:declared] + comment + content[declared:]
-    head = {".h": f"/* {line.replace('*/', '* /')} */\n", ".script": f"# {line}\n"}.get(
-        suffix, ""
-    )
-    return head.encode() + content
+        is_declared = content.startswith(b"<?xml")
+        start = content.find(b"?>\n") + 3 if is_declared else 0
+        return content[:start] + comment + content[start:]
+    if suffix == ".h":
+        comment = f"/* {line.replace('*/', '* /')} */\n".encode()
+        return comment + content
+    if suffix == ".script":
+        return f"# {line}\n".encode() + content
+    return content

@@ -10,7 +10,6 @@ from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
-from sdp_vs_penalty.formatting import Shown, Summary
 from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.online.arm import ArmModel
 from sdp_vs_penalty.online.change import Change, ChangeDetector
@@ -18,6 +17,7 @@ from sdp_vs_penalty.online.information import SIZE, WIDTH, PayloadPrior, Posteri
 from sdp_vs_penalty.online.noise import ResidualNoise
 from sdp_vs_penalty.online.projection import ConeProjection
 from sdp_vs_penalty.online.smoothing import SmoothingFilter
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.inertia import barycentric_from_standard, inertia_matrix
 

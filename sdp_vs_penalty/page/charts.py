@@ -9,15 +9,19 @@ import numpy as np
 from nicegui import ui
 from scipy.spatial.transform import Rotation
 
+from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.findings import Finding
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.page.controls import button, chart, note, tag
-from sdp_vs_penalty.page.session import ModelStep
+from sdp_vs_penalty.page.session import ModelStep, Session
 from sdp_vs_penalty.page.view import View
-from sdp_vs_penalty.reports import plots
-from sdp_vs_penalty.reports.markup import shades
-from sdp_vs_penalty.reports.plots import COLOURS, MEASURED, POINTS, Curves, Figure
+from sdp_vs_penalty.render import charts as plots
+from sdp_vs_penalty.render.charts import COLOURS, MEASURED, POINTS, Curves, Figure
+from sdp_vs_penalty.render.pieces import shades
+from sdp_vs_penalty.render.words import cause_of
 
 
 def torque_chart(
@@ -118,6 +122,47 @@ def missing_chart(
     motion = Motion(read["t"], read["q"], read["dq"], read["ddq"], read["modelled"])
     warm = any(v.startswith("temp") for v in curve.of)  # a recording holds none
     return ready(plots.missing_figure(curve, units, [] if warm else [motion]), 260)
+
+
+def failing_stretches(
+    model: ModelStep, run: str, j: int, start: float
+) -> list[tuple[float, float, str]]:
+    """Where joint j (from 0) fails on a run, in its seconds since ``start``, and the
+    cause."""
+    if not model.failures:
+        return []
+    name = run.partition(", ")[0]
+    return [
+        (s["start"] - start, s["stop"] - start, s["cause"])
+        for s in model.failures[j]["stretches"]
+        if s["run"].startswith(name)
+    ]
+
+
+def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
+    """The error of a finding's joint against its cause: before, after everything sure
+    was added, and what that models; None where the runs are too short to say a cause."""
+    step = session.diagnosed
+    if not step.failures or not step.pictures:
+        return None
+    read = session.arrays(step.pictures)
+    before, after = [
+        Signals(read["t"], read["q"], read["dq"], read["measured"], read[name])
+        for name in ("before", "after")
+    ]
+    joint = finding.main_joint
+    failures = Failures.from_dict({"units": (), "joints": step.failures})
+    units = session.robot["units"]
+    plot = plots.cause_figure(
+        before,
+        after if finding.torque_is_certain else None,
+        joint=joint,
+        cause=cause_of(failures, joint),
+        units=units,
+        position_units=["m" if unit == "N" else "rad" for unit in units],
+        floor=step.comparison["noise_floor"],
+    )
+    return ready(plot, 240)
 
 
 #: Signals that an error is drawn against, and their names.

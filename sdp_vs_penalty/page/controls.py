@@ -14,8 +14,9 @@ from nicegui.elements.mixins.text_element import TextElement
 
 from sdp_vs_penalty.page.session import ModelStep
 from sdp_vs_penalty.page.sessions import SUFFIXES
-from sdp_vs_penalty.reports import markup
-from sdp_vs_penalty.reports.sections import JUDGED_HEADS
+from sdp_vs_penalty.render.pieces import framed
+from sdp_vs_penalty.render.tables import judged_table
+from sdp_vs_penalty.results.table import Table
 
 Handler = Callable[..., Any]
 
@@ -31,11 +32,6 @@ def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
         {key: value for key, value in attributes_given.items() if value is not False}
     )
     return element_made
-
-
-def plain_name(effect: str) -> str:
-    """presliding_hysteresis as Presliding hysteresis."""
-    return effect.replace("_", " ").capitalize()
 
 
 def note(text: str) -> None:
@@ -132,6 +128,34 @@ def text_field(
         )
 
 
+def slider(
+    label: str,
+    value: str,
+    do: Callable[[int], Any],
+    key: str,
+    least: str,
+    most: str,
+) -> None:
+    """A handle to drag between two whole numbers; heard when it is let go."""
+    with tag("label", style="field"):
+        tag("span", label)
+        handle = tag(
+            "input",
+            type="range",
+            data_key=key,
+            aria_label=label,
+            value=value,
+            min=least,
+            max=most,
+            step="1",
+        )
+        handle.on(
+            "change",
+            lambda e: do(int(e.args)),
+            js_handler="(e) => emit(e.target.value)",
+        )
+
+
 def check(
     label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = ""
 ) -> None:
@@ -203,31 +227,20 @@ def details(title: str, key: str, on: bool = False) -> Any:
     return element_made
 
 
-def table(
-    headings: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    caption: str,
-    style: str,
-    mark: int | None = None,
-) -> None:
-    """The report's table, as one element however many cells: a browser looks at every
-    element when any one changes."""
-    ui.html(
-        markup.table(headings, rows, caption=caption, style=style, mark=mark),
-        sanitize=False,
-    )
+def table(shown: Table, caption: str = "") -> None:
+    """A table, as one element however many cells: a browser looks at every element when
+    any one changes."""
+    ui.html(framed(shown, caption), sanitize=False)
 
 
 def judged(models: Sequence[ModelStep]) -> None:
     """How good models are, a row each."""
-    names = [
-        f"{k} {m.label}" if len(models) > 1 else m.label
-        for k, m in enumerate(models, start=1)
-    ]
+    numbered = enumerate(models, start=1)
+    names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in numbered]
     rows = [
         [name, *model.judged[1:]] for name, model in zip(names, models, strict=True)
     ]
-    table(["model", *JUDGED_HEADS], rows, "Models judged", "judged")
+    table(judged_table(rows), "Models judged")
 
 
 def chart(options: Mapping[str, Any], label: str) -> Any:

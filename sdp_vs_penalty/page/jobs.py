@@ -8,7 +8,8 @@ models there, so that a job that is killed has changed nothing.
 import json
 import time
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,42 +18,44 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.api.diagnosis import diagnose_and_add
 from sdp_vs_penalty.api.exporting import judge_as_exported
+from sdp_vs_penalty.api.identification import identify_and_judge
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
+from sdp_vs_penalty.data.formats.column_report import describe_columns
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
 from sdp_vs_penalty.diagnosis.comparison import (
     compare,
-    keep_noise_floor,
     predicted,
     still_missing,
 )
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.drive_torque import driven
-from sdp_vs_penalty.estimation.estimate import Estimate, link_rows, load_estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import cross_validate
 from sdp_vs_penalty.estimation.shapes import asked_effects
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.exporters.export import export
+from sdp_vs_penalty.exporters.export import write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes, write_text, writing
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.render import tables, words
+from sdp_vs_penalty.render.arms import drawn_arm
+from sdp_vs_penalty.render.charts import POINTS, spread_rows
 from sdp_vs_penalty.reports import report as write_report
-from sdp_vs_penalty.reports import sections
-from sdp_vs_penalty.reports.plots import POINTS
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
@@ -68,6 +71,8 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 Answer = dict[str, Any]
 #: Share of a run that is identified from where the rest of it is kept for testing.
 SPLIT = 0.7
+#: Rows of which the pictures of a diagnosis are drawn.
+CARD_ROWS = 20_000
 
 
 class JobRequest(dict[str, Any]):
@@ -132,8 +137,9 @@ class JobRequest(dict[str, Any]):
             if run["use"] != "split":
                 sides[run["use"]].append(named)
                 continue
-            for side, windows in run["split"].items():
-                sides[side].append(windowed(named, [(a, b) for a, b in windows]))
+            for side, of_side in sides.items():
+                windows = [(a, b) for a, b in run["split"][side]]
+                of_side.append(windowed(named, windows))
         test = concatenate(sides["test"]) if sides["test"] else None
         judged = self._recordings("train" if test is None else "test")
         return Runs(concatenate(sides["train"]), test, loaded, judged)
@@ -161,6 +167,7 @@ def read(job: JobRequest) -> Answer:
     runs = list[Answer]()
     refused = list[str]()
     remarks = list[str]()
+    mappings = list[Answer]()
     for file in job["files"]:
         job.progress(f"reading {file['name']}")
         path = Path(file["path"])
@@ -181,7 +188,37 @@ def read(job: JobRequest) -> Answer:
             runs.append(keep(job, problem, part, file["name"], alone=alone))
         except InputError as error:
             refused.append(str(error))
-    return {"runs": runs, "refused": refused, "remarks": remarks}
+            columns = _columns_of(path, problem)
+            if columns is not None:
+                mappings.append({**file, **columns})
+    return {
+        "runs": runs,
+        "refused": refused,
+        "remarks": remarks,
+        "mappings": mappings,
+    }
+
+
+def _columns_of(path: Path, problem: Problem) -> Answer | None:
+    """What the recogniser makes of a refused file's columns, for a person to correct:
+    its columns with their first cells, our names, and the column chosen for each; None
+    where it lacks no column."""
+    joints = problem.robot.joint_names
+    with suppress(InputError):
+        report = describe_columns(path, joints)
+        if report is None or not (report.missing or report.problem):
+            return None
+        numbers = range(1, len(joints) + 1)
+        ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
+        if len(report.rows) < len(ours):
+            return None  # no choice gives every joint a column
+        return {
+            "columns": [row.name for row in report.rows],
+            "cells": [", ".join(row.first_cells[:3]) for row in report.rows],
+            "ours": ours,
+            "chosen": [report.rename.get(name, "") for name in ours],
+        }
+    return None
 
 
 def _loaded(job: JobRequest, problem: Problem, path: Path) -> Measurements:
@@ -269,7 +306,8 @@ def keep(
     findings = [
         {**f.to_dict(), "gravity": f.gravity} for f in report_of_run.errors_and_warnings
     ]
-    if alone and split is not None:
+    # Of a long run the check looks at windows all over it anyway.
+    if alone and split is not None and not report_of_run.is_long:
         findings += _of_windows(problem, part, split, report_of_run)
     file = _file(part)
     view = f"view-{file}"
@@ -292,7 +330,7 @@ def keep(
 def _of_windows(
     problem: Problem,
     part: Measurements,
-    split: Mapping[str, list[tuple[float, float]]],
+    split: Mapping[str, Any],
     whole: Report,
 ) -> list[dict[str, Any]]:
     """What the check says of the parts that a run is split into and not of the whole:
@@ -345,25 +383,43 @@ def _preview(
     return arrays
 
 
+def resplit(job: JobRequest) -> Answer:
+    """A run split anew: ``share`` of its motion is for training."""
+    (run,) = (run for run in job["runs"] if run["file"] == job["file"])
+    part = load_measurements(job.folder / run["file"])
+    split = _split(job.problem, part, job["share"])
+    if split is None:
+        raise InputError(
+            f"{run['name']} cannot be split so", "drag the bar back", run["name"]
+        )
+    return {"split": split}
+
+
 def _split(
-    problem: Problem, part: Measurements
-) -> dict[str, list[tuple[float, float]]] | None:
-    """Windows to identify from and to test on, rounded so that a command can name them."""
+    problem: Problem, part: Measurements, share: float = SPLIT
+) -> dict[str, Any] | None:
+    """Windows [s] to "train" on and to "test" on, rounded so that a command can name
+    them; "share" of the motion for training; "bar" : what the page draws of it, a side,
+    begin and length [% of the run] each. None for a run that is too short."""
     try:
         settings = problem.preprocessing.resolve(part)
-        reach = filter_reach(
-            part, settings
-        )  # half of it lies between: no filter sees both
+        # Half of it lies between: no filter sees both.
+        reach = filter_reach(part, settings)
     except InputError:  # no motion: the check says so
         return None
     (clock,) = motion_clocks(tracks_of(part))
-    windows = phase_windows(
-        clock, float(part.t[-1] - part.t[0]), SPLIT, 0.5 * reach, 1.5 * reach
-    )
+    seconds = float(part.t[-1] - part.t[0])
+    windows = phase_windows(clock, seconds, share, 0.5 * reach, 1.5 * reach)
     if windows is None:
         return None
-    rounded = ([(round(a, 3), round(b, 3)) for a, b in side] for side in windows)
-    return dict(zip(("train", "test"), rounded, strict=True))
+    split: dict[str, Any] = {"share": share, "bar": []}
+    for side, stretches in zip(("train", "test"), windows, strict=True):
+        split[side] = [(round(a, 3), round(b, 3)) for a, b in stretches]
+        split[f"{side}_seconds"] = round(sum(b - a for a, b in stretches), 3)
+        for a, b in stretches:
+            place = {"left": 100.0 * a / seconds, "width": 100.0 * (b - a) / seconds}
+            split["bar"].append({"side": side, **place})
+    return split
 
 
 def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
@@ -406,13 +462,14 @@ def robot(job: JobRequest) -> Answer:
 
 
 def fit(job: JobRequest) -> Answer:
-    """Identify a model and look where it fails."""
+    """Identify a model as the verb does, check included, and look where it fails."""
     options = job["options"]
     bounded = with_bounds(job.problem, options.get("bounds"))
     problem = with_filters(bounded, options.get("filters"))
-    estimate = estimate_parameters(
+    remarks: list[str] = []
+    estimate, _ = identify_and_judge(
         problem,
-        read_and_filter(problem, job.windowed(job.runs.train)),
+        job.windowed(job.runs.train),
         with_solver(job["method"], options.get("solver")),
         PoseOptions(
             effects=job["effects"],
@@ -421,8 +478,10 @@ def fit(job: JobRequest) -> Answer:
         ),
         progress=job.progress,
         workers=Workers(int(job.number("jobs", 1)), progress=job.progress),
+        noise_from=job.training_recordings,
+        check=not job["anyway"],
+        warn=remarks.append,
     )
-    keep_noise_floor(estimate, job.training_recordings)
     return summary(job, estimate)
 
 
@@ -436,27 +495,45 @@ def open_model(job: JobRequest) -> Answer:
 
 def extend(job: JobRequest) -> Answer:
     """Add effects to a model: what `sdp-vs-penalty add` does."""
-    return summary(
-        job,
-        add(job.model, job["effect"], job.runs.train, **job.common_options),
-    )
+    effects: str | Diagnosis = job["effect"]
+    if job.get("findings"):
+        effects = Diagnosis.from_dict(job["findings"]).selected(confident=True)
+    bigger = add(job.model, effects, job.runs.train, **job.common_options)
+    return summary(job, bigger)
 
 
 def find(job: JobRequest) -> Answer:
     """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
     runs = job.runs
     model = job.model
-    result = diagnose(
+    result, better = diagnose_and_add(
         model,
         runs.train,
         runs.test,
         noise_from=runs.all_runs,
         judged_recordings=runs.judged_recordings,
+        check=False,  # the stage Check has judged these runs
         **job.common_options,
     )
+    save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
     curves = [curve.effect(model.robot).text for curve in result.curves]
     said = still_missing(result, model)
     return {"diagnosis": result.to_dict(), "curves": curves, "missing": said}
+
+
+def _card_arrays(
+    model: Estimate, better: Estimate | None, judged: Measurements
+) -> dict[str, Any]:
+    """What the cards of a diagnosis draw: t (M,), q, dq, measured torque, that of the
+    model and of the model with all that is sure, each (M, n), of the judged runs."""
+    models = {"before": model, **({} if better is None else {"after": better})}
+    compared = compare(models, judged)
+    before, after = compared[0].signals, compared[-1].signals
+    keep = spread_rows(len(before.t), CARD_ROWS)
+    arrays = {name: getattr(before, name) for name in ("q", "dq", "measured")}
+    arrays |= {"before": before.modelled, "after": after.modelled}
+    small = {name: np.asarray(x[keep], np.float32) for name, x in arrays.items()}
+    return {"t": before.t[keep], **small}
 
 
 def methods(job: JobRequest) -> Answer:
@@ -485,18 +562,17 @@ def methods(job: JobRequest) -> Answer:
                 progress=progress,
             )
         except InputError as error:
-            rows.append([name, str(error), *[""] * (len(sections.JUDGED_HEADS) - 1)])
+            refused = [name, str(error), *[""] * len(tables.JUDGED_HEADS[1:])]
+            rows.append(refused)
             continue
-        row = sections.judged_row(
+        row = tables.judged_cells(
             compare(
                 {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
             )[0]
         )
-        rows.append(
-            [*row, *([f"{folds.relative_error_percent:.4g} %"] if folds else [])]
-        )
-    unseen = ["error on unseen motion"] * bool(job["folds"])
-    return {"heads": ["method", *sections.JUDGED_HEADS, *unseen], "rows": rows}
+        rows.append([*row, *([f"{folds.relative_error_percent:.4g}"] if folds else [])])
+    unseen = "error on unseen motion [%]" if job["folds"] else ""
+    return {"table": tables.judged_table(rows, "method", more=unseen).to_dict()}
 
 
 def take(job: JobRequest) -> Answer:
@@ -542,7 +618,7 @@ def take(job: JobRequest) -> Answer:
             there = job.runs
             judged = judge_as_exported(model, out, there.judge, there.judged_recordings)
         verdict = None if judged is None else judged[0]
-        lost = export(model, out, urdf_given, flange=(x, y, z), judged=verdict)
+        lost = write_model(model, out, urdf_given, flange=(x, y, z), judged=verdict)
     diagnosis = []
     if lost:
         diagnosis = [
@@ -572,7 +648,6 @@ def forward(job: JobRequest) -> Answer:
             job.folder / file,
             {**arrays, "poses": np.concatenate([one, other], axis=1)},
         )
-    heads, rows = following.table()
     return {
         "arrays": files,
         "runs": [
@@ -583,41 +658,27 @@ def forward(job: JobRequest) -> Answer:
             name: getattr(following, name)
             for name in ("verdict", "explained", "units", "left_out")
         },
-        "heads": heads,
-        "rows": rows,
+        "table": following.table().to_dict(),
     }
 
 
 def about(estimate: Estimate) -> dict[str, Any]:
     """The parameters as the page shows them: rows, links, words and friction as in the
     report, and the arm in 3D (:func:`drawn_arm`)."""
+    links = tables.link_table(estimate)
     return {
-        "rows": sections.standard_rows(estimate),
-        "links": link_rows(estimate),
-        "words": sections.caveats(estimate),
+        "rows": tables.standard_parameters(estimate),
+        "links": None if links is None else links.to_dict(),
+        "words": words.caveats(estimate),
         "friction": [
             {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
             for c in friction_curves(estimate)
         ],
-        "certificate": sections.certificate_rows([estimate]),
+        "certificate": tables.certificate_table({"model": estimate}).to_dict(),
         **drawn_arm(
             estimate.robot, estimate.links if len(estimate.model.rigid_indices) else []
         ),
     }
-
-
-def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
-    """The arm in 3D: of each joint its parent and place there, of each link its joint
-    and ellipsoid."""
-    bodies = []
-    for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):
-        if (body := sections.half_axes(link)) is not None:
-            half, axes, com = body
-            at = np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
-            place = robot.tree[joint].link_frame @ at
-            bodies.append({"link": k, "joint": joint, "half": half, "place": place})
-    joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
-    return {"bodies": bodies, "joints": joints}
 
 
 def summary(job: JobRequest, estimate: Estimate) -> Answer:
@@ -680,7 +741,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         ),
         "comparison": comparison.to_dict(),
         "failures": failures,
-        "judged": sections.judged_row(comparison),
+        "judged": tables.judged_cells(comparison),
         "about": about(estimate),
         "on_bounds": estimate.details.get("on_bounds") or [],
         "seconds": seconds,

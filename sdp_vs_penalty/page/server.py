@@ -29,7 +29,7 @@ from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import Forms, View
 from sdp_vs_penalty.page.workbench import Workbench
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
-from sdp_vs_penalty.reports.markup import LOOK as PICTURES
+from sdp_vs_penalty.render.pieces import LOOK as PICTURES
 
 _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent

@@ -15,11 +15,24 @@ from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.errors import InputError, command_line
-from sdp_vs_penalty.estimation.verdict import Verdict
+from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
+
+#: The signal that shows what a cause of where_it_fails.py explains.
+SHOWN_BY = {
+    "position": "q",
+    "velocity": "dq",
+    "acceleration": "ddq",
+    "load": "torque",
+    "time": "t",
+    "high speed": "dq",
+    "reversal": "dq",
+    "standstill": "dq",
+    "waves per turn": "q",
+}
 
 
 @dataclass(frozen=True)
@@ -51,7 +64,7 @@ class ModelStep:
     effects added to the step below, with the others held where frozen; opened : the
     file that a person brought, if any; servo : whether it knows the servos of a log
     without torque; findings : what it lacks, if it was diagnosed, and what `add` calls
-    its curves.
+    its curves; pictures : the file of what the cards of its diagnosis draw.
     """
 
     file: str
@@ -72,6 +85,20 @@ class ModelStep:
     servo: bool = False
     findings: Diagnosis | None = None
     curve_texts: Sequence[str] = ()
+    pictures: str = ""
+
+    def signal_of(self, j: int, default: str) -> str:
+        """The signal that shows what the error of joint j (from 0) depends on most."""
+        if not self.failures:
+            return default
+        shares = self.failures[j]["held_out_shares"]
+        cause = max(shares, key=lambda name: shares[name], default="")
+        return SHOWN_BY.get(cause, default)
+
+    @staticmethod
+    def joint_number(j: int) -> int:
+        """The number of joint j (from 0) as it is shown."""
+        return j + 1
 
 
 @dataclass
@@ -112,6 +139,8 @@ class Session:
     watchers: list[Any] = field(default_factory=list)
     left_at: float = field(default_factory=time.monotonic)
     arrived: dict[str, Path] = field(default_factory=dict)
+    #: Files that were refused for their columns, with what is known of these.
+    mappings: list[dict[str, Any]] = field(default_factory=list)
     #: The arguments of the command that makes the simulated runs.
     made_by: list[str] | None = None
     #: The stage and the part where what is new can be seen.
@@ -153,6 +182,11 @@ class Session:
         )
 
     @property
+    def diagnosed(self) -> ModelStep:
+        """The model that the last diagnosis is of."""
+        return self.history[self.found_for - 1]
+
+    @property
     def findings(self) -> Diagnosis | None:
         """The last diagnosis."""
         return self.history[self.found_for - 1].findings if self.found_for else None
@@ -163,6 +197,15 @@ class Session:
         return {
             text for model in self.history[self.found_for :] for text in model.added
         }
+
+    @property
+    def change(self) -> str:
+        """What became of each joint's error from the first model to the current one."""
+        first, last = self.history[0].comparison, self.current.comparison
+        floor = last["noise_floor"]
+        known = None if None in floor else np.array(floor)
+        sentence = changes(np.array(first["rmse"]), np.array(last["rmse"]), known)
+        return sentence or "no joint's error changed by more than 5 %."
 
     def answer(self, job: str) -> dict[str, Any] | None:
         """What a job said of the current model, if it was asked."""
@@ -339,9 +382,36 @@ class Session:
         try:
             await self._take_runs("Reading measurements", "read", self.runs, **how)
         finally:
+            asked = {mapping["path"] for mapping in self.mappings}
             for path in files.values():  # copies of ours: their runs are kept
-                if path.parent == self.folder:
+                if path.parent == self.folder and str(path) not in asked:
                     path.unlink(missing_ok=True)
+
+    def choose_column(self, path: str, ours: str, theirs: str) -> None:
+        """Say which column of a file that is still to be read is what."""
+        for mapping in self.mappings:
+            if mapping["path"] == path:
+                chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
+                mapping["chosen"] = [*{**chosen, ours: theirs}.values()]
+        self.changed()
+
+    async def read_mapped(self, path: str) -> None:
+        """Read a file by the columns that were chosen for it."""
+        (mapping,) = (m for m in self.mappings if m["path"] == path)
+        pairs = zip(mapping["ours"], mapping["chosen"], strict=True)
+        chosen = {ours: theirs for ours, theirs in pairs if theirs}
+        self.mappings = [m for m in self.mappings if m is not mapping]
+        rename = ",".join(
+            f"{ours}=#{mapping['columns'].index(theirs) + 1}"
+            for ours, theirs in chosen.items()
+        )
+        before = dict(self.reading)
+        self.arrived[mapping["name"]] = Path(path)
+        self.reading = {**before, "rename": rename}
+        try:
+            await self.read_files()
+        finally:
+            self.reading = before
 
     async def simulate(
         self,
@@ -384,6 +454,7 @@ class Session:
         ):
             new[0]["use"] = "train"
         self.effects = list(answer.get("effects", self.effects))
+        self.mappings = [*self.mappings, *answer.get("mappings", ())]
         refused = answer.get("refused", ())
         remarks = [*answer.get("remarks", ())]
         remarks += self._forget_models("The runs have changed") if new else []
@@ -400,6 +471,26 @@ class Session:
         ]
         self.runs = [run for run in runs if run["use"]]
         self.say(*self._forget_models("The runs have changed"), error=False)
+
+    async def split(self, file: str, percent: int) -> None:
+        """Split a run anew: so many per cent of its motion are for training."""
+        answer = await self._job(
+            "Splitting the run", "resplit", file=file, share=percent / 100.0
+        )
+        self.runs = [
+            {**run, "split": answer["split"]} if run["file"] == file else run
+            for run in self.runs
+        ]
+        self.say(*self._forget_models("The split has changed"), error=False)
+
+    def warnings_of(self, joint: int) -> list[str]:
+        """What the check warns of a joint (from 1) in the runs that are used."""
+        return [
+            f"{run['name']}: {issue['kind']} ({issue['where']})"
+            for run in self.runs
+            for issue in run["findings"]
+            if joint in issue.get("figures", {}).get("joints", ())
+        ]
 
     async def mount(self, gravity: str) -> None:
         """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again,
@@ -422,7 +513,11 @@ class Session:
         if not self.effects:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
-        request = {"effects": ",".join(self.effects), "method": self.method}
+        request = {
+            "effects": ",".join(self.effects),
+            "method": self.method,
+            "anyway": self.anyway,
+        }
         self._begin(
             await self._step(
                 f"Identifying by {self.method}", "fit", request, label="identified"
@@ -458,8 +553,12 @@ class Session:
     async def diagnose(self) -> None:
         """What the current model misses."""
         self._refuse_meaningless()
+        pictures = f"cards-{Path(self.current.file).stem}.npz"
         answer = await self._job(
-            "Looking for what is missing", "find", frozen=self.frozen
+            "Looking for what is missing",
+            "find",
+            frozen=self.frozen,
+            pictures=pictures,
         )
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         verdict = Verdict.from_dict(self.current.comparison["verdict"])
@@ -468,28 +567,30 @@ class Session:
             self.current,
             findings=diagnosis,
             curve_texts=answer["curves"],
+            pictures=pictures,
             comparison={**self.current.comparison, "verdict": said},
         )
         self.new = "diagnose", "findings"
 
     async def add(self, texts: Sequence[str]) -> None:
-        """Add effects to the current model, a step of the history each."""
-        frozen = self.frozen or (self.findings is not None and self.findings.frozen)
-        steps = [self.current]
-        for text in texts:
-            request = {"effect": text, "frozen": frozen, "model": steps[-1].file}
-            step_fields: Any = {
-                "label": f"+ {text.partition('@')[0]}",
-                "added": (text,),
-                "frozen": frozen,
-            }
-            steps.append(
-                await self._step(
-                    "Adding what was chosen", "extend", request, **step_fields
-                )
-            )
-        self.history = [*self.history, *steps[1:]]
-        self.undone = []
+        """Add effects to the current model, a step of the history."""
+        diagnosis = self.findings
+        frozen = self.frozen or (diagnosis is not None and diagnosis.frozen)
+        request: dict[str, Any] = {"effect": ",".join(texts), "frozen": frozen}
+        if diagnosis is not None and [*texts] == [f.text for f in diagnosis.sure]:
+            # As `add --from findings.json --confident`: constants that were found
+            # together stay together.
+            request["findings"] = diagnosis.to_dict()
+        names = [text.partition("@")[0] for text in texts]
+        step = await self._step(
+            "Adding what was chosen",
+            "extend",
+            request,
+            label=f"+ {', '.join(names)}",
+            added=tuple(texts),
+            frozen=frozen,
+        )
+        self.history, self.undone = [*self.history, step], []
         self.new = "diagnose", "history"
 
     async def ask(self, title: str, job: str, **on: Any) -> None:

@@ -60,6 +60,20 @@ class View:
         for follow in list(self.followers.values()):
             follow()
 
+    def look_at_worst_joint(self) -> None:
+        """Choose the joint whose error is the most times its noise, unless one was
+        chosen that the robot has."""
+        n_joints = self.session.robot["n"]
+        if self.joint is None or self.joint >= n_joints:
+            worst = self.session.current.comparison["facts"]["worst_joint"]["value"]
+            self.joint = int(worst) - 1
+            self.signal = self.session.current.signal_of(self.joint, self.signal)
+
+    def select_joint(self, number: Any, signal: str) -> None:
+        """Look at a joint by its number from 1, as a browser says it, against a signal."""
+        joint = min(max(int(number), 1), self.session.robot["n"]) - 1
+        self.select(joint=joint, signal=signal)
+
     def download(self, name: str) -> None:
         """Hand a file of the session to the browser."""
         if not self.client.is_deleted:

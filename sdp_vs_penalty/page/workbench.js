@@ -13,7 +13,8 @@ const workbench = {
     }
     if (kind === "runs") await fetch(`${base}/sent`, { method: "POST" });
   },
-  show(stage, part) {
+  show(stage, part, back) {
+    if (!back && document.body.dataset.at !== stage) history.pushState({ stage }, "", `#${stage}`);
     document.body.dataset.at = stage; // look.css shows that screen
     localStorage.setItem(location.pathname, stage);
     for (const link of document.querySelectorAll("nav.stages a")) {
@@ -51,6 +52,15 @@ document.addEventListener("click", (event) => {
   if (!link) return;
   event.preventDefault();
   workbench.show(link.dataset.to);
+});
+
+addEventListener("popstate", (event) => {
+  const stage = event.state?.stage ?? location.hash.slice(1);
+  workbench.show(stage || "measure", null, true); // one stage back, or on again
+});
+document.addEventListener("click", (event) => {
+  const link = event.target.closest?.("a[data-confirm]");
+  if (link && !confirm(link.dataset.confirm)) event.preventDefault();
 });
 
 document.addEventListener("focusin", (event) => {

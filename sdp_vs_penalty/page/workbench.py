@@ -37,7 +37,11 @@ class Workbench:
             tag("span", "sdp-vs-penalty", "brand")
             tag("span", "workbench", "soft")
             tag("span", style="gap")
-            tag("a", "Start over", "action quiet", href="/new", data_key="start-over")
+            question = (
+                "Start over with an empty page? Runs and models here stay behind."
+            )
+            start_over = {"href": "/new", "data_key": "start-over"}
+            tag("a", "Start over", "action quiet", data_confirm=question, **start_over)
         with tag("div", style="frame"):
             with tag("nav", style="stages", aria_label="Stages"):
                 links = [

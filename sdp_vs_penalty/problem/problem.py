@@ -23,9 +23,10 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.files import JsonRecord, read_table
-from sdp_vs_penalty.formatting import Shown, Summary, finite
+from sdp_vs_penalty.formatting import finite
 from sdp_vs_penalty.problem import constants as c
 from sdp_vs_penalty.problem.bodies import link_bodies
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot import constraint as build
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one

@@ -5,6 +5,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.diagnosis.comparison import compare, predicted
@@ -15,27 +17,15 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, Models, as_estimates
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.reports import sections
-from sdp_vs_penalty.reports.markup import page
-from sdp_vs_penalty.reports.sections import ReportData
+from sdp_vs_penalty.files import read_text, write_text
+from sdp_vs_penalty.render.pieces import LOOK, packed
+from sdp_vs_penalty.reports.sections import SECTIONS, ReportData
+from sdp_vs_penalty.results.templates import render
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
 
-_SECTIONS = {
-    "Verdict": sections.verdict,
-    "Where and when: measured against modelled": sections.torques,
-    "Why": sections.failures,
-    "What is missing": sections.findings,
-    "From model to model": sections.history,
-    "Run forward": sections.forward,
-    "Parameters": sections.parameters,
-    "Links on the arm": sections.arm,
-    "Friction": sections.friction,
-    "Certificate": sections.certificate,
-    "Data check": sections.data,
-    "Provenance": sections.provenance,
-}
+#: Templates, style and script of the report.
+HERE = Path(__file__).parent / "html"
 
 
 def plotly_script() -> Path:
@@ -138,12 +128,41 @@ def report(
         diagnosis,
     )
     progress("drawing")
-    sections_made = [
-        (make.__name__, title, make(material)) for title, make in _SECTIONS.items()
-    ]
-    title = f"{material.last.robot.name}: identified dynamics"
-    write_text(out, page(title, sections_made, script.read_text("utf-8")))
+    write_text(out, document(material, script.read_text("utf-8")))
     return material.verdict
+
+
+def document(material: ReportData, script: str) -> str:
+    """The whole HTML document; ``script`` is plotly's, embedded once."""
+    shown = [
+        {
+            "title": section.title,
+            "anchor": section.anchor,
+            "body": Markup(
+                render(f"{section.anchor}.html", HERE, **section.context(material))
+            ),
+        }
+        for section in SECTIONS
+    ]
+    style = f"{read_text(HERE / 'look.css')}\n{LOOK}"
+    return render(
+        "layout.html",
+        HERE,
+        title=f"{material.last.robot.name}: identified dynamics",
+        style=Markup(style),
+        sections=shown,
+        plotly=packed(_unwrapped(script)),
+        draw=Markup(read_text(HERE / "draw.js")),
+    )
+
+
+def _unwrapped(script: str) -> str:
+    """Plotly's script without the function around it, which a browser reads twice: 2.1
+    s, not 1.3."""
+    head, begins, tail = script.partition("() => {\n")
+    body, ends, _ = tail.rpartition("return Plotly;")
+    is_known = begins and ends and body.startswith('"use strict";var Plotly=')
+    return f"{head[: head.find('*/') + 2]}\n{body}" if is_known else script
 
 
 def _checks(

@@ -1,8 +1,9 @@
-"""The sections of the report, and what they are made of."""
+"""The sections of the report: a context each, which its template lays out."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from html import escape
 from typing import Any
 
 import numpy as np
@@ -11,22 +12,23 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure, sentences
+from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
+from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows, seen
-from sdp_vs_penalty.estimation.uncertainty import Interval, counts
-from sdp_vs_penalty.estimation.verdict import Verdict, changes
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.uncertainty import counts
+from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.friction_table import friction_curves
-from sdp_vs_penalty.formatting import number
-from sdp_vs_penalty.reports import markup, plots
-from sdp_vs_penalty.reports.markup import figure, table, text
-from sdp_vs_penalty.reports.plots import COLOURS, MEASURED
-from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.render import charts, pieces, tables, words
+from sdp_vs_penalty.render.arms import link_ellipsoid
+from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import Rows
 from sdp_vs_penalty.simulation.follow import Following
+
+Context = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class ReportData:
     measurements: Measurements
     comparisons: Sequence[Comparison]
     judged: Mapping[str, Sequence[tuple[Rows, Array]]]
-    failures: Mapping[str, Sequence[JointFailure]]
+    failures: Mapping[str, Failures]
     checks: Mapping[str, Sequence[Mapping[str, Any]]]
     forward: Following | str
     commands: Sequence[str]
@@ -53,15 +55,16 @@ class ReportData:
 
     @property
     def last(self) -> Estimate:
+        """The last model."""
         return list(self.models.values())[-1]
 
     @property
     def verdict(self) -> Verdict:
         """That of the last model."""
         forward_verdict = "" if isinstance(self.forward, str) else self.forward.verdict
-        missing = (
-            "" if self.diagnosis is None else still_missing(self.diagnosis, self.last)
-        )
+        missing = ""
+        if self.diagnosis is not None:
+            missing = still_missing(self.diagnosis, self.last)
         return self.comparisons[-1].verdict_with(missing, forward_verdict)
 
     @property
@@ -69,514 +72,430 @@ class ReportData:
         """Of the last model."""
         return self.comparisons[-1].name
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the joints' torques."""
+        return self.last.robot.torque_units
 
-#: What :func:`judged_row` says after the model's name; possible : its links can exist,
-#: within bounds.
-JUDGED_HEADS = ("verdict", "error %", "worst/noise", "possible", "thinnest mm", "gap")
-
-
-def judged_row(c: Comparison) -> list[str]:
-    """One model on the judged runs, as text."""
-    certificate = c.estimate.certificate
-    over = None if c.noise_floor is None else float((c.rmse / c.noise_floor).max())
-    thin = certificate.smallest_thickness
-    gap = certificate.gap
-    cells = [c.name, c.verdict.grade, number(c.relative_error_percent), number(over)]
-    cells += ["yes" if certificate.worst <= 1e-9 else "no", number(thin and 1e3 * thin)]
-    return [*cells, "-" if gap is None else f"{gap:.0e}"]
+    @property
+    def sized_diagnosis(self) -> Diagnosis | None:
+        """The diagnosis with the sizes that the last model has of what it holds."""
+        if self.diagnosis is None:
+            return None
+        return with_sizes_of(self.diagnosis, self.last)
 
 
-def verdict(material: ReportData) -> str:
-    """How good the last model is, what became of each joint's error, and each model in
-    a line."""
-    verdict_record = material.verdict
-    first = material.comparisons[0]
-    last = material.comparisons[-1]
-    several = len(material.comparisons) > 1
-    body = (
-        '<p class="verdict'
-        f' {verdict_record.grade.replace(" ", "-")}">{markup.marked(verdict_record.headline)}</p>'
+@dataclass(frozen=True)
+class Section:
+    """title, anchor; context : what html/<anchor>.html shows."""
+
+    title: str
+    anchor: str
+    context: Callable[[ReportData], Context]
+
+
+def verdict(data: ReportData) -> Context:
+    """What is wrong, when, why, and what adding did: in words and one picture; then how
+    good the last model is, and each model in a line."""
+    first, last = data.comparisons[0], data.comparisons[-1]
+    is_alone = len(data.comparisons) == 1
+    record = data.verdict
+    change = "" if is_alone else words.describe_addition(first, last)
+    joint = first.worst_joint
+    cause = words.cause_of(data.failures[first.name], joint)
+    picture = charts.cause_figure(
+        first.signals,
+        None if is_alone else last.signals,
+        joint=joint,
+        cause=cause,
+        units=data.units,
+        position_units=data.last.robot.position_units,
+        floor=last.noise_floor,
+        names=(first.name, last.name),
     )
-    if several and (changed := changes(first.rmse, last.rmse, last.noise_floor)):
-        body += f"<p><b>{escape(changed[0].upper() + changed[1:])}</b></p>"
-    after = last.rmse if several else None
-    units = material.last.robot.torque_units
-    body += markup.bars(first.rmse, after, last.noise_floor, units)
-    lines = [(line.about, line.grade, line.text) for line in verdict_record.lines]
-    body += table(("verdict", "grade", "why"), lines, numbers_from=3)
-    if verdict_record.remark:
-        body += text(verdict_record.remark)
-    body += table(
-        ("model", *JUDGED_HEADS),
-        list(map(judged_row, material.comparisons)),
-        numbers_from=2,
-    )
-    m = material.measurements
-    seconds = sum(float(run.t[-1] - run.t[0]) for run in m.runs())
-    body += text(
-        f"{material.last.robot.name},"
-        f" {formatting.count(material.last.robot.n, 'joint')}. Judged on"
-        f" {formatting.count(len(m.names), 'run')}, {len(m.t)} samples, {seconds:.3g}"
-        f" s: {', '.join(m.names)}. Measured and modelled torques passed the same"
-        f" low-pass at {material.comparisons[0].band_hz:.3g} Hz."
-    )
-    return body
+    seconds = [float(run.t[-1] - run.t[0]) for run in data.measurements.runs()]
+    grades = [(line.about, line.grade, line.text) for line in record.lines]
+    rows = [tables.judged_cells(compared) for compared in data.comparisons]
+    return {
+        "grade": record.grade.replace(" ", "-"),
+        "headline": record.headline,
+        "story": words.describe_worst(first, data.failures[first.name]),
+        "change": change,
+        "all_changes": "" if is_alone else words.describe_change(first, last),
+        "picture": pieces.figure(
+            picture, words.picture_title(first, last, joint, cause), 300
+        ),
+        "bars": pieces.bars(
+            first.rmse,
+            None if is_alone else last.rmse,
+            last.noise_floor,
+            data.units,
+        ),
+        "lines": pieces.framed(
+            Table(("verdict", "grade", "why"), grades, words=(0, 1, 2))
+        ),
+        "remark": record.remark,
+        "models": pieces.framed(tables.judged_table(rows)),
+        "robot": data.last.robot.name,
+        "joints": formatting.count(data.last.robot.n, "joint"),
+        "runs": formatting.count(len(data.measurements.names), "run"),
+        "samples": len(data.measurements.t),
+        "seconds": formatting.number(sum(seconds)),
+        "names": ", ".join(data.measurements.names),
+        "band": first.facts()["band"].text,
+    }
 
 
-def torques(material: ReportData) -> str:
-    """Measured and modelled torque of each joint, and what is left."""
-    units = material.last.robot.torque_units
-    first = material.judged[material.comparisons[0].name]
-    moved = plots.shifts([run.motion.t for run, _ in first])
-    modelled = [
-        {name: curves_by_run[k][1] for name, curves_by_run in material.judged.items()}
-        for k in range(len(first))
-    ]
-    runs = [
-        plots.Curves(run.motion.t + shift, run.torque, of)
-        for (run, _), shift, of in zip(first, moved, modelled, strict=True)
-    ]
-    failing = material.failures[material.comparisons[0].name]
-    causes = [
-        c
-        for c in markup.SHADES
-        if any(s.cause == c for f in failing for s in f.stretches)
-    ]
-    body = text(
-        "Left: measured and modelled torque. Right: the errors on the same time axis."
-        " Click a name to hide it, drag to look closer. Grey band: where 95 % of the"
-        f" errors of {material.name} should lie, given its parameters' uncertainty and"
-        " what it left of its own training runs."
-    )
-    body += markup.legend(causes)
-    bands = _bands(material, moved)
-    for j, unit in enumerate(units):
-        plot = plots.torque_figure(runs, j, unit)
+def torques(data: ReportData) -> Context:
+    """Measured and modelled torque of each joint, and the error."""
+    first = data.judged[data.comparisons[0].name]
+    moved = charts.shifts([rows.motion.t for rows, _ in first])
+    runs = []
+    for k, ((rows, _), shift) in enumerate(zip(first, moved, strict=True)):
+        modelled = {name: of_runs[k][1] for name, of_runs in data.judged.items()}
+        runs.append(charts.Curves(rows.motion.t + shift, rows.torque, modelled))
+    failing = data.failures[data.comparisons[0].name]
+    bands = _bands(data, moved)
+    figures = []
+    for j, unit in enumerate(data.units):
+        plot = charts.torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
             plot.add_band(t, -half[:, j], half[:, j], 1)
-        placed = [
-            (s.start + shift, s.stop + shift, s.cause)
-            for s in failing[j].stretches
-            for run, shift in zip(material.measurements.runs(), moved, strict=True)
-            if s.run.startswith(run.names[0]) and run.t[0] <= s.start <= run.t[-1]
-        ]
-        plot.update_layout(shapes=markup.shades(placed))
+        plot.update_layout(shapes=pieces.shades(_stretches(data, failing, j, moved)))
         plot.update_axes("x", 1, matches="x")
-        body += figure(plot, group="torques")
-    return body
+        figures.append(pieces.figure(plot, group="torques"))
+    seen = {s.cause for failure in failing for s in failure.stretches}
+    return {
+        "name": data.name,
+        "legend": pieces.legend([c for c in pieces.SHADES if c in seen]),
+        "figures": figures,
+    }
 
 
-def _bands(material: ReportData, moved: Sequence[float]) -> list[tuple[Array, Array]]:
+def _stretches(
+    data: ReportData, failing: Failures, j: int, moved: Sequence[float]
+) -> list[tuple[float, float, str]]:
+    """Where joint j (from 0) fails, on the figures' axis, and the cause."""
+    placed = []
+    for stretch in failing[j].stretches:
+        for run, shift in zip(data.measurements.runs(), moved, strict=True):
+            is_of_run = stretch.run.startswith(run.names[0])
+            if is_of_run and run.t[0] <= stretch.start <= run.t[-1]:
+                placed.append(
+                    (stretch.start + shift, stretch.stop + shift, stretch.cause)
+                )
+    return placed
+
+
+def _bands(data: ReportData, moved: Sequence[float]) -> list[tuple[Array, Array]]:
     """Of each run instants (m,) on the figures' axis and half the last model's band (m,
     n) there."""
-    plant = material.comparisons[-1].estimate  # without its drives
-    theta = plant.theta
+    plant = data.comparisons[-1].estimate  # without its drives
     known = plant.uncertainty
     bands = []
-    for (rows, _), shift in zip(material.judged[material.name], moved, strict=True):
+    for (rows, _), shift in zip(data.judged[data.name], moved, strict=True):
         t = rows.motion.t + shift
-        keep = np.unique(
-            np.linspace(0, len(t) - 1, min(len(t), plots.POINTS)).astype(int)
-        )
-        columns_kept = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
-        half = NORMAL_95 * np.hypot(
-            known.band(theta, columns_kept)[1], known.torque_noise
-        )
-        bands.append((t[keep], half))
+        keep = charts.spread_rows(len(t))
+        columns = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
+        half = known.band(plant.theta, columns)[1]
+        bands.append((t[keep], NORMAL_95 * np.hypot(half, known.torque_noise)))
     return bands
 
 
-def history(material: ReportData) -> str:
+def history(data: ReportData) -> Context:
     """What each model added, and the error of every joint, model by model, above the
     noise."""
-    compared = material.comparisons
-    history_parts = []
-    known = set[str]()
-    for name, estimate in material.models.items():
-        new = ", ".join(e.brief for e in estimate.model.effects if e.text not in known)
-        history_parts.append(
-            (name, estimate.method, len(estimate.theta), new or "the same effects")
-        )
+    known: set[str] = set()
+    steps = []
+    for name, estimate in data.models.items():
+        new = [e.brief for e in estimate.model.effects if e.text not in known]
         known |= {e.text for e in estimate.model.effects}
-    body = table(
-        ("model", "method", "parameters", "new effects"), history_parts, numbers_from=4
+        added = ", ".join(new) or "the same effects"
+        steps.append((name, estimate.method, len(estimate.theta), added))
+    last = data.comparisons[-1]
+    errors = tables.error_table(
+        [f"error, {compared.name}" for compared in data.comparisons],
+        [compared.rmse for compared in data.comparisons],
+        last.noise_floor,
+        data.units,
+        r2=last.r2 if len(data.comparisons) == 1 else (),
     )
-    names = [f"RMSE {c.name}" for c in compared]
-    errors = [c.rmse for c in compared]
-    floor = compared[-1].noise_floor
-    units = material.last.robot.torque_units
-    body += table(*formatting.error_table(names, errors, floor, units, compared[-1].r2))
-    if floor is None:
-        body += text("No motion repeats in these runs: the noise floor is unknown.")
-    return body
+    heads = ("model", "method", "parameters", "new effects")
+    return {
+        "steps": pieces.framed(Table(heads, steps, words=(0, 1, 3))),
+        "errors": pieces.framed(errors),
+        "is_noise_known": last.noise_floor is not None,
+    }
 
 
-def forward(material: ReportData) -> str:
+def forward(data: ReportData) -> Context:
     """The last model run forward: after one step, 0.1 s ahead, and freely from the
     first state."""
-    following = material.forward
+    following = data.forward
     if isinstance(following, str):
-        return text(f"{material.name} cannot be simulated: {following}")
-    body = (
-        text(following.verdict)
-        + table(*following.table(), numbers_from=2)
-        + text(following.explained)
-    )
-    if any(f.cut for f in following.free):
-        return body + text(
-            "`report --forward` goes on to the run's end, and shows the positions."
-        )
-    body += text(
-        "Left: measured and simulated position of the free run. Right: its error."
-    )
+        return {"name": data.name, "refusal": following}
+    is_cut = any(free.cut for free in following.free)
+    return {
+        "name": data.name,
+        "refusal": "",
+        "verdict": following.verdict,
+        "table": pieces.framed(following.table()),
+        "explained": following.explained,
+        "is_cut": is_cut,
+        "figures": [] if is_cut else _motion_figures(following, data.name),
+    }
+
+
+def _motion_figures(following: Following, name: str) -> list[Any]:
+    """Measured and simulated position of each joint, run after run."""
+    moved = charts.shifts([free.simulated.t for free in following.free])
     runs = [
-        plots.Curves(f.simulated.t + shift, f.measured, {material.name: f.simulated.q})
-        for f, shift in zip(
-            following.free,
-            plots.shifts([f.simulated.t for f in following.free]),
-            strict=True,
-        )
+        charts.Curves(free.simulated.t + shift, free.measured, {name: free.simulated.q})
+        for free, shift in zip(following.free, moved, strict=True)
     ]
-    for j, unit in enumerate(following.units):
-        body += figure(plots.torque_figure(runs, j, unit), group="forward")
-    return body
+    return [
+        pieces.figure(charts.torque_figure(runs, j, unit), group="forward")
+        for j, unit in enumerate(following.units)
+    ]
 
 
-def failures(material: ReportData) -> str:
+def failures(data: ReportData) -> Context:
     """Which cause explains how much of each joint's error, before and after, and in
     words."""
-    shares_found = markup.found_shares(material.diagnosis, material.last.robot.n)
-    body = text(
-        "How much of each joint's error a function of each cause explains on held-out"
-        " data, in per cent; causes that explain nothing are left out. `sdp-vs-penalty"
-        " diagnose` names effects."
-    )
-    maps = ""
-    for name, failing in material.failures.items():
-        rows = markup.heat_rows(
-            [f.to_dict() for f in failing], {} if maps else shares_found
-        )
-        maps += markup.heat_map(name, rows, len(failing))
-    body += f'<div class="maps wide" tabindex="0">{maps}</div>'
-    last = material.failures[material.name]
-    units = material.last.robot.torque_units
-    table_rows = [
+    shares = pieces.found_shares(data.diagnosis, data.last.robot.n)
+    maps = []
+    for name, failing in data.failures.items():
+        rows = pieces.heat_rows([f.to_dict() for f in failing], shares)
+        maps.append(pieces.heat_map(name, rows, len(failing)))
+        shares = {}  # they are of the first model's error
+    last = data.failures[data.name]
+    lines = [
         (
             f.joint,
-            " ".join(sentences(f, unit)),
-            number(f.rmse, 4),
-            number(f.noise_floor, 4),
+            words.describe_failure(f, unit),
+            formatting.number(f.rmse),
+            formatting.number(f.noise_floor),
         )
-        for f, unit in zip(last, units, strict=True)
+        for f, unit in zip(last, data.units, strict=True)
     ]
-    heads = ("joint", f"where {material.name} errs", "RMS error", "noise floor")
-    return body + table(heads, table_rows, numbers_from=2)
+    heads = ("joint", f"where {data.name} errs", "error", "noise floor")
+    return {"maps": maps, "table": pieces.framed(Table(heads, lines, words=(0, 1)))}
 
 
-def findings(material: ReportData) -> str:
-    """What a diagnosis says: verdict, what the last model still lacks, a row a finding,
-    each curve."""
-    diagnosis = material.diagnosis
+def findings(data: ReportData) -> Context:
+    """What a diagnosis says: verdict, what the last model still lacks, each finding, each
+    curve."""
+    diagnosis = data.sized_diagnosis
     if diagnosis is None:
-        return text("No diagnosis was given. Name one with `--findings findings.json`.")
-    rows = []
-    units = material.last.robot.torque_units
-    for f in diagnosis.effects:
-        joint = f.joints[0] - 1 if f.joints else 0
-        errors = f.held_out_rmse_before, f.held_out_rmse_after, diagnosis.noise_floor
-        joints = ", ".join(map(str, f.joints))
-        rivals = ", ".join(f.indistinguishable_from)
-        cells_of_joint = (number(x[joint]) for x in errors)
-        rows.append(
-            (
-                f.effect,
-                joints or "all",
-                f.rating,
-                f.size_text,
-                rivals or "-",
-                *cells_of_joint,
-            )
-        )
-    heads = (
-        "effect",
-        "joint",
-        "confidence",
-        "size",
-        "not told from",
-        "held-out RMSE",
-        "with it",
-    )
-    headline_words = f": {diagnosis.headline}" if diagnosis.effects else ""
-    body = text(
-        f"In the model that was diagnosed{headline_words}"
-        if headline_words
-        else diagnosis.headline
-    )
-    body += (
-        text(f"In {material.name}: {still_missing(diagnosis, material.last)}")
-        if headline_words
-        else ""
-    )
-    if rows:
-        first = diagnosis.held_out_rmse_before
-        last = diagnosis.held_out_rmse_with_all
+        return {"words": None}
+    said = words.describe_diagnosis(diagnosis, data.units)
+    missing = still_missing(diagnosis, data.last) if diagnosis.effects else ""
+    bars = None
+    if diagnosis.effects:
         floor = diagnosis.noise_floor.tolist() if diagnosis.noise_known else None
-        body += text(
-            "Held-out error of each joint before all findings and with all of them:"
+        bars = pieces.bars(
+            diagnosis.held_out_rmse_before,
+            diagnosis.held_out_rmse_with_all,
+            floor,
+            data.units,
+            what="Error on data left out",
         )
-        body += markup.bars(list(first), list(last), floor, units)
-        body += table((*heads, "noise floor"), rows, numbers_from=5)
-    body += text(diagnosis.left_sentence)
-    body += "".join(text(remark) for remark in diagnosis.remarks)
-    judged = material.judged[material.name]
-    motions = [replace(rows.motion, torque=modelled) for rows, modelled in judged]
-    for curve in diagnosis.curves:
-        sentence = curve.sentence(units)
-        plot = plots.missing_figure(curve, units, motions)
-        body += figure(plot, f"{sentence[0].upper()}{sentence[1:]}", 360)
-    return body
-
-
-def parameters(material: ReportData) -> str:
-    """Base and standard parameters with intervals and verdicts."""
-    known = material.last.uncertainty
-    base = counts(known.base)
-    standard = counts(known.standard)
-    runs = (
-        ", ".join(map(str, material.last.provenance.get("runs", []))) or "unknown runs"
-    )
-    body = text(
-        f"Values and 95 % intervals are those of {material.name}, from the runs that it"
-        f" was identified from ({runs}). They hold the noise, the model's own errors as"
-        " far as these runs show them and the errors of estimated shape constants;"
-        f" where the estimate satisfies constraints, so do they. Of {len(known.base)}"
-        " base parameters (the combinations that torques determine)"
-        f" {base['identifiable']} are identifiable, {base['weakly']} weakly,"
-        f" {base['not seen']} not; of {len(known.standard)} standard parameters"
-        f" {standard['identifiable']}, {standard['weakly']} and {standard['not seen']}."
-        " Parameters that are not from the data have values of the prior (the nominal"
-        " robot) or of the bounds, not measured ones."
-    )
-    last = material.last
-    base_said = {
-        b["name"]: (b["source"], b["nominal"])
-        for b in last.details.get("base_parameters", [])
+    motions = [
+        replace(rows.motion, torque=modelled)
+        for rows, modelled in data.judged[data.name]
+    ]
+    curves = []
+    for curve, sentence in zip(diagnosis.curves, said.curves, strict=True):
+        plot = charts.missing_figure(curve, data.units, motions)
+        caption = f"{sentence[0].upper()}{sentence[1:]}"
+        curves.append(pieces.figure(plot, caption, 360))
+    return {
+        "words": said,
+        "missing": missing,
+        "name": data.name,
+        "bars": bars,
+        "curves": curves,
     }
-    rows = [cells(i, *base_said.get(i.name, ())) for i in known.base]
-    body += table(HEADS, rows, numbers_from=3)
-    inner = table(HEADS, standard_rows(last), numbers_from=3)
-    return f"{body}<details><summary>Standard parameters</summary>{inner}</details>"
 
 
-#: What :func:`cells` says of a parameter.
-HEADS = ("parameter", "verdict", "from", "value", "low", "high", "nominal", "unit")
+def parameters(data: ReportData) -> Context:
+    """Base and standard parameters with intervals and verdicts."""
+    known = data.last.uncertainty
+    runs = ", ".join(map(str, data.last.provenance.get("runs", [])))
+    base = tables.parameter_table(tables.base_parameters(data.last))
+    standard = tables.parameter_table(tables.standard_parameters(data.last))
+    return {
+        "name": data.name,
+        "runs": runs or "unknown runs",
+        "n_base": len(known.base),
+        "base_counts": counts(known.base),
+        "n_standard": len(known.standard),
+        "standard_counts": counts(known.standard),
+        "base": pieces.framed(base),
+        "standard": pieces.framed(standard),
+    }
 
 
-def standard_rows(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Every parameter of a model as text, in the order of HEADS."""
-    known = estimate.uncertainty.standard, estimate.sources, estimate.nominal
-    return [cells(*of) for of in zip(*known, strict=True)]
-
-
-def cells(i: Interval, source: str = "", nominal: float = np.nan) -> tuple[str, ...]:
-    """A parameter, the ends of its 95 % interval, what determined it and its nominal
-    value, as text."""
-    figures = (number(seen(x), 4) for x in (i.value, i.lower, i.upper, nominal))
-    return i.name, i.verdict, source, *figures, formatting.plain_unit(i.unit)
-
-
-def caveats(estimate: Estimate) -> list[str]:
-    """What to know before parameters are read, a sentence each; the verdict judges the
-    links."""
-    sources = estimate.sources
-    sentences = []
-    if law := estimate.details.get("servo"):
-        sentence = (
-            f"the servos' law ({law['law']}) stands for it. Scale: {law['scale']}."
-        )
-        sentences.append(f"No torque was logged: {sentence}")
-    if others := [source for source in sources if source != "data"]:
-        sentence = (
-            f"{len(others)} of {len(sources)} standard parameters are from the"
-            f" {others[0]}"
-        )
-        sentences.append(f"{sentence}, not from the data: do not read them one by one.")
-    return sentences
-
-
-def arm(material: ReportData) -> str:
+def arm(data: ReportData) -> Context:
     """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and
     its margins."""
-    estimate = material.last
-    if not len(estimate.model.rigid_indices):
-        return text("This model has no rigid_body effect.")
+    estimate = data.last
+    links = tables.link_table(estimate)
+    if links is None:
+        return {"links": None}
     robot = estimate.robot
-    links = estimate.links
-    (poses,) = robot.poses(robot.tree_state(material.measurements.q.mean(axis=0))[0])
+    mean_pose = data.measurements.q.mean(axis=0)
+    (poses,) = robot.poses(robot.tree_state(mean_pose)[0])
     caption = (
         "Uniform ellipsoids with the identified masses and inertias, in the runs' mean"
         " pose. An ellipsoid that leaves the picture belongs to a link that these data"
         " hardly determine. Zero thickness (a rod or a sheet) is unphysical."
     )
-    body = text(" ".join(caveats(estimate))) + table(LINK_HEADS, link_rows(estimate))
-    return body + figure(_picture(robot, links, poses), caption, 460)
+    picture = _picture(robot, estimate.links, poses)
+    return {
+        "caveats": words.caveats(estimate),
+        "links": pieces.framed(links),
+        "figure": pieces.figure(picture, caption, 460),
+    }
 
 
-def friction(material: ReportData) -> str:
+def friction(data: ReportData) -> Context:
     """Friction by velocity with its band, a figure a joint."""
-    body = text(
-        "Torque of all effects that follow the velocity alone; shaded: 95 % intervals."
-    )
-    if not (curves := friction_curves(material.last)):
-        return text("The model has no friction that follows the velocity alone.")
-    for c, unit in zip(curves, material.last.robot.torque_units, strict=True):
-        plot = plots.friction_figure(
-            c.velocity, c.torque, NORMAL_95 * c.std, c.joint, unit
+    figures = []
+    for curve, unit in zip(friction_curves(data.last), data.units, strict=False):
+        plot = charts.friction_figure(
+            velocity=curve.velocity,
+            torque=curve.torque,
+            half=NORMAL_95 * curve.std,
+            joint=curve.joint,
+            unit=unit,
         )
-        body += figure(plot, "", 250)
-    return body
+        figures.append(pieces.figure(plot, "", 250))
+    return {"figures": figures}
 
 
-def _picture(robot: Robot, links: Array, poses: Array) -> plots.Figure:
+def _picture(robot: Robot, links: Array, poses: Array) -> charts.Figure:
     """The skeleton and an ellipsoid a link."""
-    plot = plots.Figure()
-    look = dict[str, Any]()
-    link = {carrier: place for place, carrier in enumerate(robot.link_joints)}
+    plot = charts.Figure()
+    link_of = {carrier: place for place, carrier in enumerate(robot.link_joints)}
     for i, joint in enumerate(robot.tree):
         begin = np.zeros(3) if joint.parent < 0 else poses[joint.parent][:3, 3]
         x, y, z = np.stack([begin, poses[i][:3, 3]]).T
-        look = {"mode": "lines+markers", "showlegend": False, "hoverinfo": "skip"}
-        look |= {
-            "line": {"color": MEASURED, "width": 6},
-            "marker": {"size": 3, "color": MEASURED},
-        }
-        plot.add("scatter3d", x=x, y=y, z=z, **look)
-        shape = ellipsoid(links[link[i]]) if i in link else None
+        plot.add(
+            "scatter3d",
+            x=x,
+            y=y,
+            z=z,
+            mode="lines+markers",
+            showlegend=False,
+            hoverinfo="skip",
+            line={"color": charts.MEASURED, "width": 6},
+            marker={"size": 3, "color": charts.MEASURED},
+        )
+        shape = link_ellipsoid(links[link_of[i]]) if i in link_of else None
         if shape is None:
             continue
         frame = poses[i] @ joint.link_frame
         x, y, z = frame[:3, :3] @ shape + frame[:3, 3:]
-        look = {
-            "alphahull": 0,
-            "color": COLOURS[i % len(COLOURS)],
-            "opacity": 0.5,
-            "showlegend": True,
-        }
-        plot.add("mesh3d", x=x, y=y, z=z, name=f"link {link[i] + 1}", **look)
-    axis = {
+        plot.add(
+            "mesh3d",
+            x=x,
+            y=y,
+            z=z,
+            name=f"link {link_of[i] + 1}",
+            alphahull=0,
+            color=charts.COLOURS[i % len(charts.COLOURS)],
+            opacity=0.5,
+            showlegend=True,
+        )
+    return plot.update_layout(scene=_scene(poses))
+
+
+def _scene(poses: Array) -> dict[str, Any]:
+    """Axes as large as the arm: an ellipsoid that leaves them belongs to a link whose
+    mass and inertia are not those of one body of that size."""
+    joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
+    room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
+    low = (joints.min(axis=0) - room).tolist()
+    high = (joints.max(axis=0) + room).tolist()
+    look = {
         "title": "",
         "gridcolor": "rgba(128,128,128,0.3)",
         "backgroundcolor": "rgba(0,0,0,0)",
     }
-    # The picture is as large as the arm: an ellipsoid that leaves it belongs to a link
-    # whose mass and inertia are not those of one body of that size.
-    joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
-    room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
-    low = joints.min(axis=0) - room
-    high = joints.max(axis=0) + room
-    ends = zip("xyz", low.tolist(), high.tolist(), strict=True)
-    axes = {f"{name}axis": {**axis, "range": [a, b]} for name, a, b in ends}
+    axes = {
+        f"{letter}axis": {**look, "range": [start, stop]}
+        for letter, start, stop in zip("xyz", low, high, strict=True)
+    }
     camera = {"eye": {"x": 1.3, "y": 1.3, "z": 0.6}}
-    return plot.update_layout(scene={"aspectmode": "data", "camera": camera, **axes})
+    return {"aspectmode": "data", "camera": camera, **axes}
 
 
-def ellipsoid(link: Array) -> Array | None:
-    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in
-    the link frame; None for a link without mass or thickness."""
-    if (body := half_axes(link)) is None:
-        return None
-    half, axes, com = body
-    u, v = np.meshgrid(np.linspace(0.0, np.pi, 14), np.linspace(0.0, 2.0 * np.pi, 28))
-    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)]).reshape(
-        3, -1
-    )
-    return np.asarray(axes @ (half[:, None] * (axes.T @ ball)) + com[:, None], float)
-
-
-def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
-    """Half axes (3,) [m] of that ellipsoid, sqrt(5 eigenvalues of Sigma_c / m), their
-    directions (3, 3) as columns, right-handed, and its centre (3,)."""
-    values, axes = np.linalg.eigh(inertia.second_moment(link))
-    if link[0] <= 0.0 or values[0] <= 0.0:
-        return None
-    return (
-        np.sqrt(5.0 * values),
-        axes * np.sign(np.linalg.det(axes)),
-        link[1:4] / link[0],
-    )
-
-
-def certificate_rows(estimates: Sequence[Estimate]) -> list[list[str]]:
-    """What is certified of each, as the command line says it: a row a figure, its name
-    first."""
-    summaries = [dict(e.certificate.summary()) for e in estimates]
-    names = dict.fromkeys(
-        name for summary_of_model in summaries for name in summary_of_model
-    )
-    return [
-        [name, *(summary_of_model.get(name, "-") for summary_of_model in summaries)]
-        for name in names
-    ]
-
-
-#: What the certificate says, and who computed it.
-CERTIFICATE = (
-    "Violations of every family of constraints, including those that a method did not"
-    " receive. The lower bound is computed here from dual multipliers, independently of"
-    " what a solver claims."
-)
-
-
-def certificate(material: ReportData) -> str:
+def certificate(data: ReportData) -> Context:
     """Computed by this program, whoever solved the problem."""
-    rows = certificate_rows(list(material.models.values()))
-    return text(CERTIFICATE) + table(
-        ["figure", *material.models], rows, numbers_from=len(rows[0])
-    )
+    return {
+        "about": words.CERTIFICATE,
+        "table": pieces.framed(tables.certificate_table(data.models)),
+    }
 
 
-def data(material: ReportData) -> str:
+def data(material: ReportData) -> Context:
     """What `sdp-vs-penalty check` says of the runs."""
-    parts = []
-    for run, issues_of_run in material.checks.items():
-        parts.append(f"<h3>{escape(run)}</h3>")
-        if all(f["severity"] == "note" for f in issues_of_run):
-            parts.append(text("No problems found."))
-        for f in (
-            {name: escape(str(x)) for name, x in f.items()} for f in issues_of_run
-        ):
-            parts.append(
-                f'<div class="finding {f["severity"]}"><b>{f["kind"]}</b>'
-                f" ({f['where']}): {f['what']} "
-                f"<span>How sure: {f['certainty']}. What to do:"
-                f" {f['remedy']}.</span></div>"
-            )
-    return "".join(parts)
+    runs = [
+        {
+            "name": run,
+            "is_clean": all(issue["severity"] == "note" for issue in issues),
+            "issues": issues,
+        }
+        for run, issues in material.checks.items()
+    ]
+    return {"runs": runs}
 
 
-def provenance(material: ReportData) -> str:
+def provenance(data: ReportData) -> Context:
     """Versions, settings, hashes, and the commands."""
     rows = []
-    for name, e in material.models.items():
-        settings = ", ".join(f"{k}={v}" for k, v in e.settings.items())
-        p = e.preprocessing
-        known = e.provenance
-        facts = {
-            "method": f"{e.method} ({settings})",
-            "effects": ", ".join(effect.brief for effect in e.model.effects),
-            "filters": (
-                f"states {number(p.state_cutoff, 4)} Hz, torque"
-                f" {number(p.torque_cutoff, 4)} Hz"
-            ),
-            "runs": ", ".join(map(str, known.get("runs", []))),
-            "data hash": known.get("data_hash", ""),
-            "seed": known.get("seed", ""),
-            "versions": ", ".join(
-                f"{k} {v}" for k, v in known.get("versions", {}).items()
-            ),
-        }
-        rows += [(name, what, value) for what, value in facts.items()]
-    body = table(("model", "what", "which"), rows, numbers_from=3)
-    if material.commands:
-        body += f"<pre tabindex=0>{escape(chr(10).join(material.commands))}</pre>"
-    return body
+    for name, estimate in data.models.items():
+        for what, value in _origin(estimate).items():
+            rows.append((name, what, value))
+    heads = ("model", "what", "which")
+    return {
+        "table": pieces.framed(Table(heads, rows, words=(0, 1, 2))),
+        "commands": "\n".join(data.commands),
+    }
+
+
+def _origin(estimate: Estimate) -> dict[str, Any]:
+    """How a model came about, by name."""
+    filters, known = estimate.preprocessing, estimate.provenance
+    settings = [f"{name}={value}" for name, value in estimate.settings.items()]
+    versions = [f"{name} {v}" for name, v in known.get("versions", {}).items()]
+    cutoffs = [
+        formatting.number(cutoff, 4)
+        for cutoff in (filters.state_cutoff, filters.torque_cutoff)
+    ]
+    return {
+        "method": f"{estimate.method} ({', '.join(settings)})",
+        "effects": ", ".join(effect.brief for effect in estimate.model.effects),
+        "filters": f"states {cutoffs[0]} Hz, torque {cutoffs[1]} Hz",
+        "runs": ", ".join(map(str, known.get("runs", []))),
+        "data hash": known.get("data_hash", ""),
+        "seed": known.get("seed", ""),
+        "versions": ", ".join(versions),
+    }
+
+
+SECTIONS = (
+    Section("Verdict", "verdict", verdict),
+    Section("Where and when: measured against modelled", "torques", torques),
+    Section("Why", "failures", failures),
+    Section("What is missing", "findings", findings),
+    Section("From model to model", "history", history),
+    Section("Run forward", "forward", forward),
+    Section("Parameters", "parameters", parameters),
+    Section("Links on the arm", "arm", arm),
+    Section("Friction", "friction", friction),
+    Section("Certificate", "certificate", certificate),
+    Section("Data check", "data", data),
+    Section("Provenance", "provenance", provenance),
+)

@@ -381,6 +381,26 @@ class Robot(JsonRecordSkippingNone):
                 )
         return model
 
+    def pinocchio_model(
+        self,
+        links: ArrayLike,
+        armature: ArrayLike,
+        damping: ArrayLike,
+        friction: ArrayLike,
+    ) -> Any:
+        """A Pinocchio Model: links (links, 10) about their joints' frames, armature
+        [kg m^2, kg], viscous friction [N m s/rad, N s/m] and dry friction [N m, N],
+        each (n,)."""
+        pin, model = self._pin, self._model.copy()
+        rows = np.asarray(links, float).reshape(self.links, 10)
+        for joint, row in zip(self.link_joints, rows, strict=True):
+            model.inertias[joint + 1] = pin.Inertia.FromDynamicParameters(row)
+        model.armature = np.asarray(armature, float)
+        # Pinocchio 4 knows bounds of dry friction; earlier versions one number.
+        model.damping = np.asarray(damping, float)
+        model.friction = np.asarray(friction, float)
+        return model
+
     def inverse_dynamics(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:

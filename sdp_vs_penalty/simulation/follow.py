@@ -8,9 +8,12 @@ measured torque, so that the arm stays with it: what the loop has to add is then
 model's error as a torque.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +28,13 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.formatting import Shown, Summary, Table
+from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.record import Record, Summary
+from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
+
+if TYPE_CHECKING:
+    import pandas
 
 Drive = Literal["torque", "pd", "servo"]
 
@@ -78,11 +86,29 @@ class FreeRun(JsonRecord):
         """Plain JSON of the figures."""
         motion = "simulated", "measured", "cut"
         figures = {k: x for k, x in super().to_dict().items() if k not in motion}
-        return {"run": self.simulated.names[0], **figures}
+        return {"run": self.simulated.names[0], "cut": self.cut, **figures}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote; without the motion."""
+        torque = np.array(data["torque"], float)
+        nothing = np.zeros((0, len(torque)))
+        spread, loop = data["spread"], data["loop"]
+        return cls(
+            seconds=float(data["seconds"]),
+            left=bool(data["left"]),
+            rms=np.array(data["rms"], float),
+            spread=None if spread is None else np.array(spread, float),
+            loop=None if loop is None else np.array(loop, float),
+            torque=torque,
+            simulated=Measurements(np.zeros(0), nothing, nothing, names=(data["run"],)),
+            measured=nothing,
+            cut=bool(data.get("cut", False)),
+        )
 
 
 @dataclass(frozen=True, repr=False)
-class Following(Shown):
+class Following(Record):
     """What a model run forward makes of measured runs. one_step : velocity after one
     step; ahead : position after a tenth of a second; left_out : effects that have no
     forward meaning here."""
@@ -105,37 +131,69 @@ class Following(Shown):
         ]
         return np.asarray(np.max(shares, axis=0))
 
+    @fact("", digits=9)
+    def worst_joint(self) -> int:
+        """The joint (from 1) whose simulation is worst against the simplest guess."""
+        return int(np.argmax(self.share)) + 1
+
+    @fact("thousandths of rad or m", name="drift of the worst joint")
+    def worst_drift(self) -> float:
+        """Root mean square error of the worst joint's position after a tenth of a second
+        of simulation."""
+        return 1e3 * float(self.ahead.rms[self.worst_joint - 1])
+
+    @fact("thousandths of rad or m", name="the same at constant velocity")
+    def worst_guess(self) -> float:
+        """The same error of going on at the measured velocity."""
+        return 1e3 * float(self.ahead.naive[self.worst_joint - 1])
+
+    @fact("%", name="torque from the loop")
+    def loop_percent(self) -> float | None:
+        """Torque that the control loop adds on the worst joint, over the measured one;
+        without a loop there is none."""
+        if self.drive != "pd":
+            return None
+        return 100.0 * float(self.share[self.worst_joint - 1])
+
     @property
     def verdict(self) -> str:
         """How far ahead it is right, in a sentence; the grade of a model is
         estimation/verdict.py's."""
-        j = int(np.argmax(self.share))
-        x = float(self.share[j])
-        share = f"{100.0 * x:.3g} % of" if x < 2.0 else f"{x:.2g} times"
+        facts, j = self.facts(), self.worst_joint - 1
+        if self.drive == "pd":
+            return (
+                f"Simulated under control, joint {j + 1} needs"
+                f" {facts['loop_percent'].text} of its measured torque from the loop, the"
+                f" others less; the arm {self._stays}."
+            )
+        unit = f"m{self.units[j]}"
+        return (
+            f"Simulated {self.ahead.seconds:.3g} s, joint {j + 1} drifts"
+            f" {facts['worst_drift'].texts[0]} {unit} (constant-velocity guess:"
+            f" {facts['worst_guess'].texts[0]} {unit}){self._free_run_words}."
+        )
+
+    @property
+    def _stays(self) -> str:
+        """How near the free run stays to the measured one."""
         worst = max(self.free, key=lambda f: float(f.rms.max()))
         k = int(np.argmax(worst.rms))
-        stays = (
+        return (
             f"stays within {said(worst.rms[k], self.units[k])} RMS over"
             f" {worst.seconds:.3g} s"
         )
-        if self.drive == "pd":
-            return (
-                f"Simulated under control, joint {j + 1} needs {share} "
-                f"its measured torque from the loop, the others less; the arm {stays}."
-            )
+
+    @property
+    def _free_run_words(self) -> str:
+        """What the free run does; "" of one that was not followed to its end."""
         first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
-        end = f"; the free run {stays}"
         if first.left:
-            end = (
+            return (
                 f"; the free run leaves the measured motion after {first.seconds:.2g} s"
             )
-        elif any(f.cut for f in self.free):
-            end = ""  # of a run that was not followed to its end nothing is said
-        return (
-            f"Run forward, {self.ahead.seconds:.3g} s ahead the worst joint, {j + 1}, "
-            f"is off by {said(self.ahead.rms[j], self.units[j])} RMS, {share} the "
-            f"error at constant velocity{end}."
-        )
+        if any(f.cut for f in self.free):
+            return ""
+        return f"; the free run {self._stays}"
 
     def _summary(self) -> Summary:
         return self.verdict, []
@@ -144,47 +202,70 @@ class Following(Shown):
         """Headings, and one row a joint, in thousandths of its unit: velocity after one step, position
         0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread.
         """
-        free = self.free[0]
-        a = self.ahead
+        free, ahead = self.free[0], self.ahead
         columns = {
-            "step/s": self.one_step.rms,
-            "0.1 s": a.rms,
-            "5 %": a.band[0],
-            "95 %": a.band[1],
+            "velocity after 1 step [/s]": self.one_step.rms,
+            f"after {ahead.seconds:.3g} s": ahead.rms,
+            "5 %": ahead.band[0],
+            "95 %": ahead.band[1],
+            "constant velocity": ahead.naive,
+            "free run": free.rms,
         }
-        columns |= {"const.": a.naive, "free": free.rms}
-        columns |= {} if free.spread is None else {"+-": free.spread}
+        if free.spread is not None:
+            columns["95 % band"] = free.spread
         rows = []
         for j, unit in enumerate(self.units):
-            rows.append(
-                [
-                    f"{j + 1}",
-                    f"m{unit}",
-                    *(f"{1e3 * x[j]:.3g}" for x in columns.values()),
-                ]
-            )
+            numbers = [f"{1e3 * x[j]:.3g}" for x in columns.values()]
+            row = [f"{j + 1}", f"m{unit}", *numbers]
             if free.loop is not None:
-                rows[j].append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
-        return ["joint", "unit", *columns, *["loop"] * (free.loop is not None)], rows
+                row.append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
+            rows.append(row)
+        heads = ["joint", "unit", *columns, *["loop"] * (free.loop is not None)]
+        return Table(heads, rows, words=(0, 1))
 
     _table = table
+
+    def to_frame(self) -> pandas.DataFrame:
+        """One row a joint (from 1): errors after one step, after the horizon, at
+        constant velocity and of the free run; units in the columns' names."""
+        import pandas
+
+        columns = {
+            "unit of position": self.units,
+            "velocity after 1 step [unit/s]": self.one_step.rms,
+            f"after {self.ahead.seconds:.3g} s [unit]": self.ahead.rms,
+            "constant velocity [unit]": self.ahead.naive,
+            "free run [unit]": self.free[0].rms,
+        }
+        joints = pandas.Index(range(1, len(self.units) + 1), name="joint")
+        return pandas.DataFrame(columns, joints)
 
     @property
     def explained(self) -> str:
         """What the columns of :meth:`table` are."""
         free = self.free[0]
-        band = " (+-: half the 95 % band that the parameters' intervals make of it)"
-        return (
-            "RMS errors in thousandths of the unit: of the velocity after one step"
-            f" (step/s), of the position {self.ahead.seconds:.3g} s ahead (5 %, 95 %:"
-            " of the errors' sizes; const.: what constant velocity gives), and of the"
-            f" free run of {free.seconds:.3g} s"
-            + (band if free.spread is not None else "")
-            + (
-                "; loop: what the control loop had to add."
-                if free.loop is not None
-                else "."
-            )
+        text = (
+            "RMS errors in thousandths of the unit: of the velocity after one step, of"
+            f" the position after {self.ahead.seconds:.3g} s of simulation (5 % and 95 %"
+            " of the errors' sizes; the same of going on at constant velocity), and of"
+            f" the free run of {free.seconds:.3g} s"
+        )
+        if free.spread is not None:
+            text += " (half the 95 % band that the parameters' intervals make of it)"
+        if free.loop is not None:
+            text += "; loop: what the control loop had to add"
+        return f"{text}."
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote; the free runs without their motion."""
+        return cls(
+            drive=data["drive"],
+            units=tuple(data["units"]),
+            one_step=Ahead.from_dict(data["one_step_velocity"]),
+            ahead=Ahead.from_dict(data["ahead_position"]),
+            free=tuple(map(FreeRun.from_dict, data["free_run"])),
+            left_out=tuple(data["left_out"]),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -203,6 +284,7 @@ class Following(Shown):
             **held,
             **horizon_fields,
             "free_run": [f.to_dict() for f in self.free],
+            "facts": self.facts_to_dict(),
         }
 
 

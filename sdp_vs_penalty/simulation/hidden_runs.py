@@ -22,6 +22,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.results.record import Shown, Summary
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 from sdp_vs_penalty.simulation.experiments import Experiment, experiment
@@ -47,7 +48,7 @@ RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 
 @dataclass(frozen=True, repr=False)
-class HiddenRuns(formatting.Shown):
+class HiddenRuns(Shown):
     """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects,
     sized."""
 
@@ -81,7 +82,7 @@ class HiddenRuns(formatting.Shown):
             for name, run in zip(RUN_FILES, self.runs, strict=True):
                 save(run, folder / name)
 
-    def _summary(self) -> formatting.Summary:
+    def _summary(self) -> Summary:
         length = self.test.t[-1] - self.test.t[0]
         return f"Simulated runs: {self.truth['problem']}, seed {self.truth['seed']}", [
             ("train", f"{formatting.count(len(self.train), 'run')} of {length:.3g} s"),

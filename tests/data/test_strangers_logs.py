@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import run_cli
 from recorded import refusal
 
+from sdp_vs_penalty import convert
 from sdp_vs_penalty.data import describe_columns, read_run
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
 
@@ -307,3 +309,33 @@ def test_what_is_missing_is_in_the_table_of_columns(tmp_path):
     report = describe_columns(path)
     assert report is not None
     assert report.missing == ("t",)
+
+
+@pytest.mark.parametrize("cut", [360.0, 180.0])
+def test_degrees_that_are_cut_at_a_full_turn_go_on(cut, tmp_path):
+    turning = np.column_stack([np.linspace(a, 14.0, 160) for a in (-9.0, 2.0, 0.0)])
+    wrapped = (np.degrees(turning) + 360.0 - cut) % 360.0 - (360.0 - cut)
+    head = ["time", *numbered("q_{}_deg", "tau_{}")]
+    path = write(tmp_path / "run.csv", head, [T, *channels(wrapped, TAU)])
+    with pytest.warns(Remark, match="cut at a full turn in"):
+        run = read_run(path, 3, JOINTS)
+    np.testing.assert_allclose(np.diff(run.q, axis=0), np.diff(turning, axis=0))
+
+
+def test_units_of_a_command_unwrap_too(tmp_path):
+    turning = np.linspace(0.0, 14.0, 160)[:, None]
+    columns = [T, *channels(np.degrees(turning) % 360.0, TAU[:, :1])]
+    path = write(tmp_path / "run.csv", ["t", "q1", "tau1"], columns)
+    with pytest.warns(Remark, match="cut at a full turn in 2 places"):
+        run = convert(path, scale={"q": "deg"})
+    np.testing.assert_allclose(run.q, turning, atol=1e-8)
+
+
+def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
+    rounded = [f"{t:.2f}" for t in T]
+    columns = [rounded, *channels(Q[:, :2], TAU[:, :2])]
+    path = write(tmp_path / "run.csv", ["t", "q1", "q2", "tau1", "tau2"], columns)
+    words = ("identify", "two_link", "--data", path, "--out", tmp_path / "m.json")
+    assert run_cli(*words) == 2
+    said = capsys.readouterr().err
+    assert f"check {path} --problem two_link --fix fixed.csv" in said

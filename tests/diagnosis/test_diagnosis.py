@@ -214,11 +214,11 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
                 found, effects=effects, retuned=(), verdict="effect_missing"
             ).advice
         )
-    printing.runs_that_decide(replace(found, effects=(weak,)), Path("m.json"))
-    said = " ".join(capsys.readouterr().out.split())
-    assert said.startswith(
-        "Finding 1, the run that would tell: sdp-vs-penalty excite m.json"
+    printing.diagnosis(
+        replace(found, effects=(weak,)), ["N*m"] * 7, Path("m.json"), False
     )
+    said = " ".join(capsys.readouterr().out.split())
+    assert "To test finding 1, record: sdp-vs-penalty excite m.json" in said
     assert said.endswith("--out tell1.csv")
     rivals = ("sigmoid_friction",)
     assert (

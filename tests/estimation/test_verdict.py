@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sdp_vs_penalty.estimation import Certificate, Verdict, judge
-from sdp_vs_penalty.estimation.verdict import GRADES, MISSING
+from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, PREDICTION
 
 RMSE = np.array([0.1, 0.2])
 R2 = np.array([0.99, 0.98])
@@ -58,7 +58,7 @@ def test_half_the_torque_unexplained_is_no_model():
     bad = verdict(relative=48.5, floor=None)
     assert bad.grade == "do not use"
     assert bad.headline.startswith(
-        "Do not use. 48.5 % relative error; the noise floor is unknown"
+        "Do not use. 48.5 % error; the noise floor is unknown"
     )
     # What is noise is not the model's fault.
     assert verdict(relative=20.0, floor=RMSE / 1.01).grade == "good"
@@ -87,7 +87,7 @@ def test_a_joint_without_a_model_is_named():
     better."""
     found = verdict(r2=np.array([0.99, -5.7]), floor=RMSE / 3.0)
     assert found.grade == "usable"
-    assert "no model of joint 2 (worse than the mean torque)" in str(found)
+    assert "joint 2: worse than a constant torque" in str(found)
     # What is not to be used does not become usable by it.
     assert (
         verdict(r2=np.array([0.1, -5.7]), relative=60.0, floor=RMSE / 30.0).grade
@@ -107,3 +107,16 @@ def test_it_survives_json():
                 "lines": [{"about": "fit", "grade": "fine", "text": ""}],
             }
         )
+
+
+def test_a_prediction_is_not_good_where_the_motion_is_too_short_to_tell():
+    found = verdict(highest=7.0)
+    (line,) = (line for line in found.lines if line.about == PREDICTION)
+    assert line.grade == "usable"
+    assert line.text.startswith("Too short to tell")
+
+
+def test_a_prediction_is_good_where_other_errors_are_ruled_out():
+    found = verdict(highest=4.0)
+    (line,) = (line for line in found.lines if line.about == PREDICTION)
+    assert line.grade == "good"

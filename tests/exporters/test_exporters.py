@@ -17,9 +17,9 @@ from dynamics_files import FULL, READERS, estimate_of, estimate_with_everything
 from lxml import etree
 from recorded import changed, refusal, said
 
-from sdp_vs_penalty import Estimate, load_problem
+from sdp_vs_penalty import Estimate, export, load_problem
 from sdp_vs_penalty.effects import Motion
-from sdp_vs_penalty.exporters.export import export, formats
+from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
 from sdp_vs_penalty.page import jobs
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf

@@ -450,3 +450,53 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     assert not second.folder.exists()
     sessions.close()
     assert not sessions.root.exists()
+
+
+@pytest.fixture
+def strange(hidden, tmp_path) -> Path:
+    """A run whose torques are called as nobody calls them."""
+    file = saved(tmp_path, hidden.runs[:1], "run.csv")["run.csv"]
+    lines = file.read_text().splitlines()
+    lines[0] = lines[0].replace("tau1", "alpha").replace("tau2", "beta")
+    path = tmp_path / "strange.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_a_file_of_unknown_columns_offers_them_to_be_chosen(here, strange):
+    s = here.new()
+    do(s, lambda: s.choose_robot("two_link"))
+    s.arrived["strange.csv"] = strange
+    refusal(lambda: do(s, s.read_files), "strange.csv")
+    (mapping,) = s.mappings
+    chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
+    assert chosen["q2"] == "q2"
+    assert chosen["tau1"] == ""
+
+
+def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
+    s = here.new()
+    do(s, lambda: s.choose_robot("two_link"))
+    s.arrived["strange.csv"] = strange
+    refusal(lambda: do(s, s.read_files), "strange.csv")
+    path = s.mappings[0]["path"]
+    s.choose_column(path, "tau1", "alpha")
+    s.choose_column(path, "tau2", "beta")
+    do(s, lambda: s.read_mapped(path))
+    assert [run["name"] for run in s.runs] == ["strange.csv"]
+    assert not s.mappings
+
+
+def test_the_split_of_a_run_can_be_dragged(here, hidden, tmp_path):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "run.csv"))
+    before = s.runs[0]["split"]
+    do(s, lambda: s.split(s.runs[0]["file"], 55))
+    after = s.runs[0]["split"]
+    assert after["share"] == 0.55
+    assert after["bar"] != before["bar"]
+
+
+def test_at_least_a_fifth_of_a_single_run_is_kept_for_testing(here, hidden, tmp_path):
+    s = opened(here, "two_link", **saved(tmp_path, hidden.runs[:1], "run.csv"))
+    split = s.runs[0]["split"]
+    assert split["test_seconds"] >= 0.2 * s.runs[0]["seconds"]

@@ -21,8 +21,8 @@ from unchecked import identify
 from sdp_vs_penalty import Estimate, Measurements, Problem, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
-from sdp_vs_penalty.reports.markup import bars
-from sdp_vs_penalty.reports.sections import ellipsoid
+from sdp_vs_penalty.render.arms import link_ellipsoid
+from sdp_vs_penalty.render.pieces import bars
 from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")
@@ -133,8 +133,10 @@ def test_figures_are_what_they_were(made, two_link):
 
 
 def test_what_is_no_body_has_no_ellipsoid():
-    assert ellipsoid(np.zeros(10)) is None
-    assert ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None  # a rod
+    assert link_ellipsoid(np.zeros(10)) is None
+    assert (
+        link_ellipsoid(np.array([1.0, 0, 0, 0, 0.1, 0, 0.1, 0, 0, 0.0])) is None
+    )  # a rod
 
 
 def test_the_verb_and_short_runs(two_link, tmp_path):

@@ -27,7 +27,7 @@ def verb(
     --out model2.json: File to write the model to.
     effect EFFECT[:joints][@shape=value]: Effects, separated by commas.
     --from findings.json: Effects found by `diagnose --json`.
-    --confident: What is sure: confident findings, and those of which only the name or the size is open.
+    --confident: Confident findings, and those of which only name or size is open.
     --only 1,3: Numbers of the findings to add.
     """
     from sdp_vs_penalty.checks.gate import consented
@@ -61,18 +61,36 @@ def verb(
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
     console.paragraph(f"added: {', '.join(e.brief for e in added)}")
-    there = {
-        (e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added
-    }
-    for f in (
-        effects.beside_curves if not isinstance(effects, str) and effects.frozen else ()
-    ):
-        if (f.effect, f.joints) not in there:  # the held model keeps its own
-            why = "the held model has it: identify it again on runs like these"
-            console.say(f"not added: {f.text} ({why})")
+    if not isinstance(effects, str) and effects.frozen:
+        _say_what_a_held_model_keeps(effects, added)
+    _say_sizes(effects, bigger)
     printing.certificate(bigger)
     console.written(out)
     console.next_step(["report", model, out, "--data", *judge, "--out", "report.html"])
+
+
+def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
+    """Findings of effects that the held model has itself, which stay as they are."""
+    from sdp_vs_penalty.cli import console
+
+    there = {
+        (e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added
+    }
+    for finding in diagnosis.beside_curves:
+        if (finding.effect, finding.joints) not in there:
+            why = "the held model has it: identify it again on runs like these"
+            console.say(f"not added: {finding.text} ({why})")
+
+
+def _say_sizes(effects: Any, model: Any) -> None:
+    """The size of each finding in the model that holds it, with its interval."""
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
+    from sdp_vs_penalty.render.words import place, plain_name
+
+    for finding in () if isinstance(effects, str) else effects.effects:
+        size = size_in_model(finding, model).size_text
+        console.say(f"{plain_name(finding.effect)}, {place(finding.joints)}: {size}")
 
 
 def _effects(

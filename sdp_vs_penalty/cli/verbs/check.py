@@ -8,6 +8,8 @@ from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
     from sdp_vs_penalty.checks.report import Report
+    from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.problem.problem import Problem
 
 
 def verb(
@@ -30,72 +32,117 @@ def verb(
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
     --apply sign:tau3 ...: Explanations to repair as well, by their words.
     """
-    from sdp_vs_penalty.checks import check_runs
-    from sdp_vs_penalty.checks.fixing import fix_runs
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
-    from sdp_vs_penalty.data.files import for_testing, read_run, run_files, save
-    from sdp_vs_penalty.data.measurements import Measurements
-    from sdp_vs_penalty.files import write_text
+    from sdp_vs_penalty.data.files import run_files
 
-    data = [file for path in data for file in run_files(path)]
-    if apply and fix is None:
-        raise InputError("--apply: nothing to write", "name the copy with --fix")
-    if fix is not None and len(data) > 1 and fix.suffix:
+    files = [file for path in data for file in run_files(path)]
+    _refuse(files, fix, apply)
+    robot, runs, reports, hold = _read_and_check(files, problem, gravity, hold)
+    printing.checks(reports)
+    content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
+    console.save_json(json_, content)
+    mounting = _mounting(gravity, hold)
+    meaningless = any(report.meaningless for report in reports)
+    if fix is not None:
+        copies = _write_copies(robot, files, runs, reports, fix, apply or [])
+        console.next_step(["check", *copies, "--problem", problem, *mounting])
+    elif (repair := _repair_words(reports)) is not None:
+        name = f"{files[0].stem}_fixed.csv" if len(files) == 1 else "fixed"
+        words = [*files, "--problem", problem, *mounting]
+        fixed = files[0].with_name(name)
+        console.next_step(["check", *words, "--fix", fixed, *repair])
+    elif not meaningless:
+        _say_identify(files, problem, mounting)
+    if meaningless:
+        raise SystemExit(1)
+
+
+def _refuse(files: Sequence[Path], fix: Path | None, apply: list[str] | None) -> None:
+    """InputError for options that do not belong together."""
+    if fix is None:
+        if apply:
+            raise InputError("--apply: nothing to write", "name the copy with --fix")
+        return
+    if len(files) > 1 and fix.suffix:
         raise InputError(
-            f"--fix {fix}: {len(data)} runs are given", "name a folder for their copies"
+            f"--fix {fix}: {len(files)} runs are given",
+            "name a folder for their copies",
         )
-    if fix is not None and any(path.resolve() == fix.resolve() for path in data):
+    if any(path.resolve() == fix.resolve() for path in files):
         raise InputError(
             f"--fix {fix}: this is the file that is checked", "choose another name"
         )
+
+
+def _read_and_check(
+    files: Sequence[Path], problem: str, gravity: str | None, hold: str | None
+) -> tuple[Problem, list[Measurements], Sequence[Report], str | None]:
+    """The robot, its runs, a report a run, and --hold with what stands still."""
+    from sdp_vs_penalty.checks import check_runs
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
+    from sdp_vs_penalty.data.files import read_run
+    from sdp_vs_penalty.data.measurements import Measurements
+
+    def read(robot: Problem) -> list[Measurements]:
+        joints = robot.robot.joint_names
+        return [read_run(path, robot.robot.n, joints) for path in files]
+
     with console.progress("checking") as progress:
         robot, measured, hold = read_and_hold(
-            lambda held: problem_from_options(problem, gravity, hold=held),
-            hold,
-            lambda of: [
-                read_run(path, of.robot.n, of.robot.joint_names) for path in data
-            ],
+            lambda held: problem_from_options(problem, gravity, hold=held), hold, read
         )
         runs = [run for run in measured if isinstance(run, Measurements)]
-        progress(f"judging {len(runs)} runs" if len(runs) > 1 else data[0].name)
-        reports = check_runs(robot, runs, robot.preprocessing)
-    printing.checks(reports)
-    mounting = [] if gravity is None else ["--gravity", gravity]
-    mounting += [] if hold is None else ["--hold", hold]
-    words = [*data, "--problem", problem, *mounting]
-    meaningless = any(report.meaningless for report in reports)
-    content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
-    console.save_json(json_, content)
-    if fix is not None:
-        too_long = [path for path, r in zip(data, reports, strict=True) if r.is_long]
-        if too_long:
+        progress(f"judging {len(runs)} runs" if len(runs) > 1 else files[0].name)
+        return robot, runs, check_runs(robot, runs, robot.preprocessing), hold
+
+
+def _mounting(gravity: str | None, hold: str | None) -> list[str]:
+    """The options that the next command needs as well."""
+    words = [] if gravity is None else ["--gravity", gravity]
+    return words if hold is None else [*words, "--hold", hold]
+
+
+def _write_copies(
+    robot: Problem,
+    files: Sequence[Path],
+    runs: Sequence[Measurements],
+    reports: Sequence[Report],
+    fix: Path,
+    apply: Sequence[str],
+) -> list[Path]:
+    """Write a repaired copy of each run, and what was changed beside it."""
+    from sdp_vs_penalty.checks.fixing import fix_runs
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.files import save
+    from sdp_vs_penalty.files import write_text
+
+    for path, report in zip(files, reports, strict=True):
+        if report.is_long:
             remedy = "cut it into files of 250 000 rows"
-            raise InputError("--fix: too long to be repaired", remedy, too_long[0])
-        repaired = fix_runs(robot, runs, reports, apply or [])
-        console.say(repaired.sentence)
-        folder = len(data) > 1 or not fix.suffix or fix.is_dir()
-        copies = [fix / f"{path.stem}.csv" if folder else fix for path in data]
-        each = zip(data, reports, copies, repaired.runs, repaired.issues, strict=True)
-        for path, report, copy, run, done in each:
-            save(run, copy)
-            console.written(copy)
-            note = copy.with_name(f"{copy.stem}_changes.txt")
-            write_text(note, report.changes(path.name, done))
-            console.written(note)
-        console.next_step(["check", *copies, "--problem", problem, *mounting])
-    elif (repair_words := _repair_words(reports)) is not None:
-        fixed_file = data[0].with_name(
-            f"{data[0].stem}_fixed.csv" if len(data) == 1 else "fixed"
-        )
-        console.next_step(["check", *words, "--fix", fixed_file, *repair_words])
-    elif not meaningless:
-        train = [path for path in data if not for_testing(path)] or data
-        console.next_step(
-            ["identify", problem, "--data", *train, *mounting, "--out", "model.json"]
-        )
-    if meaningless:
-        raise SystemExit(1)
+            raise InputError("--fix: too long to be repaired", remedy, path)
+    repaired = fix_runs(robot, runs, reports, apply)
+    console.say(repaired.sentence)
+    is_folder = len(files) > 1 or not fix.suffix or fix.is_dir()
+    copies = [fix / f"{path.stem}.csv" if is_folder else fix for path in files]
+    columns = (files, reports, copies, repaired.runs, repaired.issues)
+    for path, report, copy, run, done in zip(*columns, strict=True):
+        save(run, copy)
+        console.written(copy)
+        note = copy.with_name(f"{copy.stem}_changes.txt")
+        write_text(note, report.changes(path.name, done))
+        console.written(note)
+    return copies
+
+
+def _say_identify(files: Sequence[Path], problem: str, mounting: Sequence[str]) -> None:
+    """The command that identifies from all runs but those for testing."""
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.data.files import for_testing
+
+    train = [path for path in files if not for_testing(path)] or files
+    words = ["--data", *train, *mounting, "--out", "model.json"]
+    console.next_step(["identify", problem, *words])
 
 
 def _repair_words(reports: Sequence[Report]) -> list[str] | None:

@@ -12,6 +12,7 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters import inertials
+    from sdp_vs_penalty.results.table import Table
 
     checks = inertials.check_urdf(urdf)
     massless = inertials.massless_links(urdf)
@@ -25,7 +26,7 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     if checks:
         title = "Inertials: mass and margins (negative: violated)"
         heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
-        console.table(title, heads, inertials.table(checks), words=2)
+        console.table(Table(heads, inertials.table(checks), title=title, words=(0, 1)))
     for c in checks:
         if c.nearest is not None:
             console.paragraph(

@@ -1,4 +1,13 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.data.measurements import Measurements
+    from sdp_vs_penalty.estimation.estimate import Estimate
+    from sdp_vs_penalty.simulation.follow import Following
 
 
 def verb(
@@ -17,7 +26,6 @@ def verb(
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.simulation.follow import follow
 
     estimates = {str(path): load_estimate(path) for path in models}
     newest, estimate = list(estimates.items())[-1]
@@ -32,17 +40,10 @@ def verb(
         printing.verdict(result.verdict, result.name)
     units = estimate.robot.torque_units
     printing.comparison(results, units)
-    printing.where_it_fails(failures, units, newest)
+    printing.where_it_fails(failures, newest)
     if verbose:
         printing.failure_tables(failures)
-    # Without torque the motion is what was measured: the loop with the identified gains
-    # predicts it, for some seconds at most.
-    servos = (
-        {}
-        if runs.torque_logged
-        else {k: e for k, e in estimates.items() if e.model.drives.any()}
-    )
-    loops = {k: follow(e, runs, drive="servo", steps=5_000) for k, e in servos.items()}
+    loops = {} if runs.torque_logged else _simulated_loops(estimates, runs)
     for name, loop in loops.items():
         console.say(f"{name}: {loop.verdict}")
     console.save_json(
@@ -55,3 +56,14 @@ def verb(
         },
     )
     next_diagnosis(newest, estimate, data, window)
+
+
+def _simulated_loops(
+    estimates: Mapping[str, Estimate], runs: Measurements
+) -> dict[str, Following]:
+    """Without torque the motion is what was measured: each model's loop with the
+    identified gains predicts it, for some seconds at most."""
+    from sdp_vs_penalty.simulation.follow import follow
+
+    servos = {k: e for k, e in estimates.items() if e.model.drives.any()}
+    return {k: follow(e, runs, drive="servo", steps=5_000) for k, e in servos.items()}

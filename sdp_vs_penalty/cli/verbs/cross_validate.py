@@ -32,6 +32,7 @@ def verb(
     from sdp_vs_penalty.estimation.resampling import cross_validate
     from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
+    from sdp_vs_penalty.results.table import Table
 
     with console.progress("reading the measurements") as progress:
         robot, (runs,), hold = read_and_hold(
@@ -61,7 +62,7 @@ def verb(
         f" {number(result.band_hz)} Hz"
     )
     heads = ("judged on", "error [%]", *(str(j + 1) for j in range(robot.robot.n)))
-    console.table(title, heads, rows)
+    console.table(Table(heads, rows, title=title))
     settings = {
         "--method": method,
         "--effects": effects,

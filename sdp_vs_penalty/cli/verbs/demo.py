@@ -12,8 +12,8 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
     --seed: Seed of the simulated arm.
     """
     from sdp_vs_penalty.cli import printing
+    from sdp_vs_penalty.render.tables import judged_cells, judged_table
     from sdp_vs_penalty.reports.demo import ARM, RUNS, demo
-    from sdp_vs_penalty.reports.sections import JUDGED_HEADS, judged_row
 
     with console.progress("simulating") as progress:
         demonstration = demo(out, seed, progress)
@@ -23,12 +23,11 @@ def verb(out: Path = Path("demo"), seed: int = 7) -> None:
         f"A simulated {ARM} arm: two runs to identify from, one to judge on ({out})."
     )
     console.say("1. Identify: the same runs by three methods", style="bold")
-    rows = list(map(judged_row, demonstration.compared))
-    console.table(
-        "On motion that no model has seen", ("method", *JUDGED_HEADS), rows, words=2
-    )
+    rows = list(map(judged_cells, demonstration.compared))
+    title = "On motion that was not used for fitting"
+    console.table(judged_table(rows, "method", title))
     console.say("2. Compare: where the physically consistent model fails", style="bold")
-    printing.where_it_fails(demonstration.failures, units, before.name)
+    printing.where_it_fails(demonstration.failures, before.name)
     console.say("3. Diagnose", style="bold")
     console.paragraph(demonstration.diagnosis.headline)
     console.say("4. Add it", style="bold")

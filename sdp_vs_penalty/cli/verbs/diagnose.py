@@ -1,4 +1,10 @@
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.findings import Diagnosis
 
 
 def verb(
@@ -48,29 +54,42 @@ def verb(
             without_check=runs.NO_CHECK,
         )
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
-    settings = {
-        "--test": test,
-        "--test-window": test_window,
-        "--gain-uncertainty": gain_uncertainty,
-    }
-    words += [
-        str(word) for pair in settings.items() if pair[1] is not None for word in pair
-    ]
-    what = [",".join(f.text for f in result.sure)] if result.sure else []
-    if json_ is not None and (
-        result.sure or result.curves
-    ):  # curves were measured beside all findings
-        what = ["--from", str(json_), *["--confident"] * (not result.curves)]
-    printing.diagnosis(result, estimate.robot.torque_units, bool(what), verbose)
-    printing.runs_that_decide(result, model)
+    words += _written(
+        {
+            "--test": test,
+            "--test-window": test_window,
+            "--gain-uncertainty": gain_uncertainty,
+        }
+    )
+    what = _what_to_add(result, json_)
+    units = estimate.robot.torque_units
+    printing.diagnosis(result, units, model, bool(what), verbose)
     console.save_json(json_, result.to_dict())
     if what:
-        stem = (
-            model.stem.rstrip("0123456789") or model.stem
-        )  # model.json, model2.json, ...
-        numbers = (
-            path.stem.removeprefix(stem) for path in model.parent.glob(f"{stem}*.json")
-        )
-        free = max((int(n) for n in numbers if n.isdigit()), default=1) + 1
-        free_model = model.with_name(f"{stem}{free}.json")
-        console.next_step(["add", model, *what, *words, "--out", free_model])
+        out = ["--out", _free_name(model)]
+        console.next_step(["add", model, *what, *words, *out])
+
+
+def _written(options: dict[str, object]) -> list[str]:
+    """Options with their values, those that were given."""
+    pairs = [(name, x) for name, x in options.items() if x is not None]
+    return [str(word) for pair in pairs for word in pair]
+
+
+def _what_to_add(result: Diagnosis, json_: Path | None) -> list[str]:
+    """What `add` takes: the file of findings where there is one, else their texts."""
+    if not result.sure and not result.curves:
+        return []
+    if json_ is None:
+        return [",".join(f.text for f in result.sure)] if result.sure else []
+    # Curves were measured beside all findings.
+    return ["--from", str(json_), *["--confident"] * (not result.curves)]
+
+
+def _free_name(model: Path) -> Path:
+    """The next free name after model.json: model2.json, model3.json ..."""
+    stem = model.stem.rstrip("0123456789") or model.stem
+    names = [path.stem for path in model.parent.glob(f"{stem}*.json")]
+    numbers = [name.removeprefix(stem) for name in names]
+    free = max((int(n) for n in numbers if n.isdigit()), default=1) + 1
+    return model.with_name(f"{stem}{free}.json")

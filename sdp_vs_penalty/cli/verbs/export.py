@@ -29,7 +29,11 @@ def verb(
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
-    from sdp_vs_penalty.exporters.export import as_exported, export, exported_verdict
+    from sdp_vs_penalty.exporters.export import (
+        as_exported,
+        exported_verdict,
+        write_model,
+    )
 
     estimate = load_estimate(model)
     x, y, z = numbers("--flange", flange, 3) if flange is not None else (0.0, 0.0, 0.0)
@@ -40,7 +44,7 @@ def verb(
         judged = judge_as_exported(estimate, out, runs.judge, runs.judged_recordings)
     verdict = None if judged is None else judged[0]
     options: dict[str, Any] = {"force": force, "flange": (x, y, z), "judged": verdict}
-    left_out = export(estimate, out, urdf, **options)
+    left_out = write_model(estimate, out, urdf, **options)
     stored_verdict = estimate.verdict
     if not loses:
         console.say(

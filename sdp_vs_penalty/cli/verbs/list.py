@@ -18,14 +18,15 @@ def verb(what: Kind, name: str | None = None) -> None:
     name: One name, for all about it.
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.results.table import Table
 
     headings, rows = listing(what)
     if name is not None:
-        console.details(headings, details(what, name))
+        console.details(list(zip(headings, details(what, name), strict=True)))
         return
     columns = [headings.index(heading) for heading in _SHORT.get(what, headings)]
     shown = [[row[k] for k in columns] for row in (headings, *rows)]
-    console.table("", shown[0], shown[1:], words=len(columns))
+    console.table(Table(shown[0], shown[1:], words=range(len(columns))))
     if len(columns) < len(headings):
         console.say(
             f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}"

@@ -122,13 +122,15 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 def _list() -> None:
     from sdp_vs_penalty.research.shootout.catalogue import catalogue
     from sdp_vs_penalty.research.shootout.contestants import contestants
+    from sdp_vs_penalty.results.table import Table
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
-    console.table("", ("instance", "group", ""), rows, words=3)
+    console.table(Table(("instance", "group", ""), rows, words=(0, 1, 2)))
     people = [
         (c.name, c.absent or "here", c.description) for c in contestants().values()
     ]
-    console.table("", ("solver", "here", "what it is"), people, words=3)
+    heads = ("solver", "here", "what it is")
+    console.table(Table(heads, people, words=(0, 1, 2)))
 
 
 def _words(text: str | None) -> list[str] | None:

@@ -84,9 +84,8 @@ def _follow(
         estimate = load_estimate(model)
         following = follow(estimate, runs, drive=drive, seed=seed, progress=progress)  # type: ignore[arg-type]
     console.say(following.verdict, style="bold")
-    console.table(
-        "Forward simulation against the measured motion (RMS)", *following.table()
-    )
+    console.say("Forward simulation against the measured motion (RMS)", style="italic")
+    console.table(following.table())
     console.paragraph(following.explained)
     if following.free[0].spread is None:
         why = "the intervals hold inertias with which the arm cannot move"

@@ -25,6 +25,8 @@ from sdp_vs_penalty.data.formats.recognition import (
 )
 from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
 from sdp_vs_penalty.data.formats.stamps import second_part_unit
+from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.formats.wrapping import POSITIONS, unwrapped
 from sdp_vs_penalty.data.measurements import COMMANDED, Measurements, gathered
 from sdp_vs_penalty.errors import ColumnsRemark, InputError, Remark
 from sdp_vs_penalty.robot.arrays import Array
@@ -229,11 +231,20 @@ class Header:
         run = replace(gathered(pieces), joint_names=self.joints)
         if self.episode is not None and len(run.t) > 1:
             run = self._episodes_in_a_row(run)
+        degrees = self._groups_in_degrees()
+        if degrees:
+            run = unwrapped(run, self.path, degrees)
         if self.recognition is not None and not self.recognition.is_own:
             sentence = self.recognition.sentence(self.path, self.names)
             rows = rows_shown(run, self.recognition)
             warnings.warn(ColumnsRemark(sentence, rows), stacklevel=2)
         return run
+
+    def _groups_in_degrees(self) -> list[str]:
+        """The groups of positions that were recognised as angles in degrees."""
+        scale = self.recognition.scale if self.recognition else {}
+        groups = {group_of(ours) for ours, x in scale.items() if x == UNITS["deg"]}
+        return [group for group in POSITIONS if group in groups]
 
     def _episodes_in_a_row(self, run: Measurements) -> Measurements:
         """The run with a clock that goes on where an episode begins anew."""

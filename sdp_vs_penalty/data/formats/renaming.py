@@ -8,8 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.formats.wrapping import POSITIONS, unwrapped
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
+
+_DEGREES = ("deg", "degree", "degrees")
 
 
 def group_of(our_name: str) -> str:
@@ -140,7 +143,7 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     Returns
     -------
     Measurements
-        The run in SI units.
+        The run in SI units; angles in degrees go on where they were cut at a full turn.
 
     Raises
     ------
@@ -153,7 +156,9 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
         n_columns = groups[group].shape[1] if group in groups else 0
         groups[group] = groups[group] * _factors(our_name, word, n_columns)
     clock = groups.pop("t")[:, 0]
-    return Measurements.of(clock, groups, run.names)
+    in_si = Measurements.of(clock, groups, run.names)
+    degrees = [name for name in POSITIONS if factors.get(name, "").lower() in _DEGREES]
+    return unwrapped(in_si, run.names[0], degrees)
 
 
 def _factors(our_name: str, word: str, n_columns: int) -> np.ndarray:

@@ -9,15 +9,12 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.comparison import new_motion
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.effects import effect_types
-from sdp_vs_penalty.estimation.estimate import LINK_HEADS
 from sdp_vs_penalty.estimators import estimator_types
-from sdp_vs_penalty.formatting import number as figure
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.session import ModelStep, Session
+from sdp_vs_penalty.page.session import SHOWN_BY, ModelStep, Session
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
@@ -26,9 +23,11 @@ from sdp_vs_penalty.page.view import (
     requires_model,
     spoken,
 )
-from sdp_vs_penalty.reports import markup
-from sdp_vs_penalty.reports.plots import Curves, friction_figure
-from sdp_vs_penalty.reports.sections import CERTIFICATE, HEADS
+from sdp_vs_penalty.render import pieces
+from sdp_vs_penalty.render.charts import Curves, friction_figure
+from sdp_vs_penalty.render.tables import parameter_table
+from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
+from sdp_vs_penalty.results.table import Table
 
 _USUAL = (
     "rigid_body",
@@ -95,7 +94,7 @@ def _form(view: View) -> None:
                 on = name in map(_name, session.effects)
                 label = effects[name].explanation
                 draw.check(
-                    draw.plain_name(name),
+                    plain_name(name),
                     on,
                     partial(tick, name),
                     f"effect-{name}",
@@ -106,11 +105,11 @@ def _form(view: View) -> None:
         draw.tag("legend", "Effects of the first model")
         boxes(_USUAL)
         unusual = [name for name in effects if name not in _USUAL]
-        chosen = sum(name in map(_name, session.effects) for name in unusual)
+        chosen = [name for name in unusual if name in map(_name, session.effects)]
         with draw.details(
-            f"More effects ({chosen} of {len(unusual)} chosen)",
+            f"More effects ({len(chosen)} of {len(unusual)} chosen)",
             "more-effects",
-            chosen > 0,
+            bool(chosen),
         ):
             draw.note("The stage Diagnose tells which are needed.")
             boxes(unusual)
@@ -186,13 +185,7 @@ def fit(view: View) -> None:
     robot = view.session.robot
     comparison = model.comparison
     units = robot["units"]
-    if (
-        view.joint is None
-    ):  # whose error is the most times its noise; without noise, the largest
-        both = zip(comparison["rmse"], comparison["noise_floor"], strict=True)
-        scaled = [e / f if f else e for e, f in both]
-        view.joint = scaled.index(max(scaled))
-    view.joint = min(view.joint, robot["n"] - 1)
+    view.look_at_worst_joint()
     if view.run not in model.runs:
         view.run = model.runs[-1]
         view.span = None
@@ -238,18 +231,18 @@ def fit(view: View) -> None:
         modelled = {
             step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)
         }
-        failing = _stretches(model, view.run, j, float(read["t"][0]))
+        failing = charts.failing_stretches(model, view.run, j, float(read["t"][0]))
         run = Curves(read["t"], read["torque"], modelled)
         causes = {cause for *_, cause in failing}
-        bars.content = markup.bars(
+        bars.content = pieces.bars(
             first["rmse"], after, comparison["noise_floor"], units, chosen=j
         )
         chart.update_figure(charts.torque_chart(run, j, units, view.span, failing))
         against.update_figure(
             charts.residual_chart(reads, j, view.signal, units[j], noise, view.span)
         )
-        legend.content = markup.legend(
-            [cause for cause in markup.SHADES if cause in causes]
+        legend.content = pieces.legend(
+            [cause for cause in pieces.SHADES if cause in causes]
         )
         words.text = _words(model, j, units[j])
         move(view.run, read, charts.torque_errors(model, read))
@@ -268,16 +261,16 @@ def _figures(model: ModelStep) -> None:
     """How well the model does: as every table of models says it, and the other lines of
     the verdict."""
     draw.judged([model])
-    comparison = model.comparison
-    runs = model.judged_on
+    facts, runs = model.comparison["facts"], model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
-    below = f"below {figure(comparison['band_hz'])} Hz"
-    new = new_motion(comparison["new_motion_share"])
+    new = facts["new_motion_percent"]["texts"][0]
+    seconds = facts["judged_seconds"]["texts"][0]
+    band = facts["band"]["texts"][0]
     draw.note(
-        f"Judged on {judged}, {below}, new motion {new}; identified in"
-        f" {model.seconds:.2g} s."
+        f"On motion not used for fitting: {seconds} s of {judged}, {new} % of it new,"
+        f" below {band} Hz; identified in {model.seconds:.2g} s."
     )
-    for line in comparison["verdict"]["lines"][1:]:  # the first one stands above
+    for line in model.comparison["verdict"]["lines"][1:]:  # the first one stands above
         draw.tag(
             "p",
             f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}",
@@ -286,43 +279,17 @@ def _figures(model: ModelStep) -> None:
 
 
 def _words(model: ModelStep, j: int, unit: str) -> str:
-    """What can be said of a joint's error in a sentence or two."""
-    error = model.comparison["rmse"][j]
-    floor = model.comparison["noise_floor"][j]
+    """What can be said of the error of joint j (from 0) in a sentence or two."""
+    facts = model.comparison["facts"]
     plain = formatting.plain_unit(unit)
-    text = f"Joint {j + 1}: the error is {figure(error)} {plain}"
-    if floor:
-        text += (
-            f", {figure(error / floor, 2)} times the noise floor of {figure(floor)}"
-            f" {plain}"
-        )
+    number, error = model.joint_number(j), facts["joint_error"]["texts"][j]
+    text = f"Joint {number}: the error is {error} {plain}"
+    if facts["error_over_noise"]["value"] is not None:
+        times = facts["error_over_noise"]["texts"][j]
+        floor = facts["joint_noise"]["texts"][j]
+        text += f", {times} times the noise floor of {floor} {plain}"
     sentences = model.failures[j]["sentences"] if model.failures else ()
     return " ".join([f"{text}.", *sentences])
-
-
-#: The signal that shows what a cause of the table explains.
-_SHOWN_BY = {
-    "position": "q",
-    "velocity": "dq",
-    "acceleration": "ddq",
-    "load": "torque",
-    "time": "t",
-    "high speed": "dq",
-    "reversal": "dq",
-    "standstill": "dq",
-    "waves per turn": "q",
-}
-
-
-def _stretches(
-    model: ModelStep, run: str, j: int, start: float
-) -> list[tuple[float, float, str]]:
-    """Where a joint fails on a run, in its seconds since ``start``, and the cause."""
-    return [
-        (s["start"] - start, s["stop"] - start, s["cause"])
-        for s in (model.failures[j]["stretches"] if model.failures else ())
-        if s["run"].startswith(run.partition(", ")[0])
-    ]
 
 
 def _heat(
@@ -336,17 +303,17 @@ def _heat(
         " data, in per cent; causes that explain nothing are left out. Click a cell to"
         " see the joint."
     )
-    rows = markup.heat_rows(failures, markup.found_shares(diagnosis, len(failures)))
+    rows = pieces.heat_rows(failures, pieces.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
-    drawn = markup.framed(title, markup.heat_map(title, rows, len(failures), _SHOWN_BY))
+    drawn = pieces.heat_map(title, rows, len(failures), SHOWN_BY)
+    drawn = pieces.piece("framed.html", inner=drawn, caption=title)
     ui.html(drawn, sanitize=False).on("click", partial(_show, view), js_handler=_CELL)
 
 
 def _show(view: View, event: Any) -> None:
     """The joint that was clicked, and the signal that shows the cause."""
     joint, signal = event.args
-    at = {"joint": min(max(int(joint), 1), view.session.robot["n"]) - 1}
-    view.select(**at, **({"signal": signal} if signal in charts.SIGNALS else {}))
+    view.select_joint(joint, signal if signal in charts.SIGNALS else view.signal)
 
 
 #: What a click on a button of a joint sends.
@@ -375,9 +342,7 @@ def _tables(view: View) -> None:
     about = view.session.current.about
     robot = view.session.robot
     if about["links"]:
-        draw.table(
-            LINK_HEADS, about["links"], "Links, identified and nominal", "numbers links"
-        )
+        draw.table(Table.from_dict(about["links"]))
     if about["friction"]:
         draw.tag("h4", "Friction by velocity")
 
@@ -395,25 +360,14 @@ def _tables(view: View) -> None:
         view.followers["parameters"] = lambda: drawn.update_figure(options())
     draw.tag("h4", "Certificate")
     draw.note(CERTIFICATE)
-    draw.table(
-        ["figure", view.session.current.label],
-        about["certificate"],
-        "Certificate",
-        "wraps",
-    )
+    draw.table(Table.from_dict(about["certificate"]), "Certificate")
     draw.tag("h4", "Every parameter")
     draw.note(
         "Values with 95 % intervals beside the nominal ones. Those marked prior or"
         " bounds are not measured: the data leave them open."
     )
     with draw.tag("div", style="tall"):
-        draw.table(
-            HEADS,
-            about["rows"],
-            "Parameters with intervals",
-            "numbers parameters",
-            mark=2,
-        )
+        draw.table(parameter_table(about["rows"]), "Parameters with intervals")
     draw.button("Copy the table", lambda: None, "copy", data_copy="table.parameters")
 
 
@@ -447,7 +401,7 @@ def methods(view: View) -> None:
     draw.button("Compare methods", compare, "compare")
     if (answer := session.answer("methods")) is None:
         return
-    draw.table(answer["heads"], answer["rows"], "Methods compared", "numbers methods")
+    draw.table(Table.from_dict(answer["table"]), "Methods compared")
     draw.note(
         "On the runs that the model is judged on. Possible: every link can exist,"
         " within its bounds; thinnest: a link's thickness, zero or less where it"

@@ -13,6 +13,7 @@ from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
+from sdp_vs_penalty.render.words import plain_name
 from sdp_vs_penalty.simulation.hidden_runs import MAKERS
 from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
@@ -110,7 +111,7 @@ _USES = (
     "runs",
     "Measurements",
     lambda s: bool(s.robot),
-    lambda s: (s.robot["source"], s.runs, s.refusals),
+    lambda s: (s.robot["source"], s.runs, s.refusals, s.mappings),
 )
 def runs(view: View) -> None:
     """The ways to get measurements, and the runs that are there."""
@@ -120,8 +121,31 @@ def runs(view: View) -> None:
             with draw.tag("section", style="way"):
                 draw.tag("h4", title)
                 fill(view)
+    for mapping in view.session.mappings:
+        _mapping(view.session, mapping)
     if view.session.runs:
         _list(view)
+
+
+def _mapping(session: Session, mapping: dict[str, Any]) -> None:
+    """Which column of a refused file is what: a drop-down each, as far as it was
+    recognised."""
+    path = mapping["path"]
+    draw.tag("h4", f"Which column of {mapping['name']} is what?")
+    described = zip(mapping["columns"], mapping["cells"], strict=True)
+    options = [("", "not there")]
+    options += [(name, f"{name}: {cells} ...") for name, cells in described]
+    chosen = zip(mapping["ours"], mapping["chosen"], strict=True)
+    with draw.tag("div", style="fields"):
+        for ours, theirs in chosen:
+            choose = partial(session.choose_column, path, ours)
+            draw.choice(_OURS.get(ours, ours), options, theirs, choose, f"map-{ours}")
+    read = partial(session.start, session.read_mapped, path)
+    draw.button("Read it with these columns", read, "read-mapped", "primary")
+
+
+#: What our names are, where they do not say it.
+_OURS = {"t": "t, the clock"}
 
 
 def _own(view: View) -> None:
@@ -157,7 +181,7 @@ def _simulated(view: View) -> None:
     robot = session.robot
     if not 0 < int(hiding["joint"]) <= robot["n"]:
         hiding["joint"] = str(robot["n"])
-    effects = [(n, draw.plain_name(n)) for n in MAKERS if not kinds[n].frozen_only]
+    effects = [(n, plain_name(n)) for n in MAKERS if not kinds[n].frozen_only]
     fields = {
         "effect": ("Effect", [("none", "Nothing hidden"), *effects]),
         "joint": (
@@ -213,10 +237,42 @@ def _list(view: View) -> None:
                         draw.choice(
                             label, uses, run["use"], use, f"use-{k}", hidden_label=True
                         )
+    for k, run in enumerate(session.runs):
+        if run["use"] == "split":
+            _split_bar(session, run, k)
     if session.runs and all(run["use"] == "train" for run in session.runs):
         draw.note(
             "No run is kept for testing: the errors below are training errors, and a"
             " diagnosis holds out parts of the runs, which takes longer."
+        )
+
+
+#: Where the bar of a split begins and ends [% for training].
+_LEAST, _MOST = "40", "75"
+
+
+def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
+    """The run as a bar of what is identified from and what is kept for testing; its
+    handle can be dragged."""
+    split = run["split"]
+    with draw.tag("div", style="split"):
+        words = (
+            f"{run['name']}: {split['train_seconds']:.3g} s to identify from,"
+            f" {split['test_seconds']:.3g} s kept for testing, in blocks over the whole"
+            " run"
+        )
+        draw.tag("p", words, "soft")
+        with draw.tag("div", style="split-bar", aria_hidden="true"):
+            for part in split["bar"]:
+                place = f"left:{part['left']:.2f}%;width:{part['width']:.2f}%"
+                draw.tag("i", style=part["side"]).style(place)
+        draw.slider(
+            "Share to identify from [%]",
+            f"{split['share']:.0%}".rstrip("%"),
+            partial(session.start, session.split, run["file"]),
+            key=f"split-{k}",
+            least=_LEAST,
+            most=_MOST,
         )
 
 
@@ -266,7 +322,7 @@ def check(view: View) -> None:
         for run in session.runs
         for finding_of_run in run["findings"]
     )
-    draw.note(f"{crosses * mended}Drag to look closer; Play moves the arm.")
+    draw.note(f"{crosses if mended else ''}Drag to look closer; Play moves the arm.")
     look(first)
 
 

@@ -8,7 +8,8 @@ from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.charts import chart_and_arm, torque_chart
 from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
-from sdp_vs_penalty.reports.plots import Curves
+from sdp_vs_penalty.render.charts import Curves
+from sdp_vs_penalty.results.table import Table
 
 #: Files and what they are for.
 FILES = {
@@ -97,9 +98,7 @@ def forward(view: View) -> None:
         )
         return
     draw.tag("p", answer["verdict"], "words")
-    draw.table(
-        answer["heads"], answer["rows"], "Errors of the simulated motion", "numbers"
-    )
+    draw.table(Table.from_dict(answer["table"]), "Errors of the simulated motion")
     draw.note(answer["explained"])
     if answer["left_out"]:
         draw.tag(
@@ -129,7 +128,9 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
         follow()
 
     with draw.tag("div", style="fields pick"):
-        joints = [(str(j), f"{j + 1}") for j in range(len(units))]
+        joints = [
+            (str(j), str(session.current.joint_number(j))) for j in range(len(units))
+        ]
         joint = str(view.joint or 0)
         draw.choice(
             "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"

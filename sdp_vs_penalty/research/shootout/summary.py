@@ -19,10 +19,11 @@ import numpy as np
 import pandas
 
 from sdp_vs_penalty.files import write_text, writing
-from sdp_vs_penalty.formatting import markdown_table, number
+from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.problem.load import load_problem, problem_names
 from sdp_vs_penalty.research.shootout.contestants import contestants
 from sdp_vs_penalty.research.shootout.judge import CLASSES, SLACK
+from sdp_vs_penalty.results.table import markdown_lines
 
 
 def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
@@ -271,7 +272,7 @@ def by_problem(runs: pandas.DataFrame) -> list[str]:
 
 
 def _markdown(table: pandas.DataFrame) -> list[str]:
-    return markdown_table(list(table.columns), table.astype(str).to_numpy().tolist())
+    return markdown_lines(list(table.columns), table.astype(str).to_numpy().tolist())
 
 
 def ranking(
@@ -401,7 +402,7 @@ def write_summary(
         minutes=runs["seconds"].sum() / 60.0,
         limit=time_limit,
         answer=answer(runs),
-        told="\n".join(markdown_table(["solver", "told"], option_rows)),
+        told="\n".join(markdown_lines(["solver", "told"], option_rows)),
         table="\n".join(_markdown(shown)),
         problems="\n".join(by_problem(runs)) + "\n",
         left_out="".join(f"- {line}.\n" for line in missing),

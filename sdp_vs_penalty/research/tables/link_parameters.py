@@ -19,8 +19,8 @@ from sdp_vs_penalty.research.tables.table import (
     TableSpec,
     notes,
     register_table,
-    text,
 )
+from sdp_vs_penalty.results.table import cell_text
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -138,7 +138,7 @@ def _bounds_received(study: Study) -> list[str]:
                 study.result(method, data).theta
             )
             worst.append(
-                f"{name}_{data.label} {text(worst_by_family['barycentric inertia'], 2)}"
+                f"{name}_{data.label} {cell_text(worst_by_family['barycentric inertia'], 2)}"
             )
     return notes("bounds", worst=", ".join(worst))
 

@@ -1,43 +1,22 @@
-"""A table as data, and its three written forms: CSV, Markdown, LaTeX (booktabs,
-siunitx)."""
+"""A table of a study as data, written as CSV, Markdown and LaTeX (results/table.py)."""
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import pandas
 
-from sdp_vs_penalty.errors import printable
-from sdp_vs_penalty.estimation.constants import ROUNDING
 from sdp_vs_penalty.files import WRITERS_PATIENCE, folder_lock, write_text
-from sdp_vs_penalty.formatting import escape_markdown, markdown_table
 from sdp_vs_penalty.plugins import summary_line
+from sdp_vs_penalty.results import table as forms
+from sdp_vs_penalty.results.table import Cell
 
-#: Text is written as it is (published cells keep their printed digits), None is an
-#: empty cell.
-Cell = str | float | int | None
 #: A row's cells by column.
 Row = dict[str, Any]
-
-#: Of the characters that LaTeX has as commands.
-_NAMED = "backslash asciicircum asciitilde less greater bar"
-_LATEX = str.maketrans(
-    {c: rf"\{c}" for c in "{}$&#_%"}
-    | {
-        c: rf"\text{name}{{}}"
-        for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)
-    }
-)
-
-#: Between two characters of which LaTeX would make one: a dash, a quotation mark.
-_LIGATURE = re.compile("(?<=-)(?=-)|(?<=`)(?=`)|(?<=')(?=')|(?<=[?!])(?=`)")
 
 
 @dataclass(frozen=True)
@@ -105,7 +84,7 @@ class Table:
 
     def cells(self) -> pandas.DataFrame:
         """All cells as text."""
-        return self.frame.map(lambda cell: text(cell, self.digits))
+        return self.frame.map(lambda cell: forms.cell_text(cell, self.digits))
 
     def csv(self) -> str:
         """With all digits that it takes to read the same numbers back."""
@@ -131,46 +110,25 @@ class Table:
             size,
         ]
 
+    @property
+    def form(self) -> forms.Table:
+        """What is written of it."""
+        return forms.Table(
+            headings=list(map(str, self.frame)),
+            rows=self.frame.to_numpy().tolist(),
+            title=self.title,
+            caption=self.caption,
+            notes=self.notes,
+            name=self.name,
+            digits=self.digits,
+            words=None,
+        )
+
     def markdown(self) -> str:
-        """The title, the caption, the cells as shown, and the notes."""
-        cells = self.cells().map(escape_markdown)
-        headings = [escape_markdown(str(name)) for name in cells.columns]
-        sides = ["---:" if _numeric(cells[name]) else ":---" for name in cells]
-        lines = [f"# {escape_markdown(self.title)}", ""]
-        lines += [escape_markdown(self.caption), ""]
-        lines += markdown_table(headings, cells.to_numpy().tolist(), sides)
-        if self.notes:
-            lines += ["", *(f"- {note}" for note in self.notes)]
-        return "\n".join(lines) + "\n"
+        return self.form.markdown()
 
     def latex(self) -> str:
-        cells = self.cells()
-        layout = []
-        infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
-        for name, column in cells.items():
-            number = _numeric(column)
-            cells[name] = (
-                column.replace(infinite) if number else column.map(escape_latex)
-            )
-            # Longer text wraps.
-            wide = (
-                r">{\raggedright\arraybackslash}p{26em}"
-                if column.str.len().max() > 80
-                else "l"
-            )
-            layout.append("S[table-alignment-mode=marker]" if number else wide)
-        header = " & ".join(map(_latex_header, cells))
-        body = "\n".join(f"    {' & '.join(row)} \\\\" for row in cells.to_numpy())
-        caption = escape_latex(" ".join([self.caption, *self.notes]))
-        fields_of_column = {
-            "title": escape_latex(self.title),
-            "caption": caption,
-            "name": self.name,
-        }
-        template = Template(Path(__file__).with_name("table.tex").read_text())
-        return template.substitute(
-            fields_of_column, layout=" ".join(layout), header=header, body=body
-        )
+        return self.form.latex()
 
     def write(self, folder: str | Path) -> list[Path]:
         """Write the three forms, and all columns where these are some, each whole or not
@@ -187,12 +145,7 @@ class Table:
 
 def exact_csv(frame: pandas.DataFrame) -> str:
     """Cells with all digits that it takes to read the same numbers back."""
-    exact = frame.map(
-        lambda x: (
-            repr(float(x)) if isinstance(x, float) and math.isfinite(x) else text(x)
-        )
-    )
-    return str(exact.to_csv(index=False, lineterminator="\n"))
+    return forms.Table(list(map(str, frame)), frame.to_numpy().tolist()).csv()
 
 
 def notes(table: str, **values: object) -> list[str]:
@@ -203,41 +156,7 @@ def notes(table: str, **values: object) -> list[str]:
     return [note for note in (part.format(**values) for part in paragraphs) if note]
 
 
-def text(cell: Cell, digits: int = 4) -> str:
-    """A cell as written: printed text untouched, numbers to ``digits`` significant
-    digits."""
-    if isinstance(cell, str | int):
-        return printable(cell)
-    if cell is None or math.isnan(cell):
-        return ""
-    if math.isinf(cell):
-        return "inf" if cell > 0 else "-inf"
-    return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
-
-
 def by_joint(values: Iterable[Cell], prefix: str = "joint") -> Row:
     """Cells joint_1, joint_2, ..."""
     cells = (x if isinstance(x, str) or x is None else float(x) for x in values)
     return {f"{prefix}_{j}": cell for j, cell in enumerate(cells, start=1)}
-
-
-def _latex_header(name: str) -> str:
-    """The data set on a line of its own, so that columns stay narrow."""
-    first, _, data = name.rpartition("_")
-    if data in ("simulated", "measured"):
-        return rf"{{\shortstack{{{escape_latex(first)}\\{data}}}}}"
-    return f"{{{escape_latex(name)}}}"
-
-
-def escape_latex(plain: str) -> str:
-    """Text that LaTeX sets as it is written, control characters as Python writes
-    them."""
-    return _LIGATURE.sub("{}", printable(plain).translate(_LATEX))
-
-
-def _numeric(column: pandas.Series[str]) -> bool:
-    """Whether every cell that is not empty is a number (or infinite), and one is."""
-    filled = column[~column.isin(["", "inf", "-inf"])]
-    return len(filled) > 0 and bool(
-        filled.str.fullmatch(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?").all()
-    )

@@ -9,11 +9,23 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from sdp_vs_penalty.diagnosis.comparison import Signals
 from sdp_vs_penalty.diagnosis.curves.curve import Curve
+from sdp_vs_penalty.diagnosis.where_it_fails import (
+    ACCELERATION,
+    HIGH_SPEED,
+    LOAD,
+    POSITION,
+    REVERSAL,
+    STANDSTILL,
+    VELOCITY,
+    WAVES,
+)
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -187,7 +199,7 @@ def torque_figure(
     plot.update_axes("x", 1, title="time [s]")
     if side_by_side:
         return plot.update_axes("x", 0, title="time [s]")
-    return plot.update_axes("y", 1, title=f"left [{plain_unit(unit)}]")
+    return plot.update_axes("y", 1, title=f"error [{plain_unit(unit)}]")
 
 
 def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
@@ -248,6 +260,157 @@ def missing_figure(
     return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
 
 
+def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
+    """At most ``points`` row numbers of n_rows, from the first to the last."""
+    kept = min(n_rows, points)
+    return np.unique(np.linspace(0, n_rows - 1, kept).astype(np.intp))
+
+
+#: Seconds before and after a reversal that a picture shows.
+_AROUND_REVERSAL = 0.4
+#: Bins of the mean curve of a cloud of errors.
+_BINS = 24
+
+
+@dataclass(frozen=True)
+class CauseAxis:
+    """x (M,) what an error is drawn against; sign (M,) what it is multiplied by; label
+    with unit; limits of x, or None."""
+
+    x: Array
+    sign: Array
+    label: str
+    limits: tuple[float, float] | None = None
+
+
+def cause_axis(
+    signals: Signals, joint: int, cause: str, position_unit: str
+) -> CauseAxis:
+    """What shows the dependence of a joint's error (joint from 1) on a cause of
+    where_it_fails.py; any other cause is drawn over time."""
+    j = joint - 1
+    ones = np.ones(len(signals.t))
+    if cause == REVERSAL:
+        seconds, direction = since_reversal(signals.t, signals.dq[:, j])
+        limits = (-_AROUND_REVERSAL, _AROUND_REVERSAL)
+        label = "time from the nearest reversal [s]; errors in the direction after it"
+        return CauseAxis(seconds, direction, label, limits)
+    if cause == POSITION:
+        return CauseAxis(signals.q[:, j], ones, f"position [{position_unit}]")
+    if cause == WAVES:
+        turn = signals.q[:, j] % (2.0 * np.pi)
+        return CauseAxis(turn, ones, "angle within a turn [rad]")
+    if cause in (VELOCITY, HIGH_SPEED, STANDSTILL):
+        return CauseAxis(signals.dq[:, j], ones, f"velocity [{position_unit}/s]")
+    if cause == ACCELERATION:
+        x = np.gradient(signals.dq[:, j], signals.t)
+        return CauseAxis(x, ones, f"acceleration [{position_unit}/s^2]")
+    if cause == LOAD:
+        unit = "N" if position_unit == "m" else "N m"
+        return CauseAxis(signals.modelled[:, j], ones, f"modelled torque [{unit}]")
+    return CauseAxis(signals.t - signals.t[0], ones, "time [s]")
+
+
+def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
+    """(M,) seconds from the nearest change of the velocity's sign, below zero before it,
+    and the direction after it; far away and zero where there is none."""
+    turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
+    if not len(turns):
+        return np.full(len(t), np.inf), np.zeros(len(t))
+    instants = 0.5 * (t[turns] + t[turns + 1])
+    after = np.searchsorted(instants, t).clip(1, max(len(instants) - 1, 1))
+    candidates = np.stack([after - 1, after.clip(0, len(instants) - 1)])
+    nearest = np.argmin(np.abs(t - instants[candidates]), axis=0)
+    chosen = candidates[nearest, np.arange(len(t))]
+    return t - instants[chosen], np.sign(velocity[turns[chosen] + 1])
+
+
+def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
+    """Mean of y in bins of x with as many rows each: (b,) centres and means."""
+    order = np.argsort(x)
+    parts = [part for part in np.array_split(order, _BINS) if len(part)]
+    centres = np.array([x[part].mean() for part in parts])
+    means = np.array([y[part].mean() for part in parts])
+    return centres, means
+
+
+def cause_figure(
+    before: Signals,
+    after: Signals | None,
+    *,
+    joint: int,
+    cause: str,
+    units: Sequence[str],
+    position_units: Sequence[str],
+    floor: Sequence[float | None] | Array | None,
+    names: tuple[str, str] = ("before", "after"),
+) -> Figure:
+    """A joint's error against its cause: rows and their mean before (grey) and after
+    (blue) something was added, and what the addition models (a line).
+
+    joint : from 1; cause : one of where_it_fails.py; floor : (n,) of the joints' noise,
+    of which a band holds 95 %.
+    """
+    j = joint - 1
+    axis = cause_axis(before, joint, cause, position_units[j])
+    inside = np.isfinite(axis.x)
+    if axis.limits is not None:
+        inside &= (axis.x >= axis.limits[0]) & (axis.x <= axis.limits[1])
+    x = axis.x[inside]
+    rows = spread_rows(len(x), POINTS // 2)
+    plot = Figure()
+
+    def cloud(error: Array, name: str, colour: str) -> None:
+        """Rows as dots, their mean as a line, which the legend names."""
+        y = (error * axis.sign)[inside]
+        look = {"size": 3, "color": colour, "opacity": 0.4}
+        group: dict[str, Any] = {"legendgroup": name, "name": name}
+        plot.add(
+            "scatter",
+            x=x[rows],
+            y=y[rows],
+            mode="markers",
+            marker=look,
+            showlegend=False,
+            **group,
+        )
+        centres, means = mean_curve(x, y)
+        line = {"color": colour, "width": 2.5}
+        plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
+
+    if len(x):
+        cloud(before.residual[:, j], f"error, {names[0]}", MEASURED)
+        if after is not None and len(after.t) == len(before.t):
+            cloud(after.residual[:, j], f"error, {names[1]}", COLOURS[0])
+            added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
+            centres, means = mean_curve(x, added[inside])
+            line = {"color": COLOURS[1], "width": 2, "dash": "dash"}
+            name = "modelled by what was added"
+            plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
+    if floor is not None and floor[j]:
+        plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
+    plot.update_axes("x", title=axis.label)
+    return plot.update_axes(
+        "y", title=f"error of joint {joint} [{plain_unit(units[j])}]"
+    )
+
+
+def noise_band(floor: float) -> dict[str, Any]:
+    """A band behind a panel of errors in which 95 % of noise lies."""
+    return {
+        "type": "rect",
+        "xref": "paper",
+        "x0": 0,
+        "x1": 1,
+        "yref": "y",
+        "y0": -NORMAL_95 * floor,
+        "y1": NORMAL_95 * floor,
+        "layer": "below",
+        "fillcolor": "rgba(128,128,128,0.18)",
+        "line": {"width": 0},
+    }
+
+
 def friction_figure(
     velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
 ) -> Any:
@@ -271,7 +434,13 @@ def styled(plot: Any, height: int) -> Any:
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
         font={"family": "system-ui, sans-serif", "color": MEASURED, "size": 12},
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        legend={
+            "itemsizing": "constant",
+            "orientation": "h",
+            "y": 1.0,
+            "yanchor": "bottom",
+            "x": 0.0,
+        },
         hovermode="closest",
     )
     axis = {

@@ -1,0 +1,76 @@
+"""Sizes of findings as the model that holds them has them: one estimate, one interval.
+
+The search estimates each finding beside the others by linear algebra. What a user works
+with is the model after `add`, under all constraints. So sizes and intervals are that
+model's wherever one is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.conclude import sentence
+from sdp_vs_penalty.diagnosis.constants import UNCERTAIN
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.sizes import size_of
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.estimate import Estimate
+
+#: Of a finding whose torque is sure, while the model that holds it can shift it to other
+#: effects of the joint.
+OPEN_IN_MODEL = "the model leaves its size open by > 20 %"
+
+
+def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
+    """A diagnosis whose findings have the sizes and intervals of a model that holds
+    them; findings that it does not hold stay as they are."""
+    sized = tuple(size_in_model(finding, model) for finding in diagnosis.effects)
+    return replace(diagnosis, effects=sized)
+
+
+def size_in_model(finding: Finding, model: Estimate) -> Finding:
+    """A finding with the size, interval and constants that a model gives its effect;
+    the finding itself where the model lacks the effect or its interval."""
+    held = effect_of(finding, model)
+    if held is None:
+        return finding
+    effect, indices = held
+    theta = model.theta[indices]
+    covariance = model.uncertainty.covariance[np.ix_(indices, indices)]
+    if not np.all(np.isfinite(covariance)):
+        return finding
+    size, std = size_of(effect, theta, covariance)
+    remarks = finding.remarks
+    if finding.confidence == "confident" and not std < UNCERTAIN * abs(size):
+        remarks = (*remarks, OPEN_IN_MODEL)
+    return replace(
+        finding,
+        shape=dict(effect.shape),
+        constants=effect.constants,
+        size=size,
+        std=std,
+        remarks=remarks,
+        parameters={
+            p.name: float(value)
+            for p, value in zip(effect.parameters, theta, strict=True)
+        },
+        explanation=sentence(effect, size, std, finding.rivals_without_curve),
+    )
+
+
+def effect_of(
+    finding: Finding, model: Estimate
+) -> tuple[Effect, NDArray[np.intp]] | None:
+    """The model's effect that a finding names, and the indices of its parameters in
+    theta; None where there is none. Of several on the same joints the last one counts:
+    it was added last."""
+    joints = tuple(j - 1 for j in finding.joints)
+    held = None
+    for effect, indices in model.model.parts:
+        on_joints = () if effect.whole_robot else tuple(effect.joints)
+        if effect.name == finding.effect and on_joints == joints:
+            held = effect, indices
+    return held

@@ -1,0 +1,156 @@
+"""A model's parameters as labelled frames: links, base parameters, covariances.
+
+Columns name their unit in brackets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty
+from sdp_vs_penalty.formatting import number
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class Parameters(Protocol):
+    """What a frame needs of an estimate (estimation/estimate.py)."""
+
+    @property
+    def problem(self) -> Problem: ...
+    @property
+    def model(self) -> Model: ...
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def links(self) -> Array: ...
+    @property
+    def nominal(self) -> Array: ...
+    @property
+    def sources(self) -> tuple[str, ...]: ...
+    @property
+    def uncertainty(self) -> Uncertainty: ...
+    @property
+    def details(self) -> dict[str, Any]: ...
+
+
+#: A coefficient below this share of its row's largest is rounding.
+_ROUNDING = 1e-9
+_SYMBOLS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+
+
+def links_frame(estimate: Parameters) -> pandas.DataFrame:
+    """One row a link: mass, centre of mass, inertia about it, the nominal mass, the
+    least thickness, and what the mass is from.
+
+    A link without mass has no centre of mass: NaN stands there.
+    """
+    import pandas
+
+    at = estimate.model.rigid_indices
+    links = estimate.links
+    nominal = estimate.nominal[at].reshape(-1, 10)
+    centred = np.full_like(links, np.nan)
+    has_mass = links[:, 0] > 0.0
+    centred[has_mass] = inertia.barycentric_from_standard(links[has_mass])
+    columns = {
+        "joint": [estimate.robot.tree[k].name for k in estimate.robot.link_joints],
+        "mass [kg]": links[:, 0],
+        "nominal mass [kg]": nominal[:, 0],
+        "mass is from": [estimate.sources[k] for k in at[::10]],
+    }
+    for k, axis in enumerate("xyz", start=1):
+        columns[f"centre of mass {axis} [m]"] = centred[:, k]
+    for k, symbol in enumerate(_SYMBOLS, start=4):
+        columns[f"{symbol} about the centre [kg m^2]"] = centred[:, k]
+    columns["thickness [mm]"] = 1e3 * inertia.thickness(links)
+    numbers = range(1, len(links) + 1)
+    return pandas.DataFrame(columns, pandas.Index(numbers, name="link"))
+
+
+def base_frame(estimate: Parameters) -> pandas.DataFrame:
+    """One row a base parameter, the combinations that make torque: its full expression
+    ("Izz1 + Iyy2 + 0.0998 m3"), value, 95 % interval, verdict and unit."""
+    import pandas
+
+    base = base_rows(estimate.problem, estimate.model)
+    names = [p.name for p in estimate.model.parameters]
+    listed = estimate.details.get("base_parameters", [])
+    known = {entry["name"]: entry for entry in listed}
+    rows = []
+    for interval, row, leading in zip(
+        estimate.uncertainty.base, base.rows, base.leading, strict=True
+    ):
+        entry = known.get(interval.name, {})
+        rows.append(
+            {
+                "parameter": names[leading],
+                "expression": expression(row, names, leading),
+                "value": interval.value,
+                "std": interval.std,
+                "lower": interval.lower,
+                "upper": interval.upper,
+                "verdict": interval.verdict,
+                "from": entry.get("source", ""),
+                "nominal": entry.get("nominal"),
+                "unit": interval.unit,
+            }
+        )
+    return pandas.DataFrame(rows).set_index("parameter")
+
+
+def expression(row: Array, names: Sequence[str], leading: int) -> str:
+    """A combination of parameters as a sum, the leading one first.
+
+    row : (p,) coefficients; names : (p,).
+
+    >>> expression(np.array([0.0998, 0.0, 1.0, -1.0]), ["m3", "m4", "Izz1", "Iyy2"], 2)
+    'Izz1 + 0.0998 m3 - Iyy2'
+    """
+    limit = _ROUNDING * float(np.abs(row).max())
+    shown = np.flatnonzero(np.abs(row) > limit)
+    others = [int(k) for k in shown if k != leading]
+    text = ""
+    for k in [leading, *others]:
+        size = abs(float(row[k]))
+        term = (
+            names[k] if abs(size - 1.0) < _ROUNDING else f"{number(size, 4)} {names[k]}"
+        )
+        sign = "-" if row[k] < 0.0 else "+"
+        if text:
+            text += f" {sign} {term}"
+        else:
+            text = term if sign == "+" else f"-{term}"
+    return text
+
+
+def covariance_frame(estimate: Parameters) -> pandas.DataFrame:
+    """(p, p) covariance of the parameters, labelled by name on both sides; NaN for
+    those that the data do not determine. Units are products of the parameters'."""
+    names = [p.name for p in estimate.model.parameters]
+    return _labelled(estimate.uncertainty.covariance, names)
+
+
+def base_covariance_frame(estimate: Parameters) -> pandas.DataFrame:
+    """(b, b) covariance of the base parameters, labelled on both sides."""
+    base = base_rows(estimate.problem, estimate.model)
+    names = [p.name for p in estimate.model.parameters]
+    factor = base.rows @ np.nan_to_num(estimate.uncertainty.factor)
+    return _labelled(factor @ factor.T, [names[k] for k in base.leading])
+
+
+def _labelled(matrix: Array, names: Sequence[str]) -> pandas.DataFrame:
+    import pandas
+
+    index = pandas.Index(list(names), name="parameter")
+    return pandas.DataFrame(matrix, index, index)

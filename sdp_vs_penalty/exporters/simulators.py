@@ -1,0 +1,82 @@
+"""A model as an object of another library: Pinocchio's Model, MuJoCo's MjSpec."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Content, Options
+from sdp_vs_penalty.exporters.mjcf import make_mjcf
+
+
+def to_pinocchio(estimate: Estimate, force: bool = False) -> Any:
+    """The links, armature, viscous and Coulomb friction of a model as a Pinocchio Model.
+
+    Its inverse dynamics hold the links and the armature. Friction stands in its fields
+    ``damping`` and ``friction`` (``frictionLoss`` of older versions). What it has no
+    place for is left out: :func:`~sdp_vs_penalty.exporters.export.as_exported` names
+    that of a URDF, which holds the same.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A model with a rigid_body effect.
+    force : bool
+        Links whose mass lies farther out than their bodies reach are taken too.
+
+    Returns
+    -------
+    pinocchio.Model
+        One joint for each joint of the robot's tree, in its order.
+
+    Raises
+    ------
+    InputError
+        For a model without links, with an impossible link, or with joints that follow
+        others, which a Pinocchio Model does not couple.
+    """
+    robot = estimate.robot
+    if robot.mechanism is not None:
+        raise InputError(
+            f"model {estimate.problem.name}: some of its joints follow others",
+            "export it as MJCF or URDF, which can say so",
+        )
+    content = Content.plausible(estimate, Options(force=force))
+    return robot.pinocchio_model(
+        content.links,
+        armature=content.armature,
+        damping=content.damping,
+        friction=content.friction,
+    )
+
+
+def to_mjspec(estimate: Estimate, force: bool = False) -> Any:
+    """A model as MuJoCo's MjSpec: links, armature, damping, dry friction, springs,
+    offsets and gears.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A model with a rigid_body effect.
+    force : bool
+        Links whose mass lies farther out than their bodies reach are taken too.
+
+    Returns
+    -------
+    mujoco.MjSpec
+        To be edited further, or compiled by ``spec.compile()``.
+
+    Raises
+    ------
+    InputError
+        For a model without links, or a link that MuJoCo cannot load; without MuJoCo
+        (extra [engines]).
+    """
+    try:
+        import mujoco
+    except ImportError as error:
+        raise missing_extra("An MjSpec needs", "engines") from error
+    content = Content.plausible(estimate, Options(force=force))
+    text = make_mjcf(estimate.robot, content).decode()
+    return mujoco.MjSpec.from_string(text)

@@ -1,0 +1,187 @@
+"""Tables of results: terminal, page and report show the same rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows, seen
+from sdp_vs_penalty.estimation.uncertainty import Interval
+from sdp_vs_penalty.formatting import change_of, finite, number, plain_unit
+from sdp_vs_penalty.results.table import Table
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.diagnosis.where_it_fails import JointFailure
+
+#: Of a table of models: what :func:`judged_cells` says after the name.
+JUDGED_HEADS = (
+    "verdict",
+    "error [%]",
+    "largest error / noise",
+    "links can exist",
+    "thinnest link [mm]",
+    "distance to best fit",
+)
+#: Columns of :data:`JUDGED_HEADS` that hold words, the model's name before them.
+JUDGED_WORDS = (0, 1, 4)
+
+
+def judged_cells(compared: Comparison) -> list[str]:
+    """One model on the judged runs, its name first."""
+    facts = compared.facts()
+    return [
+        compared.name,
+        compared.verdict.grade,
+        facts["relative_error"].texts[0],
+        facts["largest_error_over_noise"].texts[0],
+        "yes" if compared.links_can_exist else "no",
+        facts["thinnest_link"].texts[0],
+        facts["distance_to_best_fit"].texts[0],
+    ]
+
+
+def judged_table(
+    rows: Sequence[Sequence[str]], what: str = "model", title: str = "", more: str = ""
+) -> Table:
+    """Rows of :func:`judged_cells`; more : the heading of one more column of numbers."""
+    heads = [what, *JUDGED_HEADS, *([more] if more else [])]
+    return Table(heads, rows, title=title, words=JUDGED_WORDS, style="judged")
+
+
+def error_table(
+    names: Sequence[str],
+    errors: Sequence[Any],
+    floor: Any,
+    units: Sequence[str],
+    r2: Any = (),
+    title: str = "",
+) -> Table:
+    """A row a joint: number and unit, RMS error of each model, the change from the
+    first to the last (of a model alone R2), noise floor where it is known.
+
+    errors : (models, n); floor : (n,) or None; r2 : (n,); arrays or lists.
+    """
+    rows = []
+    for j, unit in enumerate(units):
+        of_joint = [errors_of_model[j] for errors_of_model in errors]
+        change = f"{r2[j]:.4f}" if len(r2) else change_of(of_joint[0], of_joint[-1])
+        known = number(None if floor is None else floor[j])
+        name = f"{j + 1} [{plain_unit(unit)}]"
+        rows.append([name, *map(number, of_joint), change, known])
+    last = "R2" if len(r2) else "change"
+    heads = ["joint", *names, last, "noise floor"]
+    return Table(heads, rows, title=title, style="numbers history")
+
+
+def failure_table(failures: Sequence[JointFailure]) -> Table:
+    """Every number of an error analysis: a row a quantity, a column a joint."""
+    rows: dict[str, list[str]] = {}
+    for failure in failures:
+        for name, value in failure.numbers().items():
+            rows.setdefault(name, []).append(number(value))
+    joints = [str(failure.joint) for failure in failures]
+    title = (
+        "Error of each joint; per cent: share of its variance that each cause explains"
+        " on data left out"
+    )
+    return Table(
+        ["", *joints], [[name, *cells] for name, cells in rows.items()], title=title
+    )
+
+
+def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
+    """Links, identified and nominal; None for a model without links. centres : with
+    their centres of mass, which are too wide for a terminal."""
+    rows = link_rows(estimate)
+    if not rows:
+        return None
+    place = LINK_HEADS.index("centre of mass [m]")
+    columns = [k for k in range(len(LINK_HEADS)) if centres or k != place]
+    heads = [LINK_HEADS[k] for k in columns]
+    words = [heads.index(name) for name in ("link", "from")]
+    return Table(
+        heads,
+        [[row[k] for k in columns] for row in rows],
+        title="Links, identified and nominal",
+        words=words,
+        style="numbers links",
+    )
+
+
+#: Of a table of parameters.
+PARAMETER_HEADS = (
+    "parameter",
+    "verdict",
+    "from",
+    "value",
+    "low",
+    "high",
+    "nominal",
+    "unit",
+)
+
+
+def parameter_cells(
+    interval: Interval, source: str = "", nominal: float | None = None
+) -> tuple[str, ...]:
+    """A parameter, the ends of its 95 % interval, what determined it and its nominal
+    value, as text."""
+    figures = [
+        number(seen(x), 4)
+        for x in (interval.value, interval.lower, interval.upper, nominal)
+    ]
+    unit = plain_unit(interval.unit)
+    return interval.name, interval.verdict, source, *figures, unit
+
+
+def parameter_table(rows: Sequence[Sequence[str]]) -> Table:
+    """Rows of :func:`parameter_cells`; those that are not from the data look so."""
+    return Table(
+        PARAMETER_HEADS,
+        rows,
+        words=(0, 1, 2, 7),
+        row_classes=[row[2] for row in rows],
+        style="numbers parameters",
+    )
+
+
+def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
+    """Every standard parameter of a model, as text."""
+    columns = zip(
+        estimate.uncertainty.standard, estimate.sources, estimate.nominal, strict=True
+    )
+    return [
+        parameter_cells(interval, source, finite(nominal))
+        for interval, source, nominal in columns
+    ]
+
+
+def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
+    """Every base parameter of a model, as text."""
+    listed = estimate.details.get("base_parameters", [])
+    known = {entry["name"]: (entry["source"], entry["nominal"]) for entry in listed}
+    return [
+        parameter_cells(interval, *known.get(interval.name, ()))
+        for interval in estimate.uncertainty.base
+    ]
+
+
+def certificate_table(models: Mapping[str, Estimate]) -> Table:
+    """What is certified of each model: a row a figure."""
+    summaries = [dict(model.certificate.summary()) for model in models.values()]
+    names = dict.fromkeys(name for summary in summaries for name in summary)
+    rows = [
+        [name, *(summary.get(name, "-") for summary in summaries)] for name in names
+    ]
+    heads = ["figure", *models]
+    return Table(heads, rows, words=range(len(heads)), style="wraps")
+
+
+def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Table:
+    """Gains by name: value, half the 95 % interval in words, unit."""
+    rows = [
+        (name, number(value, 4), spread, plain_unit(unit))
+        for name, value, spread, unit in gains
+    ]
+    return Table(("gain", "value", "± (95 %)", "unit"), rows, title=title, words=(0, 3))

@@ -1,0 +1,324 @@
+"""Words: one function a record. Terminal, page and report lay them out and add none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune, event_lines
+from sdp_vs_penalty.diagnosis.where_it_fails import (
+    ACCELERATION,
+    HIGH_SPEED,
+    LOAD,
+    NEAR,
+    OTHER_JOINTS,
+    POSITION,
+    REVERSAL,
+    STANDSTILL,
+    TIME,
+    UNNAMED,
+    VELOCITY,
+    WAVES,
+    Failures,
+    JointFailure,
+    dependences,
+    sentences,
+)
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.verdict import changes
+from sdp_vs_penalty.formatting import number, plain_unit
+from sdp_vs_penalty.results.table import Table
+
+
+@dataclass(frozen=True)
+class FindingWords:
+    """What is said of one finding, a sentence or a phrase each; "" where there is
+    nothing to say.
+
+    title : "Joint spring, joint 4"; rating : confident, near-tie or weak; size : with
+    its 95 % interval; constants : of its law; gain : what adding it does to the error;
+    physics : what the effect is; rivals : what fits as well; doubt : why it is weak;
+    test : the run that decides.
+    """
+
+    title: str
+    rating: str
+    size: str
+    constants: str
+    gain: str
+    physics: str
+    rivals: str
+    doubt: str
+    test: str
+
+    @property
+    def size_and_constants(self) -> str:
+        """The size, then the constants of the law."""
+        return "; ".join(filter(None, (self.size, self.constants)))
+
+    @property
+    def sentences(self) -> str:
+        """All of it but the title, as one paragraph."""
+        parts = (self.gain, self.physics, self.rivals, self.doubt)
+        return " ".join(filter(None, parts))
+
+
+def plain_name(effect: str) -> str:
+    """An effect's name as words.
+
+    >>> plain_name("presliding_hysteresis")
+    'Presliding hysteresis'
+    """
+    return effect.replace("_", " ").capitalize()
+
+
+def place(joints: Sequence[int]) -> str:
+    """Joints by number; an effect without joints is one of the whole robot."""
+    return formatting.joints(joints) if joints else "whole robot"
+
+
+def describe_finding(
+    finding: Finding,
+    diagnosis: Diagnosis,
+    place_in_list: int,
+    model: str = "model.json",
+) -> FindingWords:
+    """What is said of a finding, ``place_in_list`` (from 1) of a diagnosis; model : the
+    file that the command for the deciding run names."""
+    physics = finding.physics
+    if any(f.effect == finding.effect for f in diagnosis.effects[: place_in_list - 1]):
+        physics = ""  # it was said of the first one
+    rivals = finding.indistinguishable_from
+    run = finding.telling_run(model, place_in_list)
+    return FindingWords(
+        title=f"{plain_name(finding.effect)}, {place(finding.joints)}",
+        rating=finding.rating,
+        size=finding.size_text,
+        constants=finding.constants,
+        gain=finding.gain_sentence(diagnosis),
+        physics=physics,
+        rivals=f"These data fit as well: {', '.join(rivals)}." if rivals else "",
+        doubt=doubt_of(finding),
+        test=run,
+    )
+
+
+def doubt_of(rated: Finding | Retune) -> str:
+    """Why a finding or a re-estimated constant is not confident; "" where it is."""
+    if not rated.remarks:
+        return ""
+    return f"{rated.rating.capitalize()}: {'; '.join(rated.remarks)}."
+
+
+def describe_constant(constant: Retune) -> FindingWords:
+    """What is said of a constant of the model's own that should change."""
+    return FindingWords(
+        title=f"{plain_name(constant.effect)}, joint {constant.joint}",
+        rating=constant.rating,
+        size="",
+        constants="",
+        gain="",
+        physics=f"Re-estimated constant: {constant.explanation}.",
+        rivals="",
+        doubt=doubt_of(constant),
+        test="",
+    )
+
+
+@dataclass(frozen=True)
+class DiagnosisWords:
+    """What is said of a diagnosis.
+
+    verdict : what is missing; advice : what to do next; findings, constants : a record
+    each; curves : a sentence each; left : the error that is left; events : a line
+    each, all_events : every one of them; invisible : what these runs cannot show;
+    remarks : sentences.
+    """
+
+    verdict: str
+    advice: str
+    findings: tuple[FindingWords, ...]
+    constants: tuple[FindingWords, ...]
+    curves: tuple[str, ...]
+    left: str
+    events: tuple[str, ...]
+    all_events: tuple[str, ...]
+    invisible: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def describe_diagnosis(
+    diagnosis: Diagnosis, units: Sequence[str], model: str = "model.json"
+) -> DiagnosisWords:
+    """Every sentence about a diagnosis; units : of the joints' torques; model : the
+    file that was diagnosed."""
+    findings = [
+        describe_finding(finding, diagnosis, k, model)
+        for k, finding in enumerate(diagnosis.effects, start=1)
+    ]
+    invisible: dict[str, list[str]] = {}
+    for item in diagnosis.invisible:
+        joints = "+".join(map(str, item.joints))
+        invisible.setdefault(item.effect, []).append(joints)
+    return DiagnosisWords(
+        verdict=diagnosis.headline,
+        advice=diagnosis.advice,
+        findings=tuple(findings),
+        constants=tuple(map(describe_constant, diagnosis.retuned)),
+        curves=tuple(curve.sentence(units) for curve in diagnosis.curves),
+        left=diagnosis.left_sentence,
+        events=tuple(event_lines(diagnosis.events)),
+        all_events=tuple(event_lines(diagnosis.events, show_all=True)),
+        invisible=tuple(
+            f"{effect}:{'+'.join(joints)}" if joints[0] else effect
+            for effect, joints in invisible.items()
+        ),
+        remarks=diagnosis.remarks,
+    )
+
+
+def finding_table(
+    diagnosis: Diagnosis, shown: Sequence[Finding], units: Sequence[str]
+) -> Table:
+    """Error of each joint on data left out: a row a step, from the model to all findings
+    that are shown, then the noise floor."""
+    rows = [("model", diagnosis.held_out_rmse_before)]
+    if diagnosis.retuned and shown:
+        rows.append(("re-estimated", shown[0].held_out_rmse_before))
+    for k, finding in enumerate(shown, start=1):
+        mark = "" if finding.rating == "confident" else f" {finding.rating}"
+        rows.append((f"+ {k}.{mark}", finding.held_out_rmse_after))
+    noise = "noise" if diagnosis.noise_known else "noise?"
+    rows.append((noise, diagnosis.noise_floor))
+    kinds = ", ".join(dict.fromkeys(map(plain_unit, units)))
+    return Table(
+        headings=("with", *(str(j) for j, _ in enumerate(units, start=1))),
+        rows=[(name, *map(number, errors)) for name, errors in rows],
+        title=(
+            f"Error [{kinds}] of each joint on data left out, below"
+            f" {number(diagnosis.band_hz)} Hz, refitted at each step"
+        ),
+    )
+
+
+def describe_failures(failures: Failures) -> list[str]:
+    """Where a model's error is large: a line for each joint of which something can be
+    said, and one for all others."""
+    explained = [f for f in failures if dependences(f) or f.orders]
+    lines = [
+        f"joint {f.joint}: {' '.join(sentences(f, failures.units[f.joint - 1]))}"
+        for f in explained
+    ]
+    others = [f for f in failures if f not in explained]
+    if others:
+        where = formatting.joints([f.joint for f in others])
+        lines.append(f"{where}: {sentences(others[0], '')[0]}")
+    return lines
+
+
+def describe_change(before: Comparison, after: Comparison) -> str:
+    """What became of each joint's error from one model to another."""
+    sentence = changes(before.rmse, after.rmse, after.noise_floor)
+    return sentence or "no joint's error changed by more than 5 %."
+
+
+#: How a person would say what an error depends on, by its cause.
+_WHEN = {
+    REVERSAL: f"most of all within {NEAR:g} s of its reversals",
+    STANDSTILL: "most of all at standstill",
+    HIGH_SPEED: "most of all at high speed",
+    VELOCITY: "by an amount that depends on its velocity",
+    POSITION: "by an amount that depends on its position",
+    WAVES: "in waves of its angle",
+    ACCELERATION: "by an amount that depends on its acceleration",
+    LOAD: "by an amount that depends on its load",
+    TIME: "by an amount that changes over time",
+    OTHER_JOINTS: "most of all when other joints move",
+}
+
+
+def cause_of(failures: Failures, joint: int) -> str:
+    """What the error of a joint (from 1) depends on most; UNNAMED where on nothing that
+    is known."""
+    strongest = dependences(failures[joint - 1], 1)
+    return strongest[0][0] if strongest else UNNAMED
+
+
+def describe_worst(compared: Comparison, failures: Failures) -> str:
+    """Which joint errs most, by how much, and when."""
+    facts, joint = compared.facts(), compared.worst_joint
+    if compared.error_over_noise is None:
+        error = facts["joint_error"].of_joint(joint)
+        unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
+        size = f"Joint {joint} errs by {error} {unit}, the most of all"
+    elif compared.is_within_noise:
+        largest = facts["largest_error_over_noise"].texts[0]
+        return f"No joint errs more than {largest} times its noise."
+    else:
+        times = facts["error_over_noise"].of_joint(joint)
+        size = f"Joint {joint} errs {times} times its noise"
+    when = _WHEN.get(cause_of(failures, joint))
+    return f"{size}, {when}." if when else f"{size}."
+
+
+def describe_addition(before: Comparison, after: Comparison) -> str:
+    """What adding effects did to the joint that erred most before."""
+    known = {effect.text for effect in before.estimate.model.effects}
+    new = [e.brief for e in after.estimate.model.effects if e.text not in known]
+    if not new:
+        return ""
+    joint = before.worst_joint
+    if before.error_over_noise is None:
+        error = after.facts()["joint_error"].of_joint(joint)
+        unit = plain_unit(after.estimate.robot.torque_units[joint - 1])
+        return f"With {', '.join(new)} it errs by {error} {unit}."
+    times = after.facts()["error_over_noise"].of_joint(joint)
+    return f"With {', '.join(new)} it errs {times} times its noise."
+
+
+def describe_failure(failure: JointFailure, unit: str) -> str:
+    """Where one joint's error is large."""
+    return " ".join(sentences(failure, unit))
+
+
+def picture_title(before: Comparison, after: Comparison, joint: int, cause: str) -> str:
+    """The caption of the picture of a joint's error against its cause."""
+    against = "time" if cause == UNNAMED else cause
+    text = f"Error of joint {joint} against {against}"
+    if before is after:
+        return f"{text}: {before.name}."
+    errors = [c.facts()["error_over_noise"].of_joint(joint) for c in (before, after)]
+    if "-" in errors:
+        return f"{text}: {before.name} (grey), {after.name} (blue)."
+    return (
+        f"{text}: {before.name} (grey) {errors[0]} times the noise, {after.name} (blue)"
+        f" {errors[1]} times."
+    )
+
+
+#: What the certificate says, and who computed it.
+CERTIFICATE = (
+    "Violations of every family of constraints, including those that a method did not"
+    " receive. The lower bound is computed here from dual multipliers, independently of"
+    " what a solver claims."
+)
+
+
+def caveats(estimate: Estimate) -> list[str]:
+    """What to know before parameters are read, a sentence each; the verdict judges the
+    links."""
+    sources, lines = estimate.sources, []
+    if law := estimate.details.get("servo"):
+        lines.append(
+            f"No torque was logged: the servos' law ({law['law']}) stands for it."
+            f" Scale: {law['scale']}."
+        )
+    others = [source for source in sources if source != "data"]
+    if others:
+        lines.append(
+            f"{len(others)} of {len(sources)} standard parameters are from the"
+            f" {others[0]}, not from the data: do not read them one by one."
+        )
+    return lines

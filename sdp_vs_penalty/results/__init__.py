@@ -1,0 +1,10 @@
+"""What every result is: named facts, a table in five forms, and how it shows itself."""
+
+from sdp_vs_penalty.plugins import lazy_exports
+
+__getattr__ = lazy_exports(
+    __name__,
+    fact="Fact fact facts_of",
+    record="Record Shown Summary",
+    table="Cell Table cell_text markdown_lines",
+)

@@ -1,0 +1,136 @@
+"""Named facts: a number that a person may read, computed by one method of one record.
+
+A fact knows its unit, its digits and its definition. Terminal, JSON, page and report
+print a fact by its ``text``, so that none of them rounds or scales it again.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Generic, Self, TypeVar, overload
+
+import numpy as np
+
+from sdp_vs_penalty.formatting import finite, number, plain_unit
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One fact of one record.
+
+    name : the method's, in words; value : a number, (n,) a number a joint, a text, or
+    None where it is not known; unit : as it is printed; digits : significant ones;
+    definition : what it is, in a sentence or two.
+    """
+
+    name: str
+    value: Any
+    unit: str
+    digits: int
+    definition: str
+
+    @property
+    def texts(self) -> list[str]:
+        """The numbers as they are printed, without unit: one a joint, or one."""
+        if self.value is None:
+            return ["-"]
+        if isinstance(self.value, str):
+            return [self.value]
+        values = np.atleast_1d(np.asarray(self.value, float))
+        return [number(float(x), self.digits) for x in values]
+
+    @property
+    def text(self) -> str:
+        """The numbers with their unit."""
+        return f"{', '.join(self.texts)} {plain_unit(self.unit)}".rstrip()
+
+    def of_joint(self, joint: int) -> str:
+        """The number of a joint (from 1), as it is printed, without unit."""
+        return self.texts[joint - 1] if self.value is not None else "-"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON, with the text that every other place prints."""
+        value = self.value
+        if isinstance(value, str) or value is None:
+            plain: Any = value
+        elif np.ndim(value) == 0:
+            plain = finite(float(value))
+        else:
+            plain = [finite(float(x)) for x in np.asarray(value, float)]
+        return {
+            "value": plain,
+            "unit": self.unit,
+            "texts": self.texts,
+            "definition": self.definition,
+        }
+
+
+class FactMethod(Generic[T]):
+    """A property of a record that is one of its facts."""
+
+    def __init__(
+        self, method: Callable[[Any], T], unit: str, digits: int, name: str
+    ) -> None:
+        self.method = method
+        self.unit = unit
+        self.digits = digits
+        self.name = name or method.__name__.replace("_", " ")
+        self.__doc__ = method.__doc__
+
+    @overload
+    def __get__(self, record: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, record: object, owner: type) -> T: ...
+    def __get__(self, record: object | None, owner: type) -> Self | T:
+        return self if record is None else self.method(record)
+
+    def of(self, record: object) -> Fact:
+        """The fact of a record."""
+        definition = " ".join((inspect.getdoc(self.method) or "").split())
+        return Fact(
+            name=self.name,
+            value=self.method(record),
+            unit=self.unit,
+            digits=self.digits,
+            definition=definition,
+        )
+
+
+def fact(
+    unit: str = "", digits: int = 3, name: str = ""
+) -> Callable[[Callable[[Any], T]], FactMethod[T]]:
+    """Decorates the one method that computes a fact; its docstring is the definition.
+
+    unit : "N m or N", "%", "s" ...; digits : significant ones of its text; name : in
+    words, by default the method's.
+    """
+
+    def decorate(method: Callable[[Any], T]) -> FactMethod[T]:
+        return FactMethod(method, unit, digits, name)
+
+    return decorate
+
+
+@cache
+def _fact_methods(kind: Any) -> Mapping[str, FactMethod[Any]]:
+    """The facts of a class by the names of their methods, inherited ones first."""
+    methods: dict[str, FactMethod[Any]] = {}
+    for base in reversed(kind.__mro__):
+        methods |= {
+            name: member
+            for name, member in vars(base).items()
+            if isinstance(member, FactMethod)
+        }
+    return methods
+
+
+def facts_of(record: object) -> dict[str, Fact]:
+    """Every fact of a record by the name of the method that computes it."""
+    kind: type = type(record)
+    methods = _fact_methods(kind)
+    return {name: method.of(record) for name, method in methods.items()}

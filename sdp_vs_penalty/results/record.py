@@ -1,0 +1,75 @@
+"""The base of results: facts, JSON, a frame, five lines in a terminal, HTML in a
+notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from sdp_vs_penalty.errors import printable
+from sdp_vs_penalty.results.fact import Fact, facts_of
+from sdp_vs_penalty.results.table import Table
+
+if TYPE_CHECKING:
+    import pandas
+
+#: A title, and names with their texts.
+Summary = tuple[str, Sequence[tuple[str, str]]]
+#: Lines below a title, and characters of a line.
+_LINES, _WIDTH = 4, 110
+
+
+class Shown:
+    """Something with a repr of at most five lines, which fit a terminal, and an HTML
+    form; subclasses define ``_summary``."""
+
+    def _summary(self) -> Summary:
+        raise NotImplementedError
+
+    def _table(self) -> Table | None:
+        """The figures behind the summary, for notebooks; None where the summary is all."""
+        return None
+
+    def __repr__(self) -> str:
+        title, entries = self._summary()
+        lines = [f"  {name}: {text}" for name, text in entries[:_LINES]]
+        return "\n".join([title, *map(_cut, lines)])
+
+    def _repr_html_(self) -> str:
+        title, entries = self._summary()
+        html = f"<p><b>{escape(printable(title))}</b></p>" + Table((), entries).html()
+        table = self._table()
+        return html if table is None else html + table.html()
+
+
+def _cut(line: str) -> str:
+    return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."
+
+
+class Record(Shown):
+    """A result. Each has ``to_dict`` and ``from_dict`` (plain JSON, there and back),
+    ``to_frame`` (all its numbers) and :meth:`facts`."""
+
+    def facts(self) -> dict[str, Fact]:
+        """Every number that a sentence about this result may use, by name.
+
+        Each has a value, a unit, a definition, and the text that every place prints.
+        """
+        return facts_of(self)
+
+    def facts_to_dict(self) -> dict[str, Any]:
+        """The facts as plain JSON: value, unit, texts and definition of each."""
+        return {name: one.to_dict() for name, one in self.facts().items()}
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The numbers of this result as a frame; each column names its unit."""
+        raise NotImplementedError
+
+    def fact_table(self) -> Table:
+        """Every fact with its unit and definition."""
+        rows = [
+            (one.name, ", ".join(one.texts), one.unit, one.definition)
+            for one in self.facts().values()
+        ]
+        return Table(("fact", "value", "unit", "what it is"), rows, words=(0, 2, 3))

@@ -1,0 +1,252 @@
+"""THE table: headings and rows, written as text, Markdown, HTML, LaTeX or CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from string import Template
+from typing import TYPE_CHECKING, Any, Self
+
+from sdp_vs_penalty.errors import printable
+from sdp_vs_penalty.files import read_text
+from sdp_vs_penalty.formatting import escape_markdown
+
+if TYPE_CHECKING:
+    import pandas
+
+#: Text is written as it is (published cells keep their printed digits), None is an
+#: empty cell.
+Cell = str | float | int | None
+#: What is smaller is rounding: it is written as 0.
+ROUNDING = 1e-9
+
+_HERE = Path(__file__).parent
+_NUMBER = re.compile(r"[-+]?\d+(\.\d*)?([eE][-+]?\d+)?")
+#: Of the characters that LaTeX has as commands.
+_NAMED = "backslash asciicircum asciitilde less greater bar"
+_LATEX = str.maketrans(
+    {c: rf"\{c}" for c in "{}$&#_%"}
+    | {
+        c: rf"\text{name}{{}}"
+        for c, name in zip("\\^~<>|", _NAMED.split(), strict=True)
+    }
+)
+#: Between two characters of which LaTeX would make one: a dash, a quotation mark.
+_LIGATURE = re.compile("(?<=-)(?=-)|(?<=`)(?=`)|(?<=')(?=')|(?<=[?!])(?=`)")
+#: Longer text wraps in LaTeX.
+_WRAPPED = 80
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """headings; rows : cells; title : a line above; caption, notes : in words; name : a
+    label for LaTeX; digits : significant ones of numbers.
+
+    words : the columns (from 0) that hold words and stand left; None: told from the
+    cells. row_classes : CSS classes of rows; style : CSS classes of the table.
+    """
+
+    headings: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    title: str = ""
+    caption: str = ""
+    notes: Sequence[str] = ()
+    name: str = ""
+    digits: int = 4
+    words: Sequence[int] | None = (0,)
+    row_classes: Sequence[str] = ()
+    style: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain JSON: what a page needs to draw it."""
+        words = None if self.words is None else list(self.words)
+        return {
+            "headings": list(self.headings),
+            "rows": self.cells(),
+            "title": self.title,
+            "words": words,
+            "row_classes": list(self.row_classes),
+            "style": self.style,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """What :meth:`to_dict` wrote."""
+        return cls(**data)
+
+    def cells(self) -> list[list[str]]:
+        """Every cell as text."""
+        return [[cell_text(cell, self.digits) for cell in row] for row in self.rows]
+
+    def columns(self) -> list[list[str]]:
+        """Every column's cells as text."""
+        rows = self.cells()
+        return [[row[k] for row in rows] for k in range(len(self.headings))]
+
+    def numeric(self) -> list[bool]:
+        """Of each column whether it holds numbers, which stand right."""
+        if self.words is not None:
+            return [k not in self.words for k in range(len(self.headings))]
+        return [is_numeric(column) for column in self.columns()]
+
+    def __rich__(self) -> Any:
+        """What rich prints in a terminal: a first column that never wraps, numbers at
+        the right."""
+        from rich import box
+        from rich.markup import escape
+        from rich.table import Table as Grid
+
+        grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+        for k, (heading, is_number) in enumerate(
+            zip(self.headings, self.numeric(), strict=True)
+        ):
+            grid.add_column(
+                escape(printable(heading)),
+                justify="right" if is_number else "left",
+                no_wrap=k == 0 or is_number,
+                overflow="fold",
+            )
+        for row in self.cells():
+            grid.add_row(*[escape(printable(cell)) for cell in row])
+        return grid
+
+    def text(self, width: int = 100) -> str:
+        """As it stands in a terminal of so many characters."""
+        from rich.console import Console
+
+        out = io.StringIO()
+        Console(file=out, width=width, highlight=False).print(self)
+        lines = [line.rstrip() for line in out.getvalue().splitlines()]
+        return "\n".join([*([self.title] if self.title else []), *lines]) + "\n"
+
+    def markdown(self) -> str:
+        """With its title as a heading, its caption above and its notes below."""
+        cells = [[escape_markdown(cell) for cell in row] for row in self.cells()]
+        headings = [escape_markdown(heading) for heading in self.headings]
+        numeric = self.numeric()
+        sides = ["---:" if is_number else ":---" for is_number in numeric]
+        table = markdown_lines(headings, cells, sides)
+        notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
+        head = [f"# {escape_markdown(self.title)}", ""] if self.title else []
+        caption = escape_markdown(self.caption)
+        about = [caption, ""] if self.caption or self.title else []
+        return "\n".join([*head, *about, *table, *notes]) + "\n"
+
+    def html(self) -> str:
+        """A <table>; everything in it is escaped, and what stands between backticks is
+        code."""
+        # jinja2 takes 40 ms to import.
+        from sdp_vs_penalty.results.templates import render
+
+        rows = self.cells()
+        numeric = self.numeric() or [False] * len(rows[0] if rows else ())
+        classes = self.row_classes or [""] * len(rows)
+        return render(
+            "table.html",
+            headings=self.headings,
+            rows=[
+                {"style": style, "cells": list(zip(row, numeric, strict=True))}
+                for row, style in zip(rows, classes, strict=True)
+            ],
+            numeric=numeric,
+            style=self.style,
+        )
+
+    def latex(self) -> str:
+        """A floating table with booktabs and siunitx."""
+        infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
+        columns, layout = [], []
+        for column, is_number in zip(self.columns(), self.numeric(), strict=True):
+            if is_number:
+                columns.append([infinite.get(cell, cell) for cell in column])
+                layout.append("S[table-alignment-mode=marker]")
+                continue
+            columns.append([escape_latex(cell) for cell in column])
+            is_long = max(map(len, column), default=0) > _WRAPPED
+            layout.append(r">{\raggedright\arraybackslash}p{26em}" if is_long else "l")
+        rows = zip(*columns, strict=True)
+        return _latex_template().substitute(
+            title=escape_latex(self.title),
+            caption=escape_latex(" ".join([self.caption, *self.notes])),
+            name=self.name,
+            layout=" ".join(layout),
+            header=" & ".join(map(_latex_header, self.headings)),
+            body="\n".join(f"    {' & '.join(row)} \\\\" for row in rows),
+        )
+
+    def csv(self) -> str:
+        """With all digits that it takes to read the same numbers back."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.headings)
+        writer.writerows([exact_text(cell) for cell in row] for row in self.rows)
+        return out.getvalue()
+
+    def to_frame(self) -> pandas.DataFrame:
+        """The cells as they are."""
+        import pandas
+
+        columns = list(self.headings)
+        return pandas.DataFrame(list(map(list, self.rows)), columns=columns)
+
+
+@cache
+def _latex_template() -> Template:
+    return Template(read_text(_HERE / "table.tex"))
+
+
+def cell_text(cell: Cell, digits: int = 4) -> str:
+    """A cell as written: printed text untouched, numbers to ``digits`` significant
+    digits.
+
+    >>> cell_text(0.12345), cell_text(None), cell_text("1.50"), cell_text(1e-12)
+    ('0.1235', '', '1.50', '0')
+    """
+    if isinstance(cell, str | int):
+        return printable(cell)
+    if cell is None or math.isnan(cell):
+        return ""
+    if math.isinf(cell):
+        return "inf" if cell > 0 else "-inf"
+    return "0" if abs(cell) < ROUNDING else f"{cell:.{digits}g}"
+
+
+def exact_text(cell: Cell) -> str:
+    """A cell with all digits that it takes to read the same number back."""
+    if isinstance(cell, float) and math.isfinite(cell):
+        return repr(float(cell))
+    return cell_text(cell)
+
+
+def is_numeric(cells: Sequence[str]) -> bool:
+    """Whether every cell that is not empty is a number (or infinite), and one is."""
+    filled = [cell for cell in cells if cell not in ("", "inf", "-inf")]
+    return bool(filled) and all(_NUMBER.fullmatch(cell) for cell in filled)
+
+
+def markdown_lines(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], sides: Sequence[str] = ()
+) -> list[str]:
+    """The lines of a table in Markdown; sides : "---:" of a column that stands right."""
+    marks = sides or ["---"] * len(headings)
+    return [f"| {' | '.join(cells)} |" for cells in (headings, marks, *rows)]
+
+
+def _latex_header(name: str) -> str:
+    """The data set on a line of its own, so that columns stay narrow."""
+    first, _, data = name.rpartition("_")
+    if data in ("simulated", "measured"):
+        return rf"{{\shortstack{{{escape_latex(first)}\\{data}}}}}"
+    return f"{{{escape_latex(name)}}}"
+
+
+def escape_latex(plain: str) -> str:
+    """Text that LaTeX sets as it is written, control characters as Python writes
+    them."""
+    return _LIGATURE.sub("{}", printable(plain).translate(_LATEX))

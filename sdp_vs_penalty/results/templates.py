@@ -1,0 +1,45 @@
+"""HTML by jinja2: templates that escape everything and compute nothing."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from sdp_vs_penalty import formatting
+
+#: Where a package's templates lie, beside the modules that fill them.
+_FOLDERS = (Path(__file__).parent / "html",)
+
+
+@cache
+def environment(*folders: Path) -> Environment:
+    """The templates of these folders; a name that is missing is an error."""
+    made = Environment(
+        loader=FileSystemLoader([*folders, *_FOLDERS]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    made.filters["code"] = mark_code
+    made.filters["sentence"] = formatting.sentence
+    return made
+
+
+def render(template: str, *folders: Path, **context: Any) -> str:
+    """A template of these folders, or of the tables, with a context."""
+    return environment(*folders).get_template(template).render(context)
+
+
+def mark_code(sentence: object) -> Markup:
+    """Escaped; what stands between backticks as code.
+
+    >>> str(mark_code("run `check` <b>"))
+    'run <code>check</code> &lt;b&gt;'
+    """
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(sentence))))

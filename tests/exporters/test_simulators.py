@@ -1,0 +1,111 @@
+"""A model as an object of Pinocchio or MuJoCo makes the model's own torque."""
+
+import numpy as np
+import pytest
+from dynamics_files import FULL, by_mujoco, estimate_of
+from random_robots import states
+from small_runs import small_run
+from unchecked import identify
+
+from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
+from sdp_vs_penalty.effects import Motion
+
+ARMS = ("two_link", "panda")
+
+
+def torque_of_links_and_rotors(
+    estimate: Estimate, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> np.ndarray:
+    """Without friction, which Pinocchio's inverse dynamics leave out."""
+    held = ("rigid_body", "rotor_inertia")
+    theta = np.array(
+        [
+            value if parameter.effect in held else 0.0
+            for parameter, value in zip(
+                estimate.model.parameters, estimate.theta, strict=True
+            )
+        ]
+    )
+    return estimate.model.torque(theta, Motion(np.zeros(len(q)), q, dq, ddq))
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_pinocchio_makes_the_torque_of_links_and_rotors(name):
+    pin = pytest.importorskip("pinocchio")
+    robot = load_problem(name).robot
+    estimate = estimate_of(robot, FULL, 3)
+    model = estimate.to_pinocchio()
+    data = model.createData()
+    q, dq, ddq = states(robot, 30, 1)
+    made = [pin.rnea(model, data, *row) for row in zip(q, dq, ddq, strict=True)]
+    expected = torque_of_links_and_rotors(estimate, q, dq, ddq)
+    np.testing.assert_allclose(np.array(made), expected, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_pinocchio_has_the_friction_in_its_fields(name):
+    pytest.importorskip("pinocchio")
+    robot = load_problem(name).robot
+    estimate = estimate_of(robot, FULL, 3)
+    model = estimate.to_pinocchio()
+    values = {
+        p.name: x
+        for p, x in zip(estimate.model.parameters, estimate.theta, strict=True)
+    }
+    viscous = [values[f"f_v{j}"] for j in range(1, robot.n + 1)]
+    np.testing.assert_allclose(model.damping, viscous)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_mujoco_makes_the_whole_torque(name, tmp_path):
+    pytest.importorskip("mujoco")
+    robot = load_problem(name).robot
+    estimate = estimate_of(robot, f"{FULL},joint_spring", 3)
+    (tmp_path / "robot.xml").write_text(estimate.to_mjspec().to_xml())
+    q, dq, ddq = states(robot, 30, 1)
+    made = by_mujoco(tmp_path / "robot.xml", robot, q, dq, ddq)
+    expected = estimate.torque(Motion(np.zeros(len(q)), q, dq, ddq))
+    np.testing.assert_allclose(made, expected, rtol=0.0, atol=1e-4)
+
+
+def test_a_model_without_links_is_no_pinocchio_model():
+    robot = load_problem("two_link").robot
+    with pytest.raises(InputError, match="no rigid_body"):
+        estimate_of(robot, "viscous_friction", 3).to_pinocchio()
+
+
+@pytest.fixture(scope="module")
+def identified(two_link: Problem) -> Estimate:
+    return identify(two_link, small_run(two_link), "ols")
+
+
+def test_a_frame_of_links_names_its_units(identified):
+    frame = identified.links_frame()
+    assert list(frame.index) == [1, 2]
+    assert {"mass [kg]", "centre of mass x [m]", "thickness [mm]"} <= set(frame)
+
+
+def test_base_parameters_have_full_expressions(identified):
+    texts = " ; ".join(identified.base_frame()["expression"])
+    assert "..." not in texts
+    assert " + " in texts
+
+
+def test_a_base_parameter_is_the_sum_that_its_expression_says(identified):
+    parameters = zip(identified.model.parameters, identified.theta, strict=True)
+    values = {p.name: float(x) for p, x in parameters}
+    for _, row in identified.base_frame().iterrows():
+        total = 0.0
+        for term in row["expression"].replace("- ", "+ -").split(" + "):
+            sign = -1.0 if term.startswith("-") else 1.0
+            factor, _, name = term.lstrip("-").rpartition(" ")
+            total += sign * float(factor or 1.0) * values[name]
+        assert total == pytest.approx(row["value"], rel=5e-3, abs=1e-3)
+
+
+@pytest.mark.parametrize("is_base", [False, True])
+def test_a_covariance_is_labelled_on_both_sides(identified, is_base):
+    frame = identified.covariance_frame(base=is_base)
+    assert list(frame.index) == list(frame.columns)
+    names = {p.name for p in identified.model.parameters}
+    assert set(frame.index) <= names

@@ -1,0 +1,252 @@
+"""Ten stories: runs of one kind each, from files through commands, page and report."""
+
+import contextlib
+import html
+import io
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from commands import run_cli
+from page_sessions import Here, Screen
+
+from sdp_vs_penalty import Measurements, load_measurements, load_problem
+from sdp_vs_penalty.data import save
+from sdp_vs_penalty.diagnosis import load_diagnosis
+from sdp_vs_penalty.page import Sessions
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+
+NAMES = ("a.csv", "b.csv", "test.csv")
+DOCS = Path(__file__).parents[2] / "docs"
+#: Of runs of 20 s at 1 kHz every so many samples are kept: stories are to be cheap.
+THINNED = 5
+
+
+@dataclass
+class Story:
+    """What each place says of the same runs.
+
+    folder : of the files; said : by command what it prints, and "html" of the report;
+    screen : the page after the same steps.
+    """
+
+    folder: Path
+    problem: str
+    names: tuple[str, ...]
+    said: dict[str, str] = field(default_factory=dict)
+    screen: Any = None
+
+    @property
+    def session(self) -> Any:
+        """Of the page."""
+        return self.screen.session
+
+    @property
+    def test(self) -> str:
+        """The run that models are judged on."""
+        return self.names[-1]
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether nothing can be identified from the runs."""
+        return not (self.folder / "model.json").exists()
+
+    def json(self, name: str) -> Any:
+        """A JSON file of the folder."""
+        return json.loads((self.folder / name).read_text())
+
+    @property
+    def compared(self) -> dict[str, Any]:
+        """The comparison of the first model, as `compare --json` writes it."""
+        return dict(self.json("one.json")["models"][0])
+
+    @property
+    def diagnosis(self) -> Any:
+        """As `diagnose --json` writes it."""
+        return load_diagnosis(self.folder / "findings.json")
+
+
+def plain(text: str) -> str:
+    """Words of a screen or file, without markup and line breaks."""
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", " ", text)).split())
+
+
+def _simulated(
+    problem: str, effects: list[tuple[str, list[int]]], level: str = "strong"
+) -> list[Measurements]:
+    """Runs with effects hidden; joints from 0."""
+    robot = load_problem(problem)
+    runs = hidden_runs(robot, effects, level, 24, len(NAMES)).runs
+    return [run.rows(slice(None, None, THINNED)) for run in runs]
+
+
+def _with_torque(
+    runs: list[Measurements], extra: Callable[[Measurements], np.ndarray]
+) -> list[Measurements]:
+    """Runs with a torque (N,) more on joint 1."""
+    changed = []
+    for run in runs:
+        tau = run.tau.copy()
+        tau[:, 0] += extra(run)
+        changed.append(replace(run, tau=tau))
+    return changed
+
+
+def spring() -> tuple[str, list[Measurements]]:
+    return "two_link", _simulated("two_link", [("joint_spring", [1])])
+
+
+def own_arm() -> tuple[str, list[Measurements]]:
+    """A URDF of the docs, with nothing hidden in it."""
+    urdf = str(DOCS / "my_arm.urdf")
+    return urdf, _simulated(urdf, [])
+
+
+def curve() -> tuple[str, list[Measurements]]:
+    """A torque over position that no effect of the library makes."""
+    runs = _simulated("two_link", [])
+    bump = lambda run: 0.4 * np.exp(-(((run.q[:, 0] - 0.3) / 0.25) ** 2))  # noqa: E731
+    return "two_link", _with_torque(runs, bump)
+
+
+def hum() -> tuple[str, list[Measurements]]:
+    """7 Hz on joint 1 for three seconds of every training run."""
+    runs = _simulated("two_link", [])
+
+    def wave(run: Measurements) -> np.ndarray:
+        since = run.t - run.t[0]
+        return 0.3 * np.sin(2.0 * np.pi * 7.0 * since) * ((since > 8) & (since < 11))
+
+    return "two_link", [*_with_torque(runs[:-1], wave), runs[-1]]
+
+
+def payload() -> tuple[str, list[Measurements]]:
+    """The last run carries something that the others do not."""
+    free = _simulated("two_link", [])
+    loaded = _simulated("two_link", [("payload", [])])
+    return "two_link", [*free[:-1], loaded[-1]]
+
+
+def bad_data() -> tuple[str, list[Measurements]]:
+    """Spikes in the torque: nothing can be identified."""
+    runs = _simulated("two_link", [])
+
+    def spikes(run: Measurements) -> np.ndarray:
+        return np.where(np.arange(len(run.t)) % 900 == 500, 1e4, 0.0)
+
+    return "two_link", _with_torque(runs, spikes)
+
+
+def servo_log() -> tuple[str, list[Measurements]]:
+    """Commands and positions of a slide, without a torque."""
+    import servo_log as slide
+
+    runs = [slide.log(noise=1e-5, seed=seed) for seed in range(3)]
+    return slide.URDF, runs
+
+
+def long_log() -> tuple[str, list[Measurements]]:
+    """More rows than a check looks at in one piece."""
+    runs = hidden_runs(load_problem("two_link"), [], "strong", 24, 3).runs
+    first = runs[0]
+    dt = float(first.t[1] - first.t[0])
+    count = 14
+    length = len(first.t)
+    clock = first.t[0] + dt * np.arange(count * length)
+    rng = np.random.default_rng(1)
+    tau = np.tile(first.tau, (count, 1))
+    tau += 0.02 * rng.normal(size=tau.shape)
+    there_and_back = [first.q if k % 2 == 0 else first.q[::-1] for k in range(count)]
+    q = np.concatenate(there_and_back)
+    long = Measurements(clock, q, tau)
+    return "two_link", [long, runs[1], runs[2]]
+
+
+def panda() -> tuple[str, list[Measurements]]:
+    """The authors' real run, cut in three."""
+    import os
+
+    run = load_measurements(Path(os.environ["SDP_VS_PENALTY_DATA"]) / "panda", joints=7)
+    end = float(run.t[-1])
+    parts = [(0.0, 0.35 * end), (0.36 * end, 0.7 * end), (0.71 * end, end)]
+    return "panda", [run.window(start, stop) for start, stop in parts]
+
+
+def ur10e() -> tuple[str, list[Measurements]]:
+    """Three real runs of motor currents."""
+    import os
+
+    folder = Path(os.environ["SDP_VS_PENALTY_DATA"]) / "ur10e"
+    names = ("14harm50sec", "15harm50sec", "12-50sec_12harm")
+    files = [next(folder.glob(f"*{name}.csv")) for name in names]
+    problem = load_problem("ur10e")
+    runs = [load_measurements(f, names=problem.robot.joint_names) for f in files]
+    return "ur10e", [run.rows(slice(None, None, 2)) for run in runs]
+
+
+def by_commands(story: Story) -> None:
+    """What each command prints, until one refuses."""
+    folder = story.folder
+    model = folder / "model.json"
+    better = folder / "better.json"
+    found = folder / "findings.json"
+    report = folder / "report.html"
+    files = [folder / name for name in story.names]
+    data = ["--data", *files[:-1]]
+    test = files[-1]
+
+    def run(name: str, *words: Any) -> bool:
+        out = io.StringIO()
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            code = run_cli(*words)
+        story.said[name] = " ".join(out.getvalue().split())
+        return code == 0
+
+    checked = ["--problem", story.problem, "--json", folder / "check.json"]
+    run("check", "check", *files, *checked)
+    if not run("identify", "identify", story.problem, *data, "--out", model):
+        return
+    run("diagnose", "diagnose", model, *data, "--test", test, "--json", found)
+    compared = ["--data", test, "--json"]
+    run("compare", "compare", model, *compared, folder / "one.json")
+    models = [model]
+    if found.exists() and load_diagnosis(found).sure:
+        added = ["--from", found, "--confident", *data, "--test", test]
+        run("add", "add", model, *added, "--out", better)
+        run("both", "compare", model, better, *compared, folder / "both.json")
+        models.append(better)
+    findings = ["--findings", found] if found.exists() else []
+    run("report", "report", *models, "--data", test, *findings, "--out", report)
+    text = re.sub(r"<(script|style).*?</\1>", "", report.read_text(), flags=re.DOTALL)
+    story.said["html"] = plain(text)
+
+
+def by_page(story: Story) -> None:
+    """The same on the page."""
+    session = Sessions(Here()).new()
+    story.screen = Screen(session)
+    name = Path(story.problem).name if ".urdf" in story.problem else None
+    story.screen.do(session.start, session.choose_robot, story.problem, name)
+    session.arrived |= {name: story.folder / name for name in story.names}
+    story.screen.do(session.read_arrived)
+    if session.meaningless:
+        return
+    story.screen.click("identify", "diagnose")
+
+
+def walk(make: Callable[[], tuple[str, list[Measurements]]], folder: Path) -> Story:
+    """A story from its runs to what every place says of them."""
+    problem, runs = make()
+    if problem.startswith("<robot"):
+        (folder / "robot.urdf").write_text(problem)
+        problem = str(folder / "robot.urdf")
+    for run, name in zip(runs, NAMES, strict=True):
+        save(run, folder / name)
+    story = Story(folder=folder, problem=problem, names=NAMES)
+    by_commands(story)
+    by_page(story)
+    return story
