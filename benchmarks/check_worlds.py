@@ -1,6 +1,6 @@
 """What the check says of logs that nothing is wrong with: the worlds of the challenge.
 
-    python benchmarks/check_worlds.py --cases 5 --seed 1000 --out results
+    python benchmarks/check_worlds.py --cases 5 --seed 1000 --out FOLDER
 
 Each world is a simulated arm with friction laws, sensors and servo that the library does
 not share, some with an effect that `diagnose` would name. Nothing was done to their logs,
@@ -199,7 +199,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="one case in so many")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=1e9, help="stop after so long")
-    parser.add_argument("--out", type=Path, default=Path("results"))
+    parser.add_argument("--out", type=Path, default=Path("results", "check_worlds"))
     options = parser.parse_args()
     cases = wanted(options.cases, options.seed, [*CLASSES], [*NUISANCES])
     command = (

@@ -1,6 +1,6 @@
 """How often 95 % intervals hold the truth where everything varies that varies in life.
 
-    python benchmarks/coverage_in_life.py [--draws 160] [--seed 0] [--out results/coverage_in_life.md]
+    python benchmarks/coverage_in_life.py [--draws 160] [--seed 0] [--out FILE]
 
 Each draw has a robot of its own (2 to 4 joints, some of which slide), links that are
 not the prior's centre, friction, a random motion of 14 s, torque noise (white or slow,
@@ -108,7 +108,9 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=160, help="of each situation")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--out", type=Path, default=Path("results", "coverage_in_life.md")
+        "--out",
+        type=Path,
+        default=Path("results", "coverage_in_life", "coverage_in_life.md"),
     )
     chosen = parser.parse_args()
     seeds = range(chosen.seed, chosen.seed + chosen.draws)

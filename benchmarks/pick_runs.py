@@ -1,6 +1,6 @@
 """A payload in the control loop: time of an update, picks of the real UR10e, alarms.
 
-    python benchmarks/pick_runs.py [--data DATA] [--out results]
+    python benchmarks/pick_runs.py [--data DATA] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder ur10e).
 A pick is a splice of two runs of one trajectory, without and with the load of 2.805 kg,
@@ -166,7 +166,7 @@ def update_times(estimate: Estimate) -> list[tuple[str, str]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path)
-    parser.add_argument("--out", type=Path, default=Path("results"))
+    parser.add_argument("--out", type=Path, default=Path("results", "picks"))
     options = parser.parse_args()
     if options.data is not None:
         os.environ["SDP_VS_PENALTY_DATA"] = str(options.data)

@@ -1,6 +1,6 @@
 """Every figure of speed and memory, by one command.
 
-    python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out results]
+    python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda;
 default: SDP_VS_PENALTY_DATA). N: rows of the recordings of the memory part. Each part
@@ -309,7 +309,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000])
     parser.add_argument(
-        "--out", type=Path, default=Path(__file__).parents[1] / "results"
+        "--out", type=Path, default=Path(__file__).parents[1] / "results" / "benchmarks"
     )
     given = parser.parse_args()
     work = partial(measure, data=Path(given.data), counts=given.rows)

@@ -25,7 +25,10 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
-        "--out", type=Path, default=Path("results"), help="folder for challenge.*"
+        "--out",
+        type=Path,
+        default=Path("results", "challenge"),
+        help="folder for challenge.*",
     )
     parser.add_argument("--jobs", type=int, default=2)
     for word, known in (("--classes", [*CLASSES]), ("--nuisance", [*NUISANCES])):

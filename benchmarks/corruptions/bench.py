@@ -1,7 +1,7 @@
 """Every corruption on every arm: is it named, and how much harm does it do where it is
 not refused?
 
-    python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out results]
+    python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, ur10, emps,
 sim5, drawn and any number. Outcome of a case:
@@ -282,7 +282,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--data", type=Path, default=Path("."))
-    parser.add_argument("--out", type=Path, default=Path("results"))
+    parser.add_argument("--out", type=Path, default=Path("results", "corruptions"))
     parser.add_argument("--arms", default="panda,ur10e,tx40,ur10,emps,sim5")
     parser.add_argument("--kinds", default="", help="those with this in their name")
     parser.add_argument(

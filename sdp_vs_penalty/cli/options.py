@@ -49,7 +49,7 @@ models model.json ...: Models written by `identify` or `add`.
 
 
 #: How much effort tables and figures may take.
-Budget = StrEnum("Budget", "quick paper")
+Budget = StrEnum("Budget", "quick single paper")
 
 
 def _told(lines: str) -> dict[str, Any]:

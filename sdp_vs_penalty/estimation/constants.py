@@ -14,7 +14,7 @@ NORMAL_95 = float(ndtri(0.5 + 0.5 * LEVEL))
 #: forty of them a run.
 WINDOW = 20.0
 #: Degrees of freedom for which the mean over all directions counts. Chosen on white
-#: runs of 3 and 4 s and AR runs of 20 s, with other seeds than results/coverage: 2
+#: runs of 3 and 4 s and AR runs of 20 s, with seeds of their own: 2
 #: covers up to 97.5 % in 3 s, 4 only 92.0 in 20 s.
 POOLED = 3.0
 #: Largest half-width of an interval of each verdict: relative to the value, or to the

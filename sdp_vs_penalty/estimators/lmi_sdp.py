@@ -7,7 +7,7 @@ step.
 contains the triangle inequalities). Plain, its optimum makes rods of most links. Three
 convex remedies: a body that a link's mass must lie in, an entropic pull towards the
 problem's nominal robot, and a minimum thickness. The default is the first two
-(results/default_method.md).
+(results/default_method/default_method.md).
 
 One identification SDP (:class:`PosedSdp`) is solved until our own certificate is tight,
 from a point strictly inside of it (:func:`interior_point`).

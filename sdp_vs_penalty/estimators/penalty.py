@@ -329,16 +329,16 @@ def minimise(
         x = _Stage(penalty, shifts, weight, last, near).solve()
         moved = penalty.shifted(x, shifts, weight)
         previous = residual
-        residual = _largest_change(moved, shifts) / weight
+        residual = largest_change(moved, shifts) / weight
         shifts = moved
-        if max(residual, pull * _largest_change([x], [last])) <= tolerance:
+        if max(residual, pull * largest_change([x], [last])) <= tolerance:
             break
         if residual > 0.25 * previous and weight * tolerance < 1.0:
             weight *= 10.0
     return x, shifts, {"residual": residual, "stages": n_stages}
 
 
-def _largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
+def largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
     """The largest absolute difference of two lists of arrays."""
     changes = [
         float(np.abs(a - b).max(initial=0.0)) for a, b in zip(new, old, strict=True)

@@ -77,12 +77,10 @@ class BoxedProblem:
         self.task = problem.task
         self.links = problem.task.links
         box = problem.task.box[: len(self.links)]
-        self.c_low = np.where(
-            np.isfinite(box[:, 1:4, 0]), box[:, 1:4, 0], -self.farthest
-        )
-        self.c_high = np.where(
-            np.isfinite(box[:, 1:4, 1]), box[:, 1:4, 1], self.farthest
-        )
+        low = box[:, 1:4, 0]
+        high = box[:, 1:4, 1]
+        self.c_low = np.where(np.isfinite(low), low, -self.farthest)
+        self.c_high = np.where(np.isfinite(high), high, self.farthest)
         self.inertia_box = box[:, 4:]
         skipped = ("centre of mass", "moments")
         self.hard = [c for c in problem.hard if c.family not in skipped]
@@ -102,104 +100,90 @@ class BoxedProblem:
         for k in range(n):
             constraints += self._cell(k, low[k], high[k])
         data = problem.in_slacks
-        R = np.hstack([data.R, np.zeros((len(data.R), 6 * n))])
+        without_q = np.zeros((len(data.R), 6 * n))
+        widened = replace(data, R=np.hstack([data.R, without_q]))
         cost = np.zeros(len(start))
         cost[problem.p : self.first_q] = weight * problem.prices
-        far = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
-        most = self.task.bound[self.links[:, 0]] * far**2
-        bound = np.concatenate(
-            [
-                self.task.bound + problem.links_slack @ limit[:n],
-                limit,
-                np.repeat(most, 6),
-            ]
-        )
-        fit = solve_certified(replace(data, R=R), cost, constraints, start, bound)
+        farthest = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
+        largest_q = self.task.bound[self.links[:, 0]] * farthest**2
+        bound = np.concatenate([self._bound(limit), np.repeat(largest_q, 6)])
+        fit = solve_certified(widened, cost, constraints, start, bound)
         theta = problem.theta(fit.theta)
         lower = max(fit.lower, 0.0)
         mass = theta[self.links[:, 0]]
         h = theta[self.links[:, 1:4]]
-        q = fit.theta[self.first_q :].reshape(n, 6)[:, [0, 2, 5]]
-        return lower, problem.optimum(theta, weight, lower), q - h**2 / mass[:, None]
+        q = fit.theta[self.first_q :].reshape(n, 6)
+        excess = q[:, [0, 2, 5]] - h**2 / mass[:, None]
+        return lower, problem.optimum(theta, weight, lower), excess
+
+    def _bound(self, limit: Array) -> Array:
+        """(p + s,) bounds of theta' and the slacks."""
+        raised = self.problem.links_slack @ limit[: len(self.links)]
+        return np.concatenate([self.task.bound + raised, limit])
 
     def _start(self, low: Array, high: Array, limit: Array) -> Array:
         """Strictly inside a cell: its middle, nominal masses, inertias inside the box
         and slacks that make them consistent."""
         problem = self.problem
         n = len(self.links)
-        theta = problem.interior.copy()
-        slack = problem.slack_start * np.minimum(limit, 1.0)
-        mass = theta[self.links[:, 0]]
-        c = 0.5 * (low + high)
-        width = high - low
-        q = mass[:, None, None] * (
-            c[:, :, None] * c[:, None] + np.eye(3) * width[:, None] ** 2 / 8.0
-        )
-        lower, upper = self._finite_box()
-        about = inertia.barycentric_from_standard(problem.interior[self.links])[:, 4:]
-        about = np.clip(
-            about,
-            lower + self.margin * (upper - lower),
-            upper - self.margin * (upper - lower),
-        )
+        mass = problem.interior[self.links[:, 0]]
+        middle = 0.5 * (low + high)
+        widths = (high - low)[:, None]
+        dyads = middle[:, :, None] * middle[:, None, :]
+        q = mass[:, None, None] * (dyads + np.eye(3) * widths**2 / 8.0)
+        about = self._inside_box(problem.interior[self.links])
         moments = np.linalg.eigvalsh(inertia.inertia_matrix(about))
-        needed = moments[:, 2] - 0.5 * moments.sum(axis=1)
-        slack[:n] = np.maximum(slack[:n], 2.0 * np.maximum(needed, 0.0))
+        needed = np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
+        slack = problem.slack_start * np.minimum(limit, 1.0)
+        slack[:n] = np.maximum(slack[:n], 2.0 * needed)
         slack[:n] = np.minimum(slack[:n], 0.9 * limit[:n])
         steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
-        links = np.column_stack([mass, mass[:, None] * c, about + steiner])
-        theta[self.links] = links
+        first_moments = mass[:, None] * middle
+        theta = problem.interior.copy()
+        theta[self.links] = np.column_stack([mass, first_moments, about + steiner])
         theta = theta + problem.links_slack @ slack[:n]
         return np.concatenate([theta, slack, inertia.inertia_entries(q).ravel()])
 
-    def _finite_box(self) -> tuple[Array, Array]:
-        """The box on inertias, open ends as far as the bounds of theta reach."""
-        far = self.task.bound[self.links[:, 4:]]
-        box = self.inertia_box
-        return (
-            np.where(np.isfinite(box[..., 0]), box[..., 0], -far),
-            np.where(np.isfinite(box[..., 1]), box[..., 1], far),
-        )
+    def _inside_box(self, links: Array) -> Array:
+        """(n, 6) inertias about the centres of mass of links (n, 10), moved strictly
+        inside the box; its open ends are as far as the bounds of theta reach."""
+        reach = self.task.bound[self.links[:, 4:]]
+        low = self.inertia_box[..., 0]
+        high = self.inertia_box[..., 1]
+        lower = np.where(np.isfinite(low), low, -reach)
+        upper = np.where(np.isfinite(high), high, reach)
+        clear = self.margin * (upper - lower)
+        about = inertia.barycentric_from_standard(links)[:, 4:]
+        return np.clip(about, lower + clear, upper - clear)
 
     def _cell(self, k: int, low: Array, high: Array) -> list[Constraint]:
         """All that a link's cell demands of (m, h), J', its slack and Q."""
         link = self.links[k]
         q = self.first_q + 6 * k + np.arange(6)
-        slack = self.problem.p + k
         name = f"link {k + 1}"
-        out = [_lifted(name, link, q), _about_centre(name, link, q)]
-        rows = list[Array]()
-        for a in range(3):
-            rows += [_row({1 + a: 1.0, 0: -low[a]}), _row({1 + a: -1.0, 0: high[a]})]
-        for a in range(3):
-            place = 10 + _place(a, a)
-            both = low[a] + high[a]
-            product = low[a] * high[a]
-            rows.append(_row({place: -1.0, 1 + a: both, 0: -product}))
-        for a, b in combinations(range(3), 2):
-            place = 10 + _place(a, b)
-            for x, y, sign in (
-                (low[a], low[b], 1.0),
-                (high[a], high[b], 1.0),
-                (high[a], low[b], -1.0),
-                (low[a], high[b], -1.0),
-            ):
-                row = _row({place: 1.0, 1 + b: -x, 1 + a: -y, 0: x * y})
-                rows.append(sign * row)
+        rows = _cell_rows(low, high)
         indices = np.concatenate([link, q])
-        matrix = np.array(rows).T
-        out.append(linear("cell", name, indices, matrix, np.zeros(len(rows))))
-        return out + self._box_rows(k, q, np.append(link, slack))
+        cell = linear("cell", name, indices, np.array(rows).T, np.zeros(len(rows)))
+        with_slack = np.append(link, self.problem.p + k)
+        return [
+            _lifted(name, link, q),
+            _about_centre(name, link, q),
+            cell,
+            *self._box_rows(k, with_slack, q),
+        ]
 
     def _box_rows(
         self,
         k: int,
-        more: NDArray[np.intp],
-        own: NDArray[np.intp],
+        link: NDArray[np.intp],
+        q: NDArray[np.intp] | None = None,
         c: Array | None = None,
     ) -> list[Constraint]:
-        """lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper; with c fixed Q is
-        m c c^T."""
+        """lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper.
+
+        link (11,) : indices of the link's parameters and its slack; q (6,) : of Q, or c
+        (3,) : the centre of mass with which Q is m c c^T.
+        """
         out = list[Constraint]()
         for e, (lower, upper) in enumerate(self.inertia_box[k]):
             form = inertia.STEINER_FORMS[e]
@@ -207,64 +191,64 @@ class BoxedProblem:
             if np.trace(form) > 0.0:
                 row[10] = -2.0
             values = _row(row, 11)
-            if c is None:
+            indices = link
+            if q is not None:
                 doubled = inertia.inertia_entries(form) * [1, 2, 1, 2, 2, 1]
                 values = np.concatenate([values, -doubled])
-            else:
+                indices = np.concatenate([link, q])
+            if c is not None:
                 values[0] -= c @ form @ c
-            indices = np.concatenate([own, more])
+            used = np.flatnonzero(values)
             for end, sign in ((lower, 1.0), (upper, -1.0)):
-                if np.isfinite(end):
-                    used = np.flatnonzero(values)
-                    out.append(
-                        linear(
-                            "barycentric inertia",
-                            f"link {k + 1}, {e}, {sign:+g}",
-                            indices[used],
-                            sign * values[used, None],
-                            [-sign * end],
-                        )
+                if not np.isfinite(end):
+                    continue
+                name = f"link {k + 1}, {e}, {sign:+g}"
+                column = sign * values[used, None]
+                out.append(
+                    linear(
+                        "barycentric inertia",
+                        name,
+                        indices[used],
+                        column,
+                        [-sign * end],
                     )
+                )
         return out
 
     def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
         """The optimum inside the box with centres of mass fixed at c (n, 3): convex and
         exact. None where the box leaves no room there."""
         problem = self.problem
-        n = len(self.links)
         limit = problem.slack_limits(weight)
-        size = problem.p + len(limit)
-        # h = m c is folded into the column of m.
-        fold = np.eye(size)
-        for link, centre in zip(self.links, c, strict=True):
-            fold[link[1:4], link[1:4]] = 0.0
-            fold[link[1:4], link[0]] = centre
+        fold = self._fold_centres(c, problem.p + len(limit))
         kept = np.flatnonzero(fold.any(axis=0))
-        number = np.full(size, -1)
+        number = np.full(len(fold), -1)
         number[kept] = np.arange(len(kept))
         constraints = [*self.hard, *problem.soft, *problem.between(limit)]
-        none = np.zeros(0, np.intp)
-        for k in range(n):
-            constraints.append(_about_fixed(f"link {k + 1}", self.links[k], c[k]))
-            own = np.append(self.links[k], problem.p + k)
-            constraints += self._box_rows(k, none, own, c[k])
-        folded = [_fold(x, fold, number) for x in constraints]
-        full = self._start(c, c, limit)[:size]
+        for k, link in enumerate(self.links):
+            constraints.append(_about_fixed(f"link {k + 1}", link, c[k]))
+            with_slack = np.append(link, problem.p + k)
+            constraints += self._box_rows(k, with_slack, c=c[k])
         data = problem.in_slacks
-        cost = np.append(np.zeros(problem.p), weight * problem.prices)
-        bound = np.append(self.task.bound + problem.links_slack @ limit[:n], limit)
+        folded_data = replace(data, R=(data.R @ fold)[:, kept])
+        folded = [_fold(x, fold, number) for x in constraints]
+        cost = np.append(np.zeros(problem.p), weight * problem.prices)[kept]
+        start = self._start(c, c, limit)[: len(fold)][kept]
+        bound = self._bound(limit)[kept]
         try:
-            fit = solve_certified(
-                replace(data, R=(data.R @ fold)[:, kept]),
-                cost[kept],
-                folded,
-                full[kept],
-                bound[kept],
-            )
+            fit = solve_certified(folded_data, cost, folded, start, bound)
         except InputError:
             return None
         theta = problem.theta(fold[:, kept] @ fit.theta)
         return problem.optimum(theta, weight, max(fit.lower, 0.0))
+
+    def _fold_centres(self, c: Array, size: int) -> Array:
+        """(size, size) the map in which h = m c (n, 3) stands in the columns of m."""
+        fold = np.eye(size)
+        for link, centre in zip(self.links, c, strict=True):
+            fold[link[1:4], link[1:4]] = 0.0
+            fold[link[1:4], link[0]] = centre
+        return fold
 
     def centres(self, theta: Array) -> Array:
         """(n, 3) centres of mass, inside their bounds."""
@@ -296,39 +280,79 @@ class BoxedProblem:
     ) -> BoxedOptimum:
         """Cells by their lower bound, the lowest first, until the gap is reached or
         ``most_cells`` relaxations are solved."""
-        lower, found, excess = self.solve_cell(weight, self.c_low, self.c_high)
-        root = lower
-        best = None
         number = count()
-        cells = [(lower, next(number), self.c_low, self.c_high, found, excess)]
+        cell = self._solved_cell(weight, self.c_low, self.c_high)
+        cells = [(cell.lower, next(number), cell)]
+        root = cell.lower
         n_cells = 1
+        best: PenalisedOptimum | None = None
         while True:
-            lower, _, low, high, found, excess = cells[0]
-            candidate = self.solve_at(
-                weight, np.clip(self.centres(found.theta), low, high)
-            )
+            lower, _, cell = cells[0]
+            centres = np.clip(self.centres(cell.found.theta), cell.low, cell.high)
+            candidate = self.solve_at(weight, centres)
             if candidate is not None and (best is None or candidate.value < best.value):
                 best = candidate
             result = BoxedOptimum(best, lower, root, n_cells)
             if result.gap <= gap or n_cells + 2 > most_cells:
                 return result
             heapq.heappop(cells)
-            k, a = np.unravel_index(np.argmax(excess), excess.shape)
-            c = self.centres(found.theta)[k, a]
-            width = high[k, a] - low[k, a]
-            c = np.clip(
-                c,
-                low[k, a] + self.nearest_cut * width,
-                high[k, a] - self.nearest_cut * width,
-            )
-            for below in (True, False):
-                new_low = low.copy()
-                new_high = high.copy()
-                (new_high if below else new_low)[k, a] = c
-                own, found, excess = self.solve_cell(weight, new_low, new_high)
+            for low, high in self._halves(cell):
+                half = self._solved_cell(weight, low, high)
                 n_cells += 1
-                entry = max(own, lower), next(number), new_low, new_high, found, excess
+                entry = (max(half.lower, lower), next(number), half)
                 heapq.heappush(cells, entry)
+
+    def _solved_cell(self, weight: float, low: Array, high: Array) -> SolvedCell:
+        return SolvedCell(low, high, *self.solve_cell(weight, low, high))
+
+    def _halves(self, cell: SolvedCell) -> list[tuple[Array, Array]]:
+        """The cell cut in two where Q is off the most, not too near to an end."""
+        k, a = np.unravel_index(np.argmax(cell.excess), cell.excess.shape)
+        low = cell.low[k, a]
+        high = cell.high[k, a]
+        clear = self.nearest_cut * (high - low)
+        centre = self.centres(cell.found.theta)[k, a]
+        cut = np.clip(centre, low + clear, high - clear)
+        below = cell.high.copy()
+        below[k, a] = cut
+        above = cell.low.copy()
+        above[k, a] = cut
+        return [(cell.low, below), (above, cell.high)]
+
+
+@dataclass(frozen=True)
+class SolvedCell:
+    """A cell low <= c <= high (n, 3), its certified bound, the relaxation's answer, and
+    (n, 3) by how much its Q_aa exceeds h_a^2 / m."""
+
+    low: Array
+    high: Array
+    lower: float
+    found: PenalisedOptimum
+    excess: Array
+
+
+def _cell_rows(low: Array, high: Array) -> list[Array]:
+    """Rows in (m, h, J', Q) that are >= 0 inside of a cell low <= c <= high (3,)."""
+    rows = list[Array]()
+    for a in range(3):
+        rows.append(_row({1 + a: 1.0, 0: -low[a]}))
+        rows.append(_row({1 + a: -1.0, 0: high[a]}))
+    for a in range(3):
+        both = low[a] + high[a]
+        product = low[a] * high[a]
+        rows.append(_row({10 + _place(a, a): -1.0, 1 + a: both, 0: -product}))
+    for a, b in combinations(range(3), 2):
+        corners = (
+            (low[a], low[b], 1.0),
+            (high[a], high[b], 1.0),
+            (high[a], low[b], -1.0),
+            (low[a], high[b], -1.0),
+        )
+        for x, y, sign in corners:
+            row = _row({10 + _place(a, b): 1.0, 1 + b: -x, 1 + a: -y, 0: x * y})
+            rows.append(sign * row)
+    return rows
 
 
 def _row(values: dict[int, float], size: int = 16) -> Array:

@@ -374,43 +374,55 @@ def cvxpy_optima(
     except ImportError:
         return {}
     data = problem.data
-    norms = problem.data.column_norms
+    centre = problem.feasible.theta
     unit = max(problem.feasible.upper, 1e-12 * data.tau_squared)
-    size = np.sqrt(data.tau_squared) / np.where(norms > 0.0, norms, np.inf)
-    scale = np.where(norms > 0.0, np.minimum(size, problem.bound), problem.bound)
+    scale = _torque_scale(problem)
     x = cp.Variable(problem.p)
     y = cp.Variable(len(problem.prices), nonneg=True)
     # The slacks in units of (loss at the optimum) / xi, so that they cost one.
-    size = cp.Parameter(nonneg=True)
+    slack_size = cp.Parameter(nonneg=True)
     price = cp.Parameter(nonneg=True)
-    centre = problem.feasible.theta
-    slack = size * y
+    slack = slack_size * y
     theta = cp.hstack([centre + cp.multiply(scale, x), slack])
     demands = [_cvxpy(cp, c, theta) for c in (*problem.hard, *problem.soft)]
     corner = np.diag([1.0, 1.0, 1.0, 0.0])
     for k, c in enumerate(problem.consistency):
         demands.append(_cvxpy_value(cp, c, theta) + slack[k] * corner >> 0)
-    rest = (data.R @ centre - data.rho) / np.sqrt(unit)
-    residual = (data.R * scale / np.sqrt(unit)) @ x + rest
+    root = np.sqrt(unit)
+    at_centre = (data.R @ centre - data.rho) / root
+    residual = (data.R * scale / root) @ x + at_centre
     cost = cp.sum_squares(residual) + price * (problem.prices @ y)
     program = cp.Problem(cp.Minimize(cost), demands)
     out = {}
     for xi in weights:
-        size.value, price.value = (unit / xi, 1.0) if xi > 0.0 else (1.0, 0.0)
+        slack_size.value = unit / xi if xi > 0.0 else 1.0
+        price.value = 1.0 if xi > 0.0 else 0.0
         program.solve(solver="CLARABEL")
         if program.status in ("optimal", "optimal_inaccurate"):
             out[xi] = float(program.value) * unit + data.residual_norm**2
     return out
 
 
+def _torque_scale(problem: PenalisedProblem) -> Array:
+    """(p,) at which each parameter alone makes all the torque, at most its bound."""
+    norms = problem.data.column_norms
+    is_seen = norms > 0.0
+    size = np.sqrt(problem.data.tau_squared) / np.where(is_seen, norms, np.inf)
+    return np.where(is_seen, np.minimum(size, problem.bound), problem.bound)
+
+
 def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:
     """F(theta)."""
-    flat = c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices]
-    value = flat + c.constant.ravel()
-    return cp.reshape(value, c.constant.shape, order="C") if c.cone == "psd" else value
+    rows = c.coefficients.reshape(len(c.indices), -1).T
+    value = rows @ theta[c.indices] + c.constant.ravel()
+    if c.cone == "psd":
+        return cp.reshape(value, c.constant.shape, order="C")
+    return value
 
 
 def _cvxpy(cp: Any, c: Constraint, theta: Any) -> Any:
     """F(theta) in its cone, a second-order cone or non-negative rows."""
     value = _cvxpy_value(cp, c, theta)
-    return cp.norm(value[1:]) <= value[0] if c.cone == "soc" else value >= 0
+    if c.cone == "soc":
+        return cp.norm(value[1:]) <= value[0]
+    return value >= 0

@@ -13,6 +13,7 @@ import numpy as np
 from sdp_vs_penalty.research.tables.table import Table
 
 RESULTS = Path(__file__).parents[2] / "results"
+TABLES = RESULTS / "tables"
 Row = dict[str, str]
 
 #: The columns that name a row of each table.
@@ -34,11 +35,11 @@ KEYS: dict[str, tuple[str, ...]] = {
 #: Tables by problem, and where they are committed: those of the 2R's own are with the
 #: Panda's.
 MADE = [
-    ("panda", name, RESULTS) for name in KEYS if name not in ("VI", "VII", "wrenches")
+    ("panda", name, TABLES) for name in KEYS if name not in ("VI", "VII", "wrenches")
 ]
-MADE += [("two_link", name, RESULTS) for name in ("VI", "wrenches")]
+MADE += [("two_link", name, TABLES) for name in ("VI", "wrenches")]
 MADE += [
-    ("two_link", name, RESULTS / "two_link")
+    ("two_link", name, TABLES / "two_link")
     for name in ("III", "IV", "VII", "VIII", "IX", "methods")
 ]
 

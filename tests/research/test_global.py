@@ -8,10 +8,10 @@ from random_robots import posed_task
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.estimators import Task
 from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.research.annealing import SearchPlan, search_runs
 from sdp_vs_penalty.research.penalised_box import BoxedProblem
 from sdp_vs_penalty.research.penalised_optimum import PenalisedProblem, cvxpy_optima
 from sdp_vs_penalty.research.tables import build_tables
-from sdp_vs_penalty.research.tables.global_optimum import search_runs
 from sdp_vs_penalty.research.tables.routes import SameConstraints
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.robot import inertia
@@ -87,8 +87,9 @@ def test_the_box_is_certified_and_no_search_ends_below(one_step):
     bounds = one_step.task.constraints.nonconvex
     assert all(bound.margin(boxed.best.theta) >= -1e-9 for bound in bounds)
     assert boxed.lower >= one_step.solve(40.0).lower - 1e-6
-    runs = search_runs(one_step, (40.0,), 100, 1, annealing=False)
-    assert runs.min(axis=0)[0, 0] >= boxed.lower
+    plan = SearchPlan(runs=1, evaluations=100, annealing=False)
+    (point,) = search_runs(one_step.published, 0, (40.0,), plan)
+    assert point.objective >= boxed.lower
 
 
 def test_smaller_cells_have_higher_bounds(one_step):
@@ -140,3 +141,17 @@ def test_the_table_has_its_columns():
     columns |= {"excess_loss_percent", "links_violated", "annealing_best"}
     assert columns <= set(table.frame.columns)
     assert np.all(table.frame["gap"].astype(float) <= 1e-6)
+
+
+def test_a_run_with_fewer_weights_is_the_beginning_of_a_longer_one(one_step):
+    plan = SearchPlan(runs=1, evaluations=100)
+    short = search_runs(one_step.published, 0, (0.0, 40.0), plan)
+    longer = search_runs(one_step.published, 0, (0.0, 40.0, 100.0), plan)
+    assert longer[:2] == short
+
+
+def test_runs_are_independent_of_how_many_there_are(one_step):
+    one = search_runs(one_step.published, 0, (40.0,), SearchPlan(1, 100))
+    two = search_runs(one_step.published, 0, (40.0,), SearchPlan(2, 100))
+    assert two[:1] == one
+    assert two[1].objective != two[0].objective

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from committed import RESULTS
+from committed import RESULTS, TABLES
 from random_robots import repeating_run
 
 from sdp_vs_penalty import Measurements, load_problem
@@ -79,5 +79,5 @@ def test_a_table_as_printed_has_at_most_eleven_columns(table):
 
 @pytest.mark.parametrize("name", ["III", "VIII", "IX", "IV"])
 def test_committed_tables_have_at_most_eleven_columns(name):
-    header = (RESULTS / f"table_{name}.csv").read_text().splitlines()[0]
+    header = (TABLES / f"table_{name}.csv").read_text().splitlines()[0]
     assert header.count(",") < 11

@@ -116,7 +116,7 @@ def test_findings_are_judged_beside_the_truth():
 @pytest.mark.parametrize("name", CLASSES)
 def test_cases_of_the_challenge_come_out_as_committed(name):
     """One case a class again, to the digits that are kept of it."""
-    cases = json.loads((RESULTS / "challenge.json").read_text())["cases"]
+    cases = json.loads((RESULTS / "challenge" / "challenge.json").read_text())["cases"]
     key, record = next((k, r) for k, r in cases.items() if r["class"] == name)
     kind, nuisance, seed, index = key.split("/")
     _, again = run_case(Case(kind, nuisance, int(seed), int(index)))

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 from sdp_vs_penalty.cli.options import Budget
@@ -7,18 +8,22 @@ def verb(
     numbers: list[int] | None = None,
     out: Path = Path("results"),
     budget: Budget = Budget.quick,
+    jobs: int = 0,
 ) -> None:
     """Regenerate the paper's figures as PNG and PDF, from simulated and, if available, measured data.
 
     Example: sdp-vs-penalty figures 1 10 --out results
 
     numbers [1 2 3 5 ... 10]: Figure numbers; default: all.
-    --budget: Effort: quick, or paper (longer motions, more instants).
+    --budget: Effort: quick, single (as quick), or paper (longer motions, more instants).
+    --jobs >=0: Parallel estimates on this computer; 0: one per core.
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.parallel import Workers
     from sdp_vs_penalty.research.figures import make_figures
 
     with console.progress("figures") as progress:
-        written = make_figures(numbers or (), out, budget.value, progress=progress)
+        workers = Workers(jobs or os.cpu_count() or 1)
+        written = make_figures(numbers or (), out, budget.value, progress, workers)
     for path in written:
         console.say(str(path))

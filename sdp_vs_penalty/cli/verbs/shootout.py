@@ -30,9 +30,9 @@ def verb(
     --solvers a,b,...: Solvers; default: all that are installed.
     --problems a,b,...: Groups or names of instances, see --list; default: all.
     --accuracy 1e-4,1e-8: Accuracies to ask for; default: 1e-4,1e-6,1e-8.
-    --time-limit SECONDS: Processor time of each run; default: 60, quick 3.
+    --time-limit SECONDS: Processor time of each run; default: 60, quick 1.
     --memory GB: Memory of each run.
-    --quick: A few instances, one accuracy.
+    --quick: A few instances, one accuracy, every solver by itself.
     --out: Folder; runs that it holds are not repeated.
     --jobs >=0: Parallel runs on this computer; 0: one per core.
     --export DIR: Folder for the instances as files with proofs; nothing runs.
@@ -46,18 +46,24 @@ def verb(
     if export is not None:
         _export(export, _words(problems))
         return
-    usual = runner.Shootout.accuracies
-    settings = (
-        tuple(numbers("--accuracy", accuracy))
-        if accuracy
-        else usual[1:2]
-        if quick
-        else usual
-    )
-    limit = time_limit if time_limit is not None else 3.0 if quick else 60.0
-    chosen = _words(solvers), _words(problems)
+    accuracies = runner.Shootout.accuracies
+    if accuracy:
+        accuracies = tuple(numbers("--accuracy", accuracy))
+    elif quick:
+        accuracies = runner.QUICK_ACCURACIES
+    limit = time_limit
+    if limit is None:
+        limit = runner.QUICK_TIME_LIMIT if quick else runner.Shootout.time_limit
     setup = runner.Shootout(
-        out, *chosen, settings, limit, memory, quick, scheduler, jobs
+        out,
+        _words(solvers),
+        _words(problems),
+        accuracies,
+        limit,
+        memory,
+        quick,
+        scheduler,
+        jobs,
     )
     absent = dict[str, str]()
     left_out = list[tuple[str, str, str]]()

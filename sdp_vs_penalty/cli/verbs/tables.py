@@ -17,6 +17,7 @@ def verb(
     out: Path = Path("results"),
     jobs: int = 0,
     scheduler: str | None = None,
+    html: bool = False,
 ) -> None:
     """Regenerate the paper's comparison tables.
 
@@ -27,12 +28,13 @@ def verb(
     names [III IV VIII IX ...]: Tables, of `sdp-vs-penalty list tables`; default: these four.
     --all: All tables but the slow ones, such as methods and data.
     --problem: Problem: two_link or panda.
-    --budget: Effort: quick, or paper (as many runs as there).
+    --budget: Effort: quick, single (annealing once as long as in the paper), or paper (ten runs).
     --jobs >=0: Parallel estimates on this computer; 0: one per core.
+    --html: A page too, index.html, that shows the tables with the links drawn.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.research.tables import make_tables, makers
+    from sdp_vs_penalty.research.tables import PAGE, make_tables, makers
 
     if all_:
         if names or problem:
@@ -60,7 +62,10 @@ def verb(
             progress,
             workers=workers,
             report=report,
+            html=html,
         )
+    if html:
+        console.written((outside[0].parent if outside else out) / PAGE)
     if outside:
         console.paragraph(
             f"{out} holds measured tables, and no real run is at hand (name its folder"

@@ -8,6 +8,7 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError, missing_extra
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import load_problem
 from sdp_vs_penalty.research.figures import panda, two_link
 from sdp_vs_penalty.research.tables.study import Study
@@ -27,12 +28,34 @@ def make_figures(
     out: str | Path = "results",
     budget: str = "quick",
     progress: Progress = no_progress,
+    workers: Workers = ALONE,
 ) -> list[Path]:
-    """Draw figures (all, or those asked for) and write each as figure_N.png and
+    """Draw figures and write each, as soon as it is drawn, as figure_N.png and
     figure_N.pdf.
 
-    Raises InputError for a number that is no figure, before anything is computed or
-    written, and where matplotlib is absent.
+    Parameters
+    ----------
+    numbers : sequence of int
+        Of the figures; none: all.
+    out : str or Path
+        The folder.
+    budget : str
+        As :func:`~sdp_vs_penalty.research.tables.make_tables` takes it.
+    progress : callable
+        Hears what is at work.
+    workers : Workers
+        Who estimates, a method on a data set or a fold each.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    InputError
+        For a number that is no figure, before anything is computed or written, and
+        where matplotlib is absent.
     """
     for number in numbers:
         if number not in FIGURES:
@@ -46,7 +69,9 @@ def make_figures(
     except ImportError:
         raise missing_extra("Figures need matplotlib,", "plot") from None
     matplotlib.use("Agg")
-    study_of = cache(lambda problem: Study(load_problem(problem), budget, progress))
+    study_of = cache(
+        lambda problem: Study(load_problem(problem), budget, progress, workers)
+    )
     paths = []
     for number in numbers or FIGURES:
         problem, draw = FIGURES[number]

@@ -7,8 +7,7 @@ import numpy as np
 
 from sdp_vs_penalty.research.figures import style
 from sdp_vs_penalty.research.figures.style import legend_below, new_figure
-from sdp_vs_penalty.research.tables.global_optimum import Searched, Searches
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.research.tables.global_optimum import WEIGHTS, Searched
 
 
 def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
@@ -49,8 +48,9 @@ def _draw_objective(axis: Any, found: Searched) -> None:
     }
     for label, (values, color, line) in lines.items():
         excess = 100.0 * (np.array(values) / base - 1.0)
-        axis.plot(Searches.weights, excess, color=color, linestyle=line, label=label)
-    _dots(axis, 100.0 * (found.annealed[..., 0] / base - 1.0))
+        axis.plot(WEIGHTS, excess, color=color, linestyle=line, label=label)
+    above = [100.0 * (point.objective / base - 1.0) for point in found.annealed]
+    _dots(axis, found, above)
     axis.set_yscale("symlog", linthresh=1.0)
     axis.axhline(0.0, color=style.GREY, linewidth=0.6)
 
@@ -58,31 +58,31 @@ def _draw_objective(axis: Any, found: Searched) -> None:
 def _draw_violation(axis: Any, found: Searched) -> None:
     none = 1e-8  # where "none" is drawn [kg m^2, kg or m]
     worst = np.maximum([x.worst for x in found.free], none)
-    axis.plot(Searches.weights, worst, color=style.BLACK, label="certified optimum")
+    axis.plot(WEIGHTS, worst, color=style.BLACK, label="certified optimum")
     boxed = [np.nan if x.best is None else x.best.worst for x in found.boxed]
     axis.plot(
-        Searches.weights,
+        WEIGHTS,
         np.maximum(boxed, none),
         color=style.BLUE,
         linestyle="--",
         label="certified, box on inertias",
     )
-    _dots(axis, np.maximum(found.annealed[..., 2], none))
+    _dots(axis, found, [max(x.worst_violation, none) for x in found.annealed])
     axis.set_yscale("log")
     ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]
     axis.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
     axis.set_ylim(0.5 * none, 20.0)
 
 
-def _dots(axis: Any, values: Array) -> None:
-    for k, run in enumerate(values):
-        axis.plot(
-            Searches.annealed,
-            run,
-            linestyle="",
-            marker="o",
-            markersize=3.5,
-            color=style.ORANGE,
-            alpha=0.8,
-            label="a run of annealing" if k == 0 else "_",
-        )
+def _dots(axis: Any, found: Searched, values: Sequence[float]) -> None:
+    """A dot for every run of annealing at every weight."""
+    axis.plot(
+        [point.xi for point in found.annealed],
+        values,
+        linestyle="",
+        marker="o",
+        markersize=3.5,
+        color=style.ORANGE,
+        alpha=0.8,
+        label="a run of annealing",
+    )

@@ -10,12 +10,14 @@ section 17.4), minimised by SciPy's L-BFGS-B, conditioned anew in each round.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
-from sdp_vs_penalty.estimators.penalty import ShiftedPenalty
+from sdp_vs_penalty.estimators.penalty import ShiftedPenalty, largest_change
 from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.research.shootout.judge import Answer, no_answer
 from sdp_vs_penalty.robot.arrays import Array
@@ -24,6 +26,9 @@ from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
 #: Logarithms of a factor's diagonal end here, in units of an interior point: at what
 #: doubles resolve.
 _LEAST = float(np.log(np.finfo(float).eps))
+#: Of the demands (100 fails on the Panda), and rounds of multipliers.
+_WEIGHT = 10.0
+_ROUNDS = 60
 
 
 def options(accuracy: float) -> dict[str, Any]:
@@ -41,60 +46,112 @@ def options(accuracy: float) -> dict[str, Any]:
 class Chart:
     """theta (p,) of variables (n,): ten a link, then the other parameters in units of
     their size at the strictly feasible ``inside``, where the links' factors have rows
-    of length one and which ``start`` are the variables of. LinAlgError where it is not
-    inside."""
+    of length one and which ``start`` are the variables of.
+
+    indices (links, 10), others (k,) : of the parameters in theta; shift (links, 16),
+    maps (links, 16, 10) : from a link's demand to its parameters; corners (links, 4, 1)
+    : units of the factors' rows. Raises LinAlgError where ``inside`` is not inside.
+    """
+
+    #: Places of a factor's entries, by row, and of its diagonal.
+    lower = np.tril_indices(4)
+    diagonal = np.arange(4)
 
     def __init__(self, demands: Sequence[Constraint], inside: Array) -> None:
-        ordered = sorted(demands, key=lambda c: c.family == "minimum thickness")
-        full_rank = (
-            c for c in ordered if c.constant.shape == (4, 4) and len(c.indices) == 10
-        )
-        links = {int(c.indices[0]): c for c in full_rank}.values()
+        links = _link_demands(demands)
         self.indices = np.array([c.indices for c in links], np.intp).reshape(-1, 10)
         self.others = np.setdiff1d(np.arange(len(inside)), self.indices)
         self.scale = np.maximum(np.abs(inside[self.others]), 1e-2)
-        #: From each demand to its parameters: less a shift (links, 16), by a map
-        #: (links, 16, 10).
         self.shift = np.array([c.constant for c in links]).reshape(-1, 16)
         maps = [np.linalg.pinv(c.coefficients.reshape(10, 16)) for c in links]
-        self.maps, self.lower = np.array(maps).reshape(-1, 16, 10), np.tril_indices(4)
+        self.maps = np.array(maps).reshape(-1, 16, 10)
         values = np.array([c.value(inside) for c in links]).reshape(-1, 4, 4)
-        #: (links, 4, 1) units of the factors' rows.
-        self.corners = np.sqrt(np.diagonal(values, axis1=1, axis2=2))[:, :, None]
-        factors = np.linalg.cholesky(
-            values / (self.corners * self.corners.transpose(0, 2, 1))
-        )
-        factors[:, range(4), range(4)] = np.log(factors[:, range(4), range(4)])
-        both = factors[:, *self.lower].ravel(), inside[self.others] / self.scale
-        self.start = np.concatenate(both)
+        roots = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
+        self.corners = roots[:, :, None]
+        factors = np.linalg.cholesky(values / (self.corners * roots[:, None, :]))
+        logarithms = np.log(factors[:, self.diagonal, self.diagonal])
+        factors[:, self.diagonal, self.diagonal] = logarithms
+        of_links = factors[:, *self.lower].ravel()
+        self.start = np.concatenate([of_links, inside[self.others] / self.scale])
 
     def theta(self, x: Array) -> tuple[Array, Array]:
         """theta (p,) and the factors L (links, 4, 4) of the variables (n,)."""
         count = self.indices.size
         factors = np.zeros((len(self.indices), 4, 4))
         factors[:, *self.lower] = x[:count].reshape(-1, 10)
-        factors[:, range(4), range(4)] = np.exp(
-            np.clip(factors[:, range(4), range(4)], _LEAST, -_LEAST)
-        )
+        logarithms = factors[:, self.diagonal, self.diagonal]
+        pivots = np.exp(np.clip(logarithms, _LEAST, -_LEAST))
+        factors[:, self.diagonal, self.diagonal] = pivots
         factors *= self.corners
+        demands = factors @ factors.transpose(0, 2, 1)
+        flat = demands.reshape(-1, 16) - self.shift
         theta = np.empty(len(x))
-        flat = (factors @ factors.transpose(0, 2, 1)).reshape(-1, 16) - self.shift
         theta[self.indices] = np.einsum("ke,kei->ki", flat, self.maps)
         theta[self.others] = x[count:] * self.scale
         return theta, factors
 
     def slope(self, factors: Array, gradient: Array) -> Array:
         """(n,) the gradient in the variables, from that in theta (p,)."""
-        matrix = np.einsum("kei,ki->ke", self.maps, gradient[self.indices]).reshape(
-            -1, 4, 4
-        )
-        pull = (matrix + matrix.transpose(0, 2, 1)) @ factors * self.corners
-        pull[:, range(4), range(4)] *= (
-            factors[:, range(4), range(4)] / self.corners[:, :, 0]
-        )
-        return np.concatenate(
-            [pull[:, *self.lower].ravel(), gradient[self.others] * self.scale]
-        )
+        of_links = np.einsum("kei,ki->ke", self.maps, gradient[self.indices])
+        matrix = of_links.reshape(-1, 4, 4)
+        symmetric = matrix + matrix.transpose(0, 2, 1)
+        pull = symmetric @ factors * self.corners
+        pivots = factors[:, self.diagonal, self.diagonal] / self.corners[:, :, 0]
+        pull[:, self.diagonal, self.diagonal] *= pivots
+        of_others = gradient[self.others] * self.scale
+        return np.concatenate([pull[:, *self.lower].ravel(), of_others])
+
+
+def _link_demands(demands: Sequence[Constraint]) -> list[Constraint]:
+    """The 4x4 demand of each link: that of a minimum thickness where there is one."""
+    by_first_index: dict[int, Constraint] = {}
+    for c in sorted(demands, key=lambda c: c.family == "minimum thickness"):
+        if c.constant.shape == (4, 4) and len(c.indices) == 10:
+            by_first_index[int(c.indices[0])] = c
+    return list(by_first_index.values())
+
+
+@dataclass(frozen=True)
+class Round:
+    """One minimisation: the Lagrangian in z (n,) about x (n,), with these shifts.
+
+    turn (n, n) : T with T' H T = 1 for the Gauss-Newton matrix H, so that steps of
+    L-BFGS are taken in T^-1 x.
+    """
+
+    instance: Instance
+    chart: Chart
+    penalty: ShiftedPenalty
+    shifts: list[Array]
+    weight: float
+    x: Array
+
+    @cached_property
+    def turn(self) -> Array:
+        """The inverse of the weight is the least curvature: a smaller one stretches no
+        variable further."""
+        scale = self.penalty.theta_scale
+        theta, factors = self.chart.theta(self.x)
+        _, slopes = self.penalty.rows(theta / scale, self.shifts, self.weight)
+        rows = np.sqrt(2.0) * slopes / scale
+        in_variables = np.array([self.chart.slope(factors, row) for row in rows])
+        values, vectors = np.linalg.eigh(in_variables.T @ in_variables)
+        return vectors / np.sqrt(np.maximum(values, 1.0 / self.weight))
+
+    def value_and_slope(self, z: Array) -> tuple[float, Array]:
+        """The Lagrangian and its gradient (n,), the loss in units of itself."""
+        penalty = self.penalty
+        theta, factors = self.chart.theta(self.x + self.turn @ z)
+        value = self.instance.objective.value(theta) / penalty.loss_scale
+        slope = self.instance.objective.gradient(theta) / penalty.loss_scale
+        scaled = theta / penalty.theta_scale
+        moved = penalty.shifted(scaled, self.shifts, self.weight)
+        for part, shift, push in zip(penalty.parts, self.shifts, moved, strict=True):
+            rise = np.vdot(push, push) - np.vdot(shift, shift)
+            value += 0.5 * float(rise) / self.weight
+            slope -= push.ravel() @ part.jacobian(theta) / penalty.theta_scale
+        in_variables = self.turn.T @ self.chart.slope(factors, slope)
+        return (value if np.isfinite(value) else 1e300), in_variables
 
 
 def solve(instance: Instance, accuracy: float) -> Answer:
@@ -109,51 +166,27 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
     penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
     chart = Chart(instance.sent, inside)
-    scale = penalty.theta_scale
-    size = penalty.loss_scale
     x = chart.start
     shifts = [np.zeros_like(part.values(inside)) for part in penalty.parts]
-    # Of the demands (100 fails on the Panda); its inverse is the least curvature:
-    # smaller ones stretch no variable further.
-    weight = 10.0
     message = ""
     claims = "inaccurate"
-
-    def lagrangian(z: Array) -> tuple[float, Array]:
-        theta, factors = chart.theta(x + turn @ z)
-        value = instance.objective.value(theta) / size
-        slope = instance.objective.gradient(theta) / size
-        moved = penalty.shifted(theta / scale, shifts, weight)
-        for part, shift, push in zip(penalty.parts, shifts, moved, strict=True):
-            value += 0.5 * float(np.vdot(push, push) - np.vdot(shift, shift)) / weight
-            slope -= push.ravel() @ part.jacobian(theta) / scale
-        return (value if np.isfinite(value) else 1e300), turn.T @ chart.slope(
-            factors, slope
+    for _ in range(_ROUNDS):
+        stage = Round(instance, chart, penalty, shifts, _WEIGHT, x)
+        solution = minimize(
+            stage.value_and_slope,
+            np.zeros(len(x)),
+            method="L-BFGS-B",
+            jac=True,
+            options=options(accuracy),
         )
-
-    for _ in range(60):  # rounds of multipliers
-        # T (n, n) with T' H T = 1 for the Gauss-Newton matrix H: steps of L-BFGS are
-        # taken in T^-1 x.
-        theta, factors = chart.theta(x)
-        rows = np.sqrt(2.0) * penalty.rows(theta / scale, shifts, weight)[1] / scale
-        turned = np.array([chart.slope(factors, row) for row in rows])
-        values, vectors = np.linalg.eigh(turned.T @ turned)
-        turn = vectors / np.sqrt(np.maximum(values, 1.0 / weight))
-        optimiser_options: dict[str, Any] = {
-            "method": "L-BFGS-B",
-            "jac": True,
-            "options": options(accuracy),
-        }
-        solution = minimize(lagrangian, np.zeros(len(x)), **optimiser_options)
-        x = x + turn @ solution.x
+        x = x + stage.turn @ solution.x
         message = str(solution.message)
-        moved = penalty.shifted(chart.theta(x)[0] / scale, shifts, weight)
-        changes = (
-            np.abs(a - b).max(initial=0.0) for a, b in zip(moved, shifts, strict=True)
-        )
-        worst = max(changes, default=0.0) / weight
+        theta, _ = chart.theta(x)
+        moved = penalty.shifted(theta / penalty.theta_scale, shifts, _WEIGHT)
+        violation = largest_change(moved, shifts) / _WEIGHT
         shifts = moved
-        if max(worst, float(np.abs(solution.jac).max())) <= accuracy:
+        if max(violation, float(np.abs(solution.jac).max())) <= accuracy:
             claims = "optimal"
             break
-    return Answer(chart.theta(x)[0], claims, message)
+    theta, _ = chart.theta(x)
+    return Answer(theta, claims, message)

@@ -106,6 +106,11 @@ class Contestant:
     entropy: bool = True
     warm_up: Callable[[], None] = lambda: None
 
+    @property
+    def is_certified(self) -> bool:
+        """Whether it is a solver of the library inside our loop."""
+        return self.name.endswith(" certified")
+
     def asked(self, accuracies: Iterable[float]) -> list[float]:
         """These from loose to tight; what it promises where it cannot be asked."""
         return (

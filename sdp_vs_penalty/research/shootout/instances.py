@@ -112,18 +112,18 @@ class Instance:
         """Sixteen hexadecimal digits of the problem and the form it is posed in: of
         objective and constraints at three points, to the six digits that all libraries
         of linear algebra share."""
-        data = self.data
         bound = self.task.bound
         entropy = self.objective.entropy
-        numbers = [data.tau_squared, bound.sum()]
-        numbers += [] if entropy is None else [entropy.weight, entropy.nominal.sum()]
-        for x in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(bound))) * bound:
-            numbers += [
-                data.loss(x),
-                *(c.value(x).sum() for c in self.constraints.convex),
-            ]
+        numbers = [self.data.tau_squared, float(bound.sum())]
+        if entropy is not None:
+            numbers += [entropy.weight, float(entropy.nominal.sum())]
+        points = np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(bound))) * bound
+        for theta in points:
+            numbers.append(self.data.loss(theta))
+            numbers += [float(c.value(theta).sum()) for c in self.constraints.convex]
         families = [f"{c.family} {c.name} {c.cone}" for c in self.constraints.convex]
-        words = [self.formulation, self.name, *families, *(f"{x:.6g}" for x in numbers)]
+        digits = [f"{x:.6g}" for x in numbers]
+        words = [self.formulation, self.name, *families, *digits]
         return hashlib.sha256("\n".join(words).encode()).hexdigest()[:16]
 
 
@@ -137,26 +137,70 @@ def unscaled_sdp(
            "gram in float32" sums R^T R and R^T rho in single precision
     rows   minimise |z|^2 subject to R theta - z = rho
     """
-    (r, p), offset = data.R.shape, data.residual_norm**2
-    R = data.R
-    rho = data.rho
+    r, p = data.R.shape
     groups = list[ConeGroup]()
+    offset = data.residual_norm**2
     if formulation == "rows":
-        groups = [plain_rows("zero", np.hstack([R, -np.eye(r)]), -rho)]
+        equations = np.hstack([data.R, -np.eye(r)])
+        groups.append(plain_rows("zero", equations, -data.rho))
         P = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc()
         q = np.zeros(p + r)
     else:
-        single = formulation.endswith("float32")
-        R = R.astype(np.float32 if single else float)
-        rho = rho.astype(np.float32 if single else float)
-        offset += float(data.rho @ data.rho)
-        P = sparse.csc_matrix(np.triu(2.0 * (R.T @ R).astype(float)))
+        precision = np.float32 if formulation.endswith("float32") else np.float64
+        R: Array = data.R.astype(precision)
+        rho: Array = data.rho.astype(precision)
+        gram = (R.T @ R).astype(float)
+        P = sparse.csc_matrix(np.triu(2.0 * gram))
         q = -2.0 * (R.T @ rho).astype(float)
-    more, placed = scaled(
-        constraints, np.zeros(p), np.ones(p), None, first=r if groups else 0
-    )
+        offset += float(data.rho @ data.rho)
+    first = r if groups else 0
+    more, placed = scaled(constraints, np.zeros(p), np.ones(p), None, first=first)
     conic = conic_problem([*groups, *more], P, q)
     return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, placed, offset)
+
+
+@dataclass(frozen=True)
+class Units:
+    """Masses in ``mass`` kg and lengths in ``length`` m; seconds stay."""
+
+    mass: float
+    length: float
+
+    @property
+    def torque(self) -> float:
+        """What a torque or an inertia in SI units is multiplied by."""
+        return 1.0 / (self.mass * self.length**2)
+
+    @property
+    def corner(self) -> Array:
+        """(4,) of rows and columns of a pseudo-inertia."""
+        lengths = np.array([1.0, 1.0, 1.0, self.length])
+        return lengths / (self.length * np.sqrt(self.mass))
+
+    def parameters(self, task: Task) -> Array:
+        """(p,) of the parameters."""
+        first_moment = 1.0 / (self.mass * self.length)
+        out = np.full(len(task.bound), self.torque)
+        out[task.links] = [1.0 / self.mass, *[first_moment] * 3, *[self.torque] * 6]
+        return out
+
+    def rows(self, family: str) -> float:
+        """Of a family's constraint rows."""
+        if family in ("mass", "total mass", "bounding ellipsoid", "body"):
+            return 1.0 / self.mass
+        if family in ("centre of mass", "centre of mass cone"):
+            return 1.0 / (self.mass * self.length)
+        return self.torque
+
+    def constraint(self, c: Constraint, parameters: Array) -> Constraint:
+        """A constraint in these units; parameters (p,) : what they are multiplied by."""
+        scale: Array | float = self.rows(c.family)
+        if c.cone == "psd":
+            scale = np.outer(self.corner, self.corner)
+        size = (len(c.indices), *[1] * c.constant.ndim)
+        local = parameters[c.indices].reshape(size)
+        coefficients = c.coefficients * scale / local
+        return replace(c, constant=c.constant * scale, coefficients=coefficients)
 
 
 def in_units(instance: Instance, mass: float, length: float) -> Instance:
@@ -168,42 +212,29 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
     """
     task = instance.task
     data = instance.data
+    units = Units(mass, length)
+    torque = units.torque
+    factor = units.parameters(task)
+    changed = replace(
+        data,
+        R=torque * data.R / factor,
+        rho=torque * data.rho,
+        residual_norm=torque * data.residual_norm,
+        tau_squared=torque**2 * data.tau_squared,
+    )
+    convex = [units.constraint(c, factor) for c in task.constraints.convex]
+    moved = replace(
+        task,
+        data=changed,
+        constraints=ConstraintSet(tuple(convex)),
+        bound=task.bound * factor,
+        nominal=task.nominal * factor,
+    )
     entropy = instance.objective.entropy
-    m = 1.0 / mass
-    per_length = 1.0 / length
-    torque = m * per_length**2
-    corner = np.sqrt(m) * np.array([per_length, per_length, per_length, 1.0])
-    factor = np.full(len(task.bound), torque)
-    factor[task.links] = [m, *[m * per_length] * 3, *[torque] * 6]
-    R = torque * data.R / factor
-    rho = torque * data.rho
-    left = torque * data.residual_norm
-    square = torque**2 * data.tau_squared
-    changed = replace(data, R=R, rho=rho, residual_norm=left, tau_squared=square)
-    row_units = {
-        "centre of mass": m * per_length,
-        "centre of mass cone": m * per_length,
-        "trace": torque,
-    }
-    row_units |= dict.fromkeys(("mass", "total mass", "bounding ellipsoid", "body"), m)
-
-    def convert(c: Constraint) -> Constraint:
-        local = factor[c.indices].reshape(-1, *[1] * c.constant.ndim)
-        scale = (
-            np.outer(corner, corner)
-            if c.cone == "psd"
-            else row_units.get(c.family, torque)
-        )
-        return replace(
-            c, constant=c.constant * scale, coefficients=c.coefficients * scale / local
-        )
-
-    convex = tuple(convert(c) for c in task.constraints.convex)
-    scaled = {"bound": task.bound * factor, "nominal": task.nominal * factor}
-    moved = replace(task, data=changed, constraints=ConstraintSet(convex), **scaled)
     if entropy is not None:
-        nominal = entropy.nominal * np.outer(corner, corner)
-        entropy = Entropy(entropy.weight * torque**2, moved.pseudo_inertias, nominal)
+        nominal = entropy.nominal * np.outer(units.corner, units.corner)
+        weight = entropy.weight * torque**2
+        entropy = Entropy(weight, moved.pseudo_inertias, nominal)
     return replace(instance, task=moved, objective=Objective(changed, entropy))
 
 
@@ -219,19 +250,20 @@ def recorded(
 def posed(task: Task, step: str, shape: str) -> Instance:
     """One-step (torque) or two-step (base parameters) form of a task, with a demand on
     shape."""
-    demands = (
-        task.minimum_thickness(LmiSdpThickness.thickness) if shape == "gyration" else []
-    )
-    demands = shape_cones(task) if shape == "cones" else demands
-    task = replace(
-        task, constraints=ConstraintSet((*task.constraints.convex, *demands))
-    )
+    demands = list[Constraint]()
+    if shape == "gyration":
+        demands = task.minimum_thickness(LmiSdpThickness.thickness)
+    elif shape == "cones":
+        demands = shape_cones(task)
+    convex = (*task.constraints.convex, *demands)
+    task = replace(task, constraints=ConstraintSet(convex))
     data = task.data if step == "one-step" else task.base_distance
     entropy = None
     if shape == "regulariser":
-        spread = max(data.loss(task.ols), 1e-6 * data.tau_squared) / max(data.rows, 1)
+        loss = max(data.loss(task.ols), 1e-6 * data.tau_squared)
+        weight = loss / max(data.rows, 1)
         nominal = inertia.pseudo_inertia(task.nominal[task.links])
-        entropy = Entropy(spread, task.pseudo_inertias, nominal)
+        entropy = Entropy(weight, task.pseudo_inertias, nominal)
     return Instance(replace(task, data=data), Objective(data, entropy))
 
 

@@ -240,6 +240,11 @@ def _processor() -> float:
     return time.process_time() + programs.ru_utime + programs.ru_stime
 
 
+#: Of a quick shootout: the accuracies asked for, and processor time of each run [s].
+QUICK_ACCURACIES = (1e-6,)
+QUICK_TIME_LIMIT = 1.0
+
+
 @dataclass(frozen=True)
 class Shootout:
     """What to run and how. solvers, problems : names, None: all; time_limit [s] and
@@ -290,6 +295,8 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
     into the folder.
     """
     competing, missing = chosen(setup.solvers)
+    if setup.quick and setup.solvers is None:
+        competing = [c for c in competing if not c.is_certified]
     entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {
@@ -321,21 +328,25 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
         groups = {e.name: e.group for e in entries}
         versions = {c.name: c.version() for c in competing}
         say(f"{done} of {total}: runs")
+        begin = time.monotonic()
         for place, rows in work(tasks):
             task = tasks[place]
             assert task.reference is not None
             about = {
-                name: getattr(task, name) for name in ("problem", "hash", "solver")
-            }
-            about |= {"group": groups[task.problem], "version": versions[task.solver]}
-            about |= {
+                "problem": task.problem,
+                "hash": task.hash,
+                "solver": task.solver,
+                "group": groups[task.problem],
+                "version": versions[task.solver],
                 "lower": task.reference.lower,
                 "upper": task.reference.upper,
                 "machine": machine,
             }
             results.add([row | about for row in rows])
             done += len(rows)
-            say(f"{done} of {total}: {task.solver} on {task.problem}")
+            left = (time.monotonic() - begin) * (total - done) / max(done, 1)
+            about_left = f", about {left:.0f} s left" if left >= 1.0 else ""
+            say(f"{done} of {total}: {task.solver} on {task.problem}{about_left}")
     return Outcome(results, absent, not_applicable, notes)
 
 
@@ -347,13 +358,18 @@ def _references(
     path = setup.out / "references.json"
     known = _known_references(path)
     current = {e.name: instance(e.name).hash for e in entries}
-    todo = {n: h for n, h in current.items() if known.get(n, {}).get("hash") != h}
-    tasks = [Assignment(n, h, setup.proof_limit, setup.memory) for n, h in todo.items()]
-    names = [*todo]
-    say(f"0 of {len(tasks)}: proving intervals")
-    for done, (k, (known[names[k]],)) in enumerate(work(tasks), start=1):
+    assignments = [
+        Assignment(name, key, setup.proof_limit, setup.memory)
+        for name, key in current.items()
+        if known.get(name, {}).get("hash") != key
+    ]
+    total = len(assignments)
+    say(f"0 of {total}: proving intervals")
+    for done, (place, (row,)) in enumerate(work(assignments), start=1):
+        name = assignments[place].problem
+        known[name] = row
         write_text(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
-        say(f"{done} of {len(tasks)}: proving intervals: {names[k]}")
+        say(f"{done} of {total}: proving intervals: {name}")
     return {name: known[name] for name in current}
 
 
@@ -401,21 +417,31 @@ def _pending(
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
     done = set(results.runs[KEY].itertuples(index=False, name=None))
-    tasks = []
-    left_out = []
+    tasks = list[Assignment]()
+    left_out = list[tuple[str, str, str]]()
     for entry, contestant in product(entries, competing):
-        reference_found = references[entry.name]
         if reason := contestant.refuses(instance(entry.name)):
             left_out.append((entry.name, contestant.name, reason))
             continue
-        accuracies_of = contestant.asked(setup.accuracies)
-        what = entry.name, reference_found["hash"], contestant.name
-        if new := tuple(
-            a for a in accuracies_of if (*what, contestant.settings(a)) not in done
-        ):
-            limits = (setup.time_limit, setup.memory)
-            known = Reference(**reference_found["reference"])
-            tasks.append(Assignment(*what[:2], *limits, contestant.name, new, known))
+        row = references[entry.name]
+        what = (entry.name, row["hash"], contestant.name)
+        new = [
+            accuracy
+            for accuracy in contestant.asked(setup.accuracies)
+            if (*what, contestant.settings(accuracy)) not in done
+        ]
+        if new:
+            tasks.append(
+                Assignment(
+                    problem=entry.name,
+                    hash=row["hash"],
+                    time_limit=setup.time_limit,
+                    memory=setup.memory,
+                    solver=contestant.name,
+                    accuracies=tuple(new),
+                    reference=Reference(**row["reference"]),
+                )
+            )
     return tasks, left_out
 
 

@@ -10,6 +10,7 @@ import pandas
 
 from sdp_vs_penalty.errors import InputError, require_known
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word, modules
 from sdp_vs_penalty.problem.load import as_problem
@@ -17,6 +18,8 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.table import Table, TableSpec
 
+#: The page's name in the tables' folder.
+PAGE = "index.html"
 #: What `tables` without names makes.
 DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
 
@@ -87,6 +90,7 @@ def make_tables(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
     report: Callable[[Table, list[Path]], None] = _written_nowhere,
+    html: bool = False,
 ) -> list[tuple[Table, list[Path]]]:
     """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 
@@ -111,6 +115,9 @@ def make_tables(
     report : callable
         Hears of each table and its paths when they are written: what a run that is
         stopped has made.
+    html : bool
+        Whether one page is written as well that shows the tables of one problem with
+        the links drawn: index.html, beside the first of them.
 
     Returns
     -------
@@ -135,12 +142,25 @@ def make_tables(
         _check_problem(specs, studies[name])
     tables_made = []
     for name, specs in groups.items():
+        made_here = []
         for spec in specs:
             table = spec.made(studies[name])
             paths = table.write(_folder(table, Path(out)))
             report(table, paths)
-            tables_made.append((table, paths))
+            made_here.append((table, paths))
+        tables_made += made_here
+        if html and name == next(iter(groups)):
+            _write_page(made_here, studies[name])
     return tables_made
+
+
+def _write_page(made: Sequence[tuple[Table, list[Path]]], study: Study) -> None:
+    """The page of tables of one problem."""
+    from sdp_vs_penalty.research.links_page import links_page
+
+    _, paths = made[0]
+    page = links_page([table for table, _ in made], study)
+    write_text(paths[0].with_name(PAGE), page)
 
 
 def _folder(table: Table, out: Path) -> Path:

@@ -2,16 +2,19 @@
 certified."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas
 
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.estimators.penalty_paper import (
-    PenaltyPaper,
-    anneal_and_search,
-    search_locally,
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
+from sdp_vs_penalty.research.annealing import (
+    SearchedPoint,
+    SearchPlan,
+    lowest,
+    point_fields,
+    search_runs,
 )
 from sdp_vs_penalty.research.penalised_box import BoxedOptimum, BoxedProblem
 from sdp_vs_penalty.research.penalised_optimum import (
@@ -19,30 +22,17 @@ from sdp_vs_penalty.research.penalised_optimum import (
     PenalisedProblem,
     cvxpy_optima,
 )
-from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables.study import Effort, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 from sdp_vs_penalty.robot.arrays import Array
 
-
-@dataclass(frozen=True)
-class Searches:
-    """How many independent runs of annealing, and of the local search alone; branch and
-    bound ends at a gap, or after so many relaxations."""
-
-    #: The paper's weights, smaller ones, and larger ones until every penalty is exact;
-    #: and those at which annealing is run, as published and then on.
-    weights: ClassVar = (0.0, 0.1, 10.0, 20.0, 30.0, 40.0, 100.0, 300.0, 1000.0)
-    annealed: ClassVar = (*PenaltyPaper.weights, 100.0, 1000.0)
-
-    annealing_runs: int
-    local_runs: int
-    gap: float = 1e-3
-    most_cells: int = 40
-
-    @classmethod
-    def of(cls, budget: str) -> "Searches":
-        """Those of a budget."""
-        return cls(10, 10) if budget == "paper" else cls(3, 2)
+#: The paper's weights, smaller ones, and larger ones until every penalty is exact.
+WEIGHTS = (0.0, 0.1, 10.0, 20.0, 30.0, 40.0, 100.0, 300.0, 1000.0)
+#: Those at which annealing is run: as published, and then on.
+ANNEALED = (*PenaltyPaper.weights, 100.0, 1000.0)
+#: Branch and bound ends at this gap, or after so many relaxations.
+GAP = 1e-3
+MOST_CELLS = 40
 
 
 def is_rounding(loss: float) -> bool:
@@ -55,9 +45,9 @@ class Searched:
     """What a problem is at every weight.
 
     free : the optimum without the box on inertias; boxed : with it; cvxpy : the former
-    by CVXPY and Clarabel, NaN without them; annealed, multi_start (runs, weights, 3) :
-    penalised objective, loss and worst violation where each run of annealing, and of
-    the local search alone, ends inside the box, at the weights of Searches.annealed.
+    by CVXPY and Clarabel, NaN without them; annealed, multi_start : where each run of
+    annealing, and of the local search alone, ends inside the box, at the weights
+    ANNEALED.
     """
 
     label: str
@@ -68,8 +58,8 @@ class Searched:
     free: list[PenalisedOptimum]
     boxed: list[BoxedOptimum]
     cvxpy: Array
-    annealed: Array
-    multi_start: Array
+    annealed: list[SearchedPoint]
+    multi_start: list[SearchedPoint]
 
     @property
     def name(self) -> str:
@@ -89,8 +79,7 @@ class _Item:
     label: str
     task: Task
     two_step: bool
-    budget: str
-    evaluations: int
+    effort: Effort
 
 
 @register_table("global", slow=True)
@@ -98,8 +87,6 @@ def global_optima(study: Study) -> Table:
     """Global optimum of the published penalised objective over its weight, certified."""
     searched = study.once(penalised_optima)
     rows = [row for found in searched for row in _rows(found)]
-    searches = Searches.of(study.budget)
-    evaluations = _evaluations(study)
     exact = [
         f"{x.label}, {x.name}: {x.exact_by_theory:.5g} by the largest multiplier,"
         f" {x.exact_by_bisection:.5g} by bisection"
@@ -110,9 +97,8 @@ def global_optima(study: Study) -> Table:
         rows,
         notes(
             "global",
-            runs=searches.annealing_runs,
-            starts=searches.local_runs,
-            evaluations=evaluations,
+            runs=study.effort.global_runs,
+            evaluations=study.effort.global_evaluations,
             exact="; ".join(exact),
         ),
         _headline(searched),
@@ -123,7 +109,7 @@ def global_optima(study: Study) -> Table:
 def penalised_optima(study: Study) -> list[Searched]:
     """Both problems of every data set."""
     items = [
-        _Item(data.label, study.task(data), two_step, study.budget, _evaluations(study))
+        _Item(data.label, study.task(data), two_step, study.effort)
         for data in study.whole
         for two_step in (False, True)
     ]
@@ -131,73 +117,52 @@ def penalised_optima(study: Study) -> list[Searched]:
     return list(study.workers.map(_searched, items))
 
 
-def _evaluations(study: Study) -> int:
-    """Loss evaluations at one weight: as many as the method has for each of its five."""
-    return study.effort.evaluations // len(PenaltyPaper.weights)
-
-
 def _searched(item: _Item) -> Searched:
     problem = PenalisedProblem(item.task, item.two_step)
-    searches = Searches.of(item.budget)
-    free = problem.solve_all(Searches.weights)
-    boxed = BoxedProblem(problem).branch_all(
-        Searches.weights, searches.gap, searches.most_cells
-    )
-    by_cvxpy = cvxpy_optima(problem, Searches.weights)
+    boxed = BoxedProblem(problem).branch_all(WEIGHTS, GAP, MOST_CELLS)
+    by_cvxpy = cvxpy_optima(problem, WEIGHTS)
+    annealing = SearchPlan(item.effort.global_runs, item.effort.global_evaluations)
+    local = replace(annealing, annealing=False)
+    seed = item.task.seed
     return Searched(
-        item.label,
-        item.two_step,
-        problem.feasible.upper,
-        problem.exact_weight_by_theory,
-        problem.exact_weight_by_bisection(),
-        free,
-        boxed,
-        np.array([by_cvxpy.get(weight, np.nan) for weight in Searches.weights]),
-        search_runs(
-            problem, Searches.annealed, item.evaluations, searches.annealing_runs
-        ),
-        search_runs(
-            problem,
-            Searches.annealed,
-            item.evaluations,
-            searches.local_runs,
-            annealing=False,
-        ),
+        label=item.label,
+        two_step=item.two_step,
+        feasible_loss=problem.feasible.upper,
+        exact_by_theory=problem.exact_weight_by_theory,
+        exact_by_bisection=problem.exact_weight_by_bisection(),
+        free=problem.solve_all(WEIGHTS),
+        boxed=boxed,
+        cvxpy=np.array([by_cvxpy.get(weight, np.nan) for weight in WEIGHTS]),
+        annealed=search_runs(problem.published, seed, ANNEALED, annealing),
+        multi_start=search_runs(problem.published, seed, ANNEALED, local),
     )
 
 
-def search_runs(
-    problem: PenalisedProblem,
-    weights: Sequence[float],
-    evaluations: int,
-    runs: int,
-    annealing: bool = True,
-) -> Array:
-    """(runs, weights, 3) penalised objective, loss and worst violation where each run
-    ends; every weight continues from the last one's answer, the first from a random
-    point of the box, with so many evaluations each."""
-    loss = problem.published
-    rng = np.random.default_rng(problem.task.seed)
-    out = np.zeros((runs, len(weights), 3))
-    for run in out:
-        u = rng.uniform(size=len(loss.free))
-        for k, weight in enumerate(weights):
-            if annealing:
-                u, _ = anneal_and_search(loss, weight, u, evaluations, rng)
-            else:
-                u, _ = search_locally(loss, weight, u, evaluations)
-            worst = max(loss.violations(loss.p(u)).values())
-            run[k] = loss.value(u, weight), loss.value(u, 0.0), worst
-    return out
+def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
+    """Every run of both searches at every weight, with what it lies above the certified
+    bound inside the box."""
+    rows = list[Row]()
+    for problem in searched:
+        for point in (*problem.annealed, *problem.multi_start):
+            bound = problem.boxed[WEIGHTS.index(point.xi)].lower
+            rows.append(
+                {
+                    "data": problem.label,
+                    "problem": problem.name,
+                    **point_fields(point),
+                    "above_bound_percent": _above(point.objective, bound),
+                }
+            )
+    return pandas.DataFrame(rows)
 
 
 def _rows(found: Searched) -> list[Row]:
     rows = []
     for k, (weight, free, boxed) in enumerate(
-        zip(Searches.weights, found.free, found.boxed, strict=True)
+        zip(WEIGHTS, found.free, found.boxed, strict=True)
     ):
-        annealed = _best(found.annealed, weight)
-        started = _best(found.multi_start, weight)
+        annealed = lowest(found.annealed, weight)
+        started = lowest(found.multi_start, weight)
         rows.append(
             {
                 "data": found.label,
@@ -223,13 +188,6 @@ def _rows(found: Searched) -> list[Row]:
     return rows
 
 
-def _best(runs: Array, weight: float) -> float | None:
-    """The lowest objective of all runs; None at a weight at which none was run."""
-    if weight not in Searches.annealed:
-        return None
-    return float(runs[:, Searches.annealed.index(weight), 0].min())
-
-
 def _above(value: float | None, lower: float) -> float | None:
     """By how much a value is above a lower bound [%]; None above a bound of zero."""
     if value is None or is_rounding(lower):
@@ -241,7 +199,7 @@ def _headline(searched: Sequence[Searched]) -> str:
     said = []
     largest = max(PenaltyPaper.weights)
     for found in searched:
-        free = found.free[Searches.weights.index(largest)]
+        free = found.free[WEIGHTS.index(largest)]
         excess = found.excess_percent(free)
         said.append(
             f"{found.label}, {found.name} {excess:.3f} %, {free.n_links_violated} links"

@@ -10,7 +10,6 @@ from sdp_vs_penalty.estimation.resampling import CrossValidation
 from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.estimators.penalty import Penalty, PenaltyTwoStep
-from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaperTwoStep
 from sdp_vs_penalty.research.tables.folds import (
     FoldInterval,
     difference,
@@ -44,13 +43,12 @@ def routes_of(study: Study) -> Mapping[str, str | Estimator]:
         f"{column} (published links)": Frozen(links)
         for column, links in study.published_links.items()
     }
-    evaluations = study.effort.evaluations
     return {
         SDP: SameConstraints(),
         PENALTY: Penalty(),
         "penalty, two-step": PenaltyTwoStep(),
         "penalty as published, one-step": "penalty-paper",
-        "penalty as published, two-step": PenaltyPaperTwoStep(evaluations=evaluations),
+        "penalty as published, two-step": study.estimator("penalty-paper-two-step"),
         "SDP, default (entropic prior)": "lmi-sdp",
         "least squares": "ols",
         **published,
@@ -77,6 +75,7 @@ def routes(study: Study) -> Table:
             "routes",
             folds=FOLDS,
             budget=study.effort.evaluations,
+            fold_budget=study.effort.fold_evaluations,
             runs=study.effort.annealing_runs,
         ),
         _headline(rows, judged),
@@ -105,7 +104,7 @@ def _row(
         "gap": result.certificate.gap,
         "worst_violation": worst if worst >= ROUNDING else 0.0,
         "positive_definite_percent": 100.0 * links["positive_mass_matrices"],
-        "seconds": result.seconds if searched else None,
+        "seconds": study.seconds(names[name], data) if searched else None,
         "data": data.label if data is study.simulated else f"{data.label}, unseen",
     }
 

@@ -44,7 +44,12 @@ from sdp_vs_penalty.problem.published import (
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.regression.regression import LeastSquares, Regression, compress
-from sdp_vs_penalty.research.estimates import Remembered, Result, estimate_once
+from sdp_vs_penalty.research.estimates import (
+    Remembered,
+    Result,
+    estimate_once,
+    fit_seconds,
+)
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
@@ -56,9 +61,15 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Effort:
-    """What a budget stands for: noisy runs behind Table I's coverage, iterations of
-    Table II's search, seconds of Table V's sinusoids, instants and relaxed retrievals
-    of the wrenches, loss evaluations of a run of the paper's method and its runs."""
+    """What a budget stands for.
+
+    replicates : noisy runs behind Table I's coverage; iterations : of Table II's
+    search; duration : of Table V's sinusoids [s]; instants, retrievals : of the
+    wrenches, and relaxed retrievals of them; evaluations, annealing_runs : loss
+    evaluations of a run of the paper's method, and its runs; fold_evaluations : of the
+    one run on each fold; global_evaluations, global_runs : evaluations at each weight
+    of the table of global optima, and its runs.
+    """
 
     replicates: int
     iterations: int
@@ -66,13 +77,45 @@ class Effort:
     instants: int
     retrievals: int
     evaluations: int
-    annealing_runs: int = PenaltyPaper.runs
+    annealing_runs: int
+    fold_evaluations: int
+    global_evaluations: int
+    global_runs: int
 
 
-BUDGETS = {
-    "quick": Effort(4, 25, 10.0, 81, 10, PenaltyPaper.evaluations // 3, 1),
-    "paper": Effort(40, 150, 30.0, 201, 50, PAPER_BUDGET),
-}
+QUICK = Effort(
+    replicates=4,
+    iterations=25,
+    duration=10.0,
+    instants=81,
+    retrievals=10,
+    evaluations=PenaltyPaper.evaluations // 3,
+    annealing_runs=1,
+    fold_evaluations=PenaltyPaper.evaluations // 3,
+    global_evaluations=600,
+    global_runs=3,
+)
+#: As quick, but annealing once as long as the authors' program allows.
+SINGLE = replace(
+    QUICK,
+    evaluations=PAPER_BUDGET,
+    fold_evaluations=PenaltyPaper.evaluations,
+    global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
+    global_runs=1,
+)
+PAPER = Effort(
+    replicates=40,
+    iterations=150,
+    duration=30.0,
+    instants=201,
+    retrievals=50,
+    evaluations=PAPER_BUDGET,
+    annealing_runs=PenaltyPaper.runs,
+    fold_evaluations=PAPER_BUDGET,
+    global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
+    global_runs=PenaltyPaper.runs,
+)
+BUDGETS = {"quick": QUICK, "single": SINGLE, "paper": PAPER}
 _PLACED = by_word(
     (
         (kind.table_place, kind)
@@ -231,10 +274,12 @@ class Study:
         self,
         method: str | Estimator,
         effects: Sequence[str] | Sequence[Effect] | None = None,
+        n_folds: int = FOLDS,
     ) -> CrossValidation:
-        """Errors of a method on motion of the real run that it has not seen, by FOLDS
-        folds by phase."""
-        return self.once(_unseen, method, None if effects is None else tuple(effects))
+        """Errors of a method on motion of the real run that it has not seen, by folds
+        by phase."""
+        named = None if effects is None else tuple(effects)
+        return self.once(_unseen, method, named, n_folds)
 
     def _data(
         self,
@@ -265,6 +310,10 @@ class Study:
     def result(self, method: str, data: Data) -> Result:
         """A method's estimate from the training part of a data set."""
         return self.estimated(method, data)
+
+    def seconds(self, method: str | Estimator, data: Data) -> float:
+        """Processor time of a method's fit to the training part of a data set [s]."""
+        return fit_seconds(self.estimator(method), self.task(data))
 
     def estimated(self, method: str | Estimator, data: Data) -> Result:
         """The same of a method that has no name, such as given links."""
@@ -372,7 +421,8 @@ class Study:
         """The method with the settings with which folds are judged: of annealing one
         run each."""
         if isinstance(estimator, PenaltyPaper):
-            return replace(estimator, runs=min(estimator.runs, 1))
+            evaluations = self.effort.fold_evaluations
+            return replace(estimator, runs=1, evaluations=evaluations)
         return estimator
 
     @cached_property
@@ -411,12 +461,12 @@ class Study:
         """Base parameters from the black box; details hold condition number and
         relative error."""
         box, _ = self.black_box
-        begin = time.perf_counter()
+        begin = time.process_time()
         options = PoseOptions(seed=self.seed)
         estimate = estimate_parameters(
             self.problem, box, "reverse-engineering", options
         )
-        seconds = time.perf_counter() - begin
+        seconds = time.process_time() - begin
         return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
 
 
@@ -426,27 +476,27 @@ def _task(study: Study, data: Data) -> Task:
 
 
 def _unseen(
-    study: Study, method: str | Estimator, effects: tuple[Any, ...] | None
+    study: Study,
+    method: str | Estimator,
+    effects: tuple[Any, ...] | None,
+    n_folds: int,
 ) -> CrossValidation:
-    study.progress(
-        f"folds by phase, {method if isinstance(method, str) else method.name}"
-    )
-    split, folds = study.once(_folds, effects)
     estimator = study.estimator(method)
+    study.progress(f"folds by phase, {estimator.name}")
+    split, folds = study.once(_folds, effects, n_folds)
     once = Remembered(study.fold_estimator(estimator))
     folds_judged = study.workers.map(partial(judged, estimator=once), folds)
-    return split.result(estimator, list(folds_judged))
+    return split.result(estimator, folds_judged)
 
 
 def _folds(
-    study: Study, effects: tuple[Any, ...] | None
+    study: Study, effects: tuple[Any, ...] | None, n_folds: int
 ) -> tuple[Split, list[FoldData]]:
     """The real run's folds, shape constants included; no method changes them."""
     assert study.run is not None
-    split = Split(
-        study.problem, study.run, PoseOptions(effects, seed=study.seed), FOLDS
-    )
-    return split, list(study.workers.map(split.fold, split.numbers))
+    options = PoseOptions(effects, seed=study.seed)
+    split = Split(study.problem, study.run, options, n_folds)
+    return split, study.workers.map(split.fold, split.numbers)
 
 
 def _estimated(estimator_and_task: tuple[Estimator, Task]) -> Result:

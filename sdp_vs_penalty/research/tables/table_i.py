@@ -101,6 +101,15 @@ def exact_rows(motion: Motion, torque: Array) -> RowsOf:
     return lambda model: Rows(motion, torque, model.columns(motion))
 
 
+#: Range of phi_2 [s/rad]: steeper is a jump to any data, flatter a line.
+FLATTEST = 0.1
+STEEPEST = 500.0
+#: Beyond this |phi_3| [rad/s] the sigmoid is a line.
+LARGEST_SHIFT = 0.5
+#: Slopes phi_2 from which the search starts [s/rad].
+START_SLOPES = (4.0, 10.0, 25.0)
+
+
 def fit_sigmoid(
     problem: Problem, rows_of: RowsOf, oversampling: float = 1.0
 ) -> SigmoidFit:
@@ -109,52 +118,56 @@ def fit_sigmoid(
     oversampling : rows per independent sample, for the intervals.
     """
     data = _Data(problem, rows_of)
-    n = problem.robot.n
-    b = data.rigid.shape[2]
-    size = float(np.abs(data.torque).max())
-    weights = np.ones(n)
-    empty = np.zeros(b + n)
-    free = np.full(b + n, np.inf)
-    # phi_2 [s/rad]: a jump to any data; below .1, and beyond |phi_3| = .5, a line
-    steepest = 500.0
-    low = np.concatenate([-free, np.full(n, np.log(0.1)), np.full(n, -0.5)])
-    high = np.concatenate([free, np.full(n, np.log(steepest)), np.full(n, 0.5)])
-    starts = (
-        np.concatenate([empty, np.full(n, np.log(x)), np.zeros(n)])
-        for x in (4.0, 10.0, 25.0)
-    )
-    solved = [data.solved(x, weights) for x in starts]
+    weights = np.ones(problem.robot.n)
+    solved = [data.solved(data.start(slope), weights) for slope in START_SLOPES]
     x = min(solved, key=lambda x: float(np.sum(data.residual(x) ** 2)))
     for _ in range(2):
-        x = optimize.least_squares(
-            lambda x, w: (data.residual(x) * w).ravel(),
-            x,
-            lambda x, w: -(data.columns(x) * w[:, None]).reshape(-1, len(x)),
-            bounds=(low, high),
-            x_scale="jac",
-            **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-14),
-            max_nfev=100,
-            args=(weights,),
-        ).x
-        # With what rounding leaves, so that data without noise are not weighted by
-        # rounding.
-        rms = np.sqrt(np.mean(data.residual(x) ** 2, axis=0)) + 1e-12 * size
-        weights = float(np.exp(np.mean(np.log(rms)))) / rms
-    x = data.solved(x, weights)
-    phi = x[b:].reshape(3, n).T.copy()
-    phi[:, 1] = np.exp(phi[:, 1])
-    jacobian = (data.columns(x) * weights[:, None]).reshape(-1, len(x))
+        x = _least_squares(data, x, weights)
+        weights = data.weights(x)
+    return _with_intervals(data, data.solved(x, weights), weights, oversampling)
+
+
+def _least_squares(data: "_Data", x: Array, weights: Array) -> Array:
+    """x (b + 3 n,) of least weighted residual, inside the ranges of phi."""
+    solution = optimize.least_squares(
+        lambda x: (data.residual(x) * weights).ravel(),
+        x,
+        lambda x: -data.weighted_columns(x, weights),
+        bounds=data.bounds,
+        x_scale="jac",
+        xtol=1e-14,
+        ftol=1e-14,
+        gtol=1e-14,
+        max_nfev=100,
+    )
+    return np.asarray(solution.x)
+
+
+def _with_intervals(
+    data: "_Data", x: Array, weights: Array, oversampling: float
+) -> SigmoidFit:
+    """phi with its standard deviations and 95 % intervals, from the Jacobian of the
+    whole fit.
+
+    Rows that repeat each other count that often in J^T J, which the division by
+    ``oversampling`` takes back.
+    """
+    n = len(weights)
+    jacobian = data.weighted_columns(x, weights)
     norms = np.linalg.norm(jacobian, axis=0)
-    count = data.torque.size / oversampling
-    # Rows that repeat each other count that often in J^T J, which the division here
-    # takes back.
-    dof = max(count - len(x), 1.0)
-    variance = float(np.sum((data.residual(x) * weights) ** 2)) / dof
-    inverse = np.linalg.pinv((jacobian / norms).T @ (jacobian / norms), hermitian=True)
-    std = (np.sqrt(variance * np.diagonal(inverse)) / norms)[b:].reshape(3, n).T.copy()
-    std[:, 1] *= phi[:, 1]  # of phi_2, from that of its logarithm
-    half = stats.t.ppf(0.975, dof) * std
-    return SigmoidFit(x, phi, std, phi - half, phi + half, phi[:, 1] > 0.99 * steepest)
+    scaled = jacobian / norms
+    squares = float(np.sum((data.residual(x) * weights) ** 2))
+    degrees = max(data.torque.size / oversampling - len(x), 1.0)
+    inverse = np.linalg.pinv(scaled.T @ scaled, hermitian=True)
+    deviations = np.sqrt(squares / degrees * np.diagonal(inverse)) / norms
+    phi = x[-3 * n :].reshape(3, n).T.copy()
+    phi[:, 1] = np.exp(phi[:, 1])
+    std = deviations[-3 * n :].reshape(3, n).T.copy()
+    # Of phi_2, from that of its logarithm.
+    std[:, 1] *= phi[:, 1]
+    half = stats.t.ppf(0.975, degrees) * std
+    at_bound = phi[:, 1] > 0.99 * STEEPEST
+    return SigmoidFit(x, phi, std, phi - half, phi + half, at_bound)
 
 
 class _Data:
@@ -167,36 +180,64 @@ class _Data:
         self.robot = problem.robot
         self.rows_of = rows_of
         self.torque = rows.torque
-        wide = np.stack(
-            [c.dense_columns(len(model.parameters)) for c in rows.columns], axis=1
-        )
-        self.rigid = wide[:, :, list(base_parameters(model, problem.independent)[1])]
+        size = len(model.parameters)
+        wide = np.stack([c.dense_columns(size) for c in rows.columns], axis=1)
+        _, independent = base_parameters(model, problem.independent)
+        self.rigid = wide[:, :, list(independent)]
+
+    def start(self, slope: float) -> Array:
+        """x (b + 3 n,) of every joint with phi_2 = slope, nothing else."""
+        n = self.robot.n
+        linear = np.zeros(self.rigid.shape[2] + n)
+        return np.concatenate([linear, np.full(n, np.log(slope)), np.zeros(n)])
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds (b + 3 n,) of x."""
+        n = self.robot.n
+        free = np.full(self.rigid.shape[2] + n, np.inf)
+        shift = np.full(n, LARGEST_SHIFT)
+        low = np.concatenate([-free, np.full(n, np.log(FLATTEST)), -shift])
+        high = np.concatenate([free, np.full(n, np.log(STEEPEST)), shift])
+        return low, high
+
+    def weights(self, x: Array) -> Array:
+        """(n,) geometric mean of the joints' residuals over each. With what rounding
+        leaves, so that data without noise are not weighted by rounding."""
+        rounding = 1e-12 * float(np.abs(self.torque).max())
+        rms = np.sqrt(np.mean(self.residual(x) ** 2, axis=0)) + rounding
+        return np.asarray(np.exp(np.mean(np.log(rms))) / rms)
+
+    def weighted_columns(self, x: Array, weights: Array) -> Array:
+        """(M n, b + 3 n) derivative of the weighted torque in x."""
+        return (self.columns(x) * weights[:, None]).reshape(-1, len(x))
 
     def columns(self, x: Array) -> Array:
         """(M, n, b + 3 n) derivative of the torque in x."""
         amplitude, slope, shift = x[self.rigid.shape[2] :].reshape(3, -1)
         slope = np.exp(slope)
         sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
-        sigmoid_columns = [
-            c.columns for c in self.rows_of(Model(self.robot, (sigmoid,))).columns
-        ]
-        scale = np.stack([np.ones(len(slope)), amplitude * slope, amplitude], axis=1)
-        probes = np.stack(sigmoid_columns, axis=1) * scale
-        wide = [probes[:, :, k, None] * np.eye(len(slope)) for k in range(3)]
+        rows = self.rows_of(Model(self.robot, (sigmoid,)))
+        ones = np.ones_like(slope)
+        scale = np.stack([ones, amplitude * slope, amplitude], axis=1)
+        probes = np.stack([c.columns for c in rows.columns], axis=1) * scale
+        own_joint = np.eye(len(slope))
+        wide = [probes[:, :, k, None] * own_joint for k in range(3)]
         return np.concatenate([self.rigid, *wide], axis=2)
 
     def residual(self, x: Array) -> Array:
         """(M, n) of the torque; phi_2 and phi_3 act through the columns."""
-        linear = x.shape[0] - 2 * self.robot.n
-        return np.asarray(self.torque - self.columns(x)[:, :, :linear] @ x[:linear])
+        linear = len(x) - 2 * self.robot.n
+        predicted = self.columns(x)[:, :, :linear] @ x[:linear]
+        return np.asarray(self.torque - predicted)
 
     def solved(self, x: Array, weights: Array) -> Array:
         """x with pi and phi_1 of least weighted residual at its phi_2 and phi_3."""
-        columns = self.columns(x)[:, :, : -2 * self.robot.n] * weights[:, None]
-        out = x.copy()
-        flat = columns.reshape(self.torque.size, -1)
+        linear = len(x) - 2 * self.robot.n
+        columns = self.weighted_columns(x, weights)[:, :linear]
         target = (self.torque * weights).ravel()
-        out[: flat.shape[1]] = np.linalg.lstsq(flat, target, rcond=None)[0]
+        out = x.copy()
+        out[:linear] = np.linalg.lstsq(columns, target, rcond=None)[0]
         return out
 
 
@@ -213,35 +254,20 @@ def sigmoid_friction(study: Study) -> Table:
     Rows: phi_1..phi_3 published and fitted, each with its interval; then errors
     on other rows.
     """
-    published = study.problem.published["table_I"]
-    rows: list[Row] = [
-        {**row, "what": "published", "covered_percent": None} for row in published
-    ]
-    study.progress("sigmoid friction without noise")
-    x = study.experiment
     truth = study.experiment.friction
     assert truth is not None
-    t = np.arange(0.0, x.trajectory.duration, 0.02)
-    motion = Motion(t, *x.trajectory.states(t))
-    exact = fit_sigmoid(study.problem, exact_rows(motion, x.torque(motion)))
+    rows: list[Row] = [
+        {**row, "what": "published", "covered_percent": None}
+        for row in study.problem.published["table_I"]
+    ]
+    exact = _fit_without_noise(study)
     rows += _rows_of("simulated, without noise", exact, ends=False)
-    fits = []
-    count = study.effort.replicates
-    for k in range(
-        count
-    ):  # with different noise: the coverage of the intervals is counted from them
-        study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
-        run = study.simulated.train if k == 0 else x.training_run(study.seed + k)
-        fits.append(_fit(study, study.simulated, run))
-    # Share of the intervals of phi_1, phi_2, phi_3, over joints and fits, that hold the
-    # truth.
-    share = np.mean(
-        [(f.lower <= truth) & (truth <= f.upper) for f in fits], axis=(0, 1)
-    )
+    fits = _fits_with_noise(study)
+    holds = [(f.lower <= truth) & (truth <= f.upper) for f in fits]
+    # Of the intervals of phi_1, phi_2, phi_3, over joints and fits.
+    share = np.mean(holds, axis=(0, 1))
     rows += _rows_of("simulated", fits[0], 100.0 * share)
-    intervals = count * study.problem.robot.n
-    # Half width [%] of the 95 % range of a share counted from so many intervals.
-    expected = 196.0 * float(np.sqrt(0.95 * 0.05 / intervals))
+    n_intervals = len(fits) * study.problem.robot.n
     steps = {"simulated": _steps("simulated", fits[0]), "measured": ""}
     if study.measured is not None:
         study.progress("sigmoid friction of the real run")
@@ -249,15 +275,41 @@ def sigmoid_friction(study: Study) -> Table:
         rows += _rows_of("measured", fit)
         steps["measured"] = _steps("measured", fit)
     for data in study.judged:
+        what = f"{data.label}, RMSE on {data.judged_on}"
         for name, errors in _on_other_rows(study, data):
-            what = f"{data.label}, RMSE on {data.judged_on}"
             rows.append(_row(name, errors, "N*m", what))
-    return Table(
-        f"Table I: sigmoid friction of {study.problem.title}",
-        rows,
-        notes("I", count=count, intervals=intervals, expected=expected, **steps),
-        digits=5,
+    table_notes = notes(
+        "I",
+        count=len(fits),
+        intervals=n_intervals,
+        # Half width [%] of the 95 % range of a share counted from so many intervals.
+        expected=196.0 * float(np.sqrt(0.95 * 0.05 / n_intervals)),
+        **steps,
     )
+    title = f"Table I: sigmoid friction of {study.problem.title}"
+    return Table(title, rows, table_notes, digits=5)
+
+
+def _fit_without_noise(study: Study) -> SigmoidFit:
+    """To the exciting trajectory's exact torque."""
+    study.progress("sigmoid friction without noise")
+    x = study.experiment
+    t = np.arange(0.0, x.trajectory.duration, 0.02)
+    motion = Motion(t, *x.trajectory.states(t))
+    return fit_sigmoid(study.problem, exact_rows(motion, x.torque(motion)))
+
+
+def _fits_with_noise(study: Study) -> list[SigmoidFit]:
+    """To simulated runs with different noise, by which the intervals are judged."""
+    fits = []
+    count = study.effort.replicates
+    for k in range(count):
+        study.progress(f"sigmoid friction: simulated run {k + 1} of {count}")
+        run = study.simulated.train
+        if k > 0:
+            run = study.experiment.training_run(study.seed + k)
+        fits.append(_fit(study, study.simulated, run))
+    return fits
 
 
 def _row(

@@ -18,6 +18,14 @@ _DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
 #: Figures of the paper's two fits that are in its text: condition number, relative
 #: error [%].
 _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
+#: Where the published cells were read that are easily misread.
+_SOURCES = (
+    "Published cells are those of the supplementary material, revised October 15th, 2019."
+    " Rows 2 (its symbol) and 17 (pi_p_hat) are as printed there, though errata 5 and 2"
+    " show that they are wrong; pi_p_hat of rows 8 and 24 is empty there. The published"
+    " condition numbers and relative errors are not of that table but of the paper's"
+    " text (secs. III and IV)."
+)
 
 
 @register_table("III")
@@ -68,7 +76,12 @@ def base_parameter_table(study: Study) -> Table:
     table = Table(
         f"Table III: base parameters of {study.problem.title}",
         rows.join(pandas.DataFrame(our_values)),
-        notes("III", where=where, priors=study.about_priors),
+        notes(
+            "III",
+            where=where,
+            priors=study.about_priors,
+            published="" if printed is None else _SOURCES,
+        ),
         f"Relative error on the training data: {', '.join(errors)}.",
     )
     printed_columns = [name for name in rows if name != "row"]

@@ -166,7 +166,7 @@ METHODS_TRIED = tuple(
     dict.fromkeys(("ols", "lmi-sdp-plain", "lmi-sdp-entropic", DEFAULT_METHOD))
 )
 #: What joins the problem's effects, one after the other.
-_ADDED = ("", "presliding_hysteresis", "presliding_hysteresis, torque_gain:6")
+ADDED_EFFECTS = ("", "presliding_hysteresis", "presliding_hysteresis, torque_gain:6")
 
 
 @register_table("unseen", "panda", slow=True)
@@ -181,11 +181,13 @@ def unseen(study: Study) -> Table:
     rows: list[Row] = []
     errors: dict[tuple[str, str], Cell] = {}
     for method in METHODS_TRIED:
-        for added in _ADDED:
+        for added in ADDED_EFFECTS:
             study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
             rows += (rows_found := _rows(study, study.run, method, added))
             errors[method, added] = rows_found[FOLDS]["relative_error_percent"]
-    usual, friction, all_of_it = (errors[DEFAULT_METHOD, added] for added in _ADDED)
+    usual, friction, all_of_it = (
+        errors[DEFAULT_METHOD, added] for added in ADDED_EFFECTS
+    )
     return Table(
         f"Errors on unseen motion of {study.problem.title}",
         rows,

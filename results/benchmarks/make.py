@@ -1,0 +1,15 @@
+"""Make this folder again: python results/benchmarks/make.py"""
+
+from pathlib import Path
+
+from sdp_vs_penalty.research.provenance import make_folder
+
+HERE = Path(__file__).parent
+COMMAND = [
+    "benchmarks/run.py",
+    "--out",
+    str(HERE),
+]
+
+if __name__ == "__main__":
+    make_folder(HERE, COMMAND)

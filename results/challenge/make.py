@@ -1,0 +1,18 @@
+"""Make this folder again: python results/challenge/make.py"""
+
+from pathlib import Path
+
+from sdp_vs_penalty.research.provenance import make_folder
+
+HERE = Path(__file__).parent
+CHALLENGE = ["benchmarks/challenge", "--seed", "500000", "--out", str(HERE)]
+#: Three cases of every class and nuisance; then more of these.
+MORE = (
+    ["--classes", "clean", "--cases", "10"],
+    ["--classes", "clean", "--nuisance", "mixed", "--cases", "100"],
+    ["--classes", "strong", "medium", "weak", "pairs", "--cases", "80"],
+)
+
+if __name__ == "__main__":
+    more = [[*CHALLENGE, *options] for options in MORE]
+    make_folder(HERE, [*CHALLENGE, "--cases", "3"], *more)

@@ -1,0 +1,15 @@
+"""Make this folder again: python results/picks/make.py"""
+
+from pathlib import Path
+
+from sdp_vs_penalty.research.provenance import make_folder
+
+HERE = Path(__file__).parent
+COMMAND = [
+    "benchmarks/pick_runs.py",
+    "--out",
+    str(HERE),
+]
+
+if __name__ == "__main__":
+    make_folder(HERE, COMMAND)
