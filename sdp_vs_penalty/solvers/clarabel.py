@@ -56,4 +56,9 @@ class Clarabel(Solver):
         result = solver.solve()
         x = np.array(result.x)
         z = np.array(result.z)
-        return self.make_solution(x, z, str(result.status), result.iterations)
+        return self.make_solution(
+            x,
+            z,
+            str(result.status),
+            result.iterations,
+        )

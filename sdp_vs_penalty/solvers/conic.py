@@ -97,7 +97,12 @@ def unsvec(vector: Array, d: int) -> Array:
     return out
 
 
-CBF_NAMES = {"zero": "L=", "nonnegative": "L+", "soc": "Q", "exp": "EXP"}
+CBF_NAMES = {
+    "zero": "L=",
+    "nonnegative": "L+",
+    "soc": "Q",
+    "exp": "EXP",
+}
 
 
 def sdpa_text(problem: ConicProblem) -> str:
@@ -153,9 +158,21 @@ def cbf_text(problem: ConicProblem) -> str:
     at = matrices[part.row]
     values = part.data * factor[matrices[part.row]]
     lines += _section("OBJACOORD", *_nonzero(problem.q))
-    lines += _section("HCOORD", number[block[at]], part.col, j[at], i[at], values)
+    lines += _section(
+        "HCOORD",
+        number[block[at]],
+        part.col,
+        j[at],
+        i[at],
+        values,
+    )
     entries = matrix[order].tocoo()
-    lines += _section("ACOORD", entries.row, entries.col, entries.data)
+    lines += _section(
+        "ACOORD",
+        entries.row,
+        entries.col,
+        entries.data,
+    )
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
     at = matrices[problem.b[matrices] != 0.0]
     lines += _section(

@@ -54,7 +54,11 @@ class Slice:
     def __init__(
         self, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array
     ) -> None:
-        rows = equalities / np.linalg.norm(equalities, axis=1, keepdims=True)
+        rows = equalities / np.linalg.norm(
+            equalities,
+            axis=1,
+            keepdims=True,
+        )
         free = scipy.linalg.null_space(rows, rcond=1e-10)
         if free.shape[1] == 0:
             raise InputError(
@@ -103,7 +107,11 @@ class Slice:
     def maximum(self, slope: Array) -> Extreme:
         """max slope^T theta: no feasible theta is above its ``bound``."""
         minimum = self.minimum(-slope)
-        return replace(minimum, value=-minimum.value, bound=-minimum.bound)
+        return replace(
+            minimum,
+            value=-minimum.value,
+            bound=-minimum.bound,
+        )
 
     def _solve(self, g: Array) -> tuple[Array, float]:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that
@@ -111,7 +119,13 @@ class Slice:
         solution = solver("clarabel").solve(replace(self.sdp.conic, q=g), 1e-10)
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.stack_multipliers(self.sdp.multipliers(solution))
-        fit = Fit(solution.x, objective, self.reduced, multipliers, bound=self.limit)
+        fit = Fit(
+            solution.x,
+            objective,
+            self.reduced,
+            multipliers,
+            bound=self.limit,
+        )
         evidence = dual_evidence(fit)
         return solution.x, lower_bound(
             objective, self.reduced.entries, evidence, self.limit
@@ -150,7 +164,12 @@ def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
 def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
     """The constraints in x in conic form, F(0) turned into the unit of each matrix."""
     k = len(reduced[0].indices)
-    groups, placed = scaled(reduced, np.zeros(k), np.ones(k), np.zeros(k))
+    groups, placed = scaled(
+        reduced,
+        np.zeros(k),
+        np.ones(k),
+        np.zeros(k),
+    )
     return SdpProblem(
         conic_problem(groups, None, np.zeros(k)), np.zeros(k), np.ones(k), 1.0, placed
     )

@@ -74,7 +74,12 @@ class Fit:
             return lower
         return max(
             lower,
-            rigorous_bounds.lower_bound(objective, entries, dual_evidence(self), bound),
+            rigorous_bounds.lower_bound(
+                objective,
+                entries,
+                dual_evidence(self),
+                bound,
+            ),
         )
 
     @cached_property
@@ -122,7 +127,14 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
         push,
     )
     return (
-        _polished(evidence, objective, fit.constraints, bound) if polished else evidence
+        _polished(
+            evidence,
+            objective,
+            fit.constraints,
+            bound,
+        )
+        if polished
+        else evidence
     )
 
 
@@ -161,7 +173,12 @@ def _polished(
     for _ in range(_DUAL_ROUNDS):
         dual = [
             t * project(g.cone, s / t)
-            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
+            for g, s, t in zip(
+                entries.groups,
+                dual,
+                sizes,
+                strict=True,
+            )
         ]
         flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
         y = e.y
@@ -187,7 +204,12 @@ def _polished(
                 if g.coefficients.shape[1:] == (10, 4, 4)
                 else s
             )
-            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
+            for g, s, t in zip(
+                entries.groups,
+                dual,
+                sizes,
+                strict=True,
+            )
         ]
     return replace(e, multipliers=multipliers, push=push)
 
@@ -197,7 +219,12 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
     thickness: the one that is active) to E with <T F_i T, E> = e_i; zeros of the
     others."""
     flat = (group.coefficients * t[:, None]).reshape(-1, 10, 16)
-    out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(-1, 10, 4, 4)
+    out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(
+        -1,
+        10,
+        4,
+        4,
+    )
     last = {int(first): k for k, first in enumerate(group.indices[:, 0])}
     out[np.setdiff1d(np.arange(len(out)), list(last.values()))] = 0.0
     return np.asarray(out)

@@ -143,14 +143,25 @@ def least_squares_sdp(
     scale = np.where(is_seen, np.minimum(bound, finer * unit), unit)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     residual = np.hstack([rows * (scale / unit) / loss_scale, -np.eye(r)])
-    scaled_constraints, placed = scaled(constraints, centre, scale, reference, first=r)
+    scaled_constraints, placed = scaled(
+        constraints,
+        centre,
+        scale,
+        reference,
+        first=r,
+    )
     groups = [plain_rows("zero", residual, -rho / loss_scale), *scaled_constraints]
     quadratic = np.repeat([0.0, 2.0], [p, r])
     linear = np.zeros(p + r)
     start = 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
-        more, logs, links = _log_det(entropy, centre, scale, p + r)
+        more, logs, links = _log_det(
+            entropy,
+            centre,
+            scale,
+            p + r,
+        )
         groups += more
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
@@ -161,10 +172,23 @@ def least_squares_sdp(
         # Of the divergence the conic problem leaves out the trace at the centre, log
         # det and scaling.
         left = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)
-        sizes = np.diagonal(entropy.nominal, axis1=1, axis2=2)
+        sizes = np.diagonal(
+            entropy.nominal,
+            axis1=1,
+            axis2=2,
+        )
         offset += entropy.weight * float(left - np.sum(np.log(sizes)))
     conic = conic_problem(groups, sparse.diags(quadratic).tocsc(), linear)
-    return SdpProblem(conic, centre, scale, loss_scale, placed, offset, entropy, start)
+    return SdpProblem(
+        conic,
+        centre,
+        scale,
+        loss_scale,
+        placed,
+        offset,
+        entropy,
+        start,
+    )
 
 
 def largest_margin(
@@ -177,12 +201,24 @@ def largest_margin(
     constraints.
     """
     p = len(scale)
-    groups, placed = scaled(constraints, np.zeros(p), scale, reference, slack=True)
+    groups, placed = scaled(
+        constraints,
+        np.zeros(p),
+        scale,
+        reference,
+        slack=True,
+    )
     top = -np.eye(p + 1)[p:]
     conic = conic_problem(
         [*groups, plain_rows("nonnegative", top, np.ones(1))], None, top[0]
     )
-    return SdpProblem(conic, np.zeros(p), scale, 1.0, placed)
+    return SdpProblem(
+        conic,
+        np.zeros(p),
+        scale,
+        1.0,
+        placed,
+    )
 
 
 def conic_problem(
@@ -202,7 +238,13 @@ def conic_problem(
             Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)
         ] * count
     P = sparse.csc_matrix((m, m)) if quadratic is None else quadratic
-    return ConicProblem(P, linear, A, stacked.constant, tuple(cones))
+    return ConicProblem(
+        P,
+        linear,
+        A,
+        stacked.constant,
+        tuple(cones),
+    )
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
@@ -255,7 +297,15 @@ def scaled(
                 )
                 soc = group.cone == "soc"
                 scale = 1.0 / nonzero_or_one(
-                    np.maximum(size, size.max(axis=1, keepdims=True)) if soc else size
+                    np.maximum(
+                        size,
+                        size.max(
+                            axis=1,
+                            keepdims=True,
+                        ),
+                    )
+                    if soc
+                    else size
                 )
             constant = middle * scale
             columns = group.coefficients * scale[:, None] * local
@@ -266,7 +316,15 @@ def scaled(
             indices = np.column_stack(
                 [indices, np.full(len(indices), len(theta_scale))]
             )
-        groups.append(ConeGroup(group.cone, group.places, indices, constant, columns))
+        groups.append(
+            ConeGroup(
+                group.cone,
+                group.places,
+                indices,
+                constant,
+                columns,
+            )
+        )
         for place, member_scale in zip(group.places.tolist(), scale, strict=True):
             placed[place] = Placed(
                 constraints[place],
@@ -301,12 +359,31 @@ def _log_det(
     new = width + np.arange(14 * n).reshape(n, 14)
     indices = np.column_stack([links.indices, new[:, :10]])
     logs = new[:, 10:].ravel()
-    matrices = ConeGroup("psd", links.places, indices, svec(constant), svec(blocks))
+    matrices = ConeGroup(
+        "psd",
+        links.places,
+        indices,
+        svec(constant),
+        svec(blocks),
+    )
     # exp(t) <= Z_dd
     pairs = np.column_stack([logs, new[:, diagonal].ravel()])
     one = np.tile(np.eye(3)[1], (4 * n, 1))
     both = np.tile(np.eye(3)[::2], (4 * n, 1, 1))
-    return [matrices, ConeGroup("exp", np.arange(4 * n), pairs, one, both)], logs, links
+    return (
+        [
+            matrices,
+            ConeGroup(
+                "exp",
+                np.arange(4 * n),
+                pairs,
+                one,
+                both,
+            ),
+        ],
+        logs,
+        links,
+    )
 
 
 def unit_diagonals(values: Array) -> Array:
@@ -353,7 +430,13 @@ def _whitening(values: Array) -> Array:
 def _sizes(values: Array) -> Array:
     """(g, d) the scaling that brings diagonals to one; for matrices that need not be
     definite."""
-    diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
+    diagonal = np.abs(
+        np.diagonal(
+            values,
+            axis1=1,
+            axis2=2,
+        )
+    )
     return np.asarray(1.0 / np.sqrt(nonzero_or_one(diagonal)))
 
 

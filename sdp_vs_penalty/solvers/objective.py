@@ -75,7 +75,14 @@ class Objective:
     def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
         """linear @ theta alone, theta (p,); zero: what infeasibility is proved of."""
         return cls(
-            LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0), linear=linear
+            LeastSquares(
+                np.zeros((0, p)),
+                np.zeros(0),
+                0.0,
+                0.0,
+                0,
+            ),
+            linear=linear,
         )
 
     def value(self, theta: Array) -> float:

@@ -186,8 +186,17 @@ class SdpaProgram(Program):
     requires = "program", "sdpa"
     finest = 1e-7
     default_options = {
-        **{"maxIteration": 200, "epsilonStar": ACCURACY, "epsilonDash": ACCURACY},
-        **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
+        **{
+            "maxIteration": 200,
+            "epsilonStar": ACCURACY,
+            "epsilonDash": ACCURACY,
+        },
+        **{
+            "lambdaStar": 1e2,
+            "betaStar": 0.1,
+            "betaBar": 0.2,
+            "gammaStar": 0.9,
+        },
     }
     status_meaning = SDPA_CLAIMS
 

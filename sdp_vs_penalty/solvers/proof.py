@@ -53,9 +53,20 @@ def optimum_proof(
     """
     assert fit.bound is not None
     evidence = dual_evidence(fit)
-    problem = stated(fit.objective, fit.constraints.convex, fit.bound, parameters)
+    problem = stated(
+        fit.objective,
+        fit.constraints.convex,
+        fit.bound,
+        parameters,
+    )
     proof: Proof = {
-        **_proof("optimum", problem, fit.constraints, evidence, fit.objective.entropy),
+        **_proof(
+            "optimum",
+            problem,
+            fit.constraints,
+            evidence,
+            fit.objective.entropy,
+        ),
         "theta": [repr(float(x)) for x in fit.theta],
         "y": _texts(evidence.y),
         "lower": "0",
@@ -78,15 +89,34 @@ def infeasibility_proof(
     multipliers (e,) of their entries."""
     nothing = Objective.without_data(len(bound))
     evidence = dual_evidence(
-        Fit(np.zeros(len(bound)), nothing, constraints, multipliers, bound=bound)
+        Fit(
+            np.zeros(len(bound)),
+            nothing,
+            constraints,
+            multipliers,
+            bound=bound,
+        )
     )
     problem = stated(nothing, constraints.convex, bound, parameters)
-    return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
+    return _checked(
+        {
+            **_proof("infeasible", problem, constraints, evidence),
+            "y": [],
+        }
+    )
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
     """Write proof.json, whole or not at all."""
-    write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
+    write_text(
+        path,
+        json.dumps(
+            proof,
+            indent=0,
+            sort_keys=True,
+        )
+        + "\n",
+    )
 
 
 def stated(
@@ -229,8 +259,19 @@ def _proof(
             {**e, "dual": _gram(root)}
             for e, root in zip(name["entropy"], roots, strict=True)
         ]
-        proved.append({**name, "dual": dual, "entropy": pulls})
-    about = {"format": verify_proof.FORMAT, "kind": kind, "model": "", "data": ""}
+        proved.append(
+            {
+                **name,
+                "dual": dual,
+                "entropy": pulls,
+            }
+        )
+    about = {
+        "format": verify_proof.FORMAT,
+        "kind": kind,
+        "model": "",
+        "data": "",
+    }
     return {**about, **problem, "constraints": proved}
 
 
@@ -293,7 +334,10 @@ def _outward(x: Fraction, towards: float) -> str:
 def _signed(proof: Proof) -> Proof:
     body = {name: value for name, value in proof.items() if name != "sha256"}
     text = json.dumps(body, sort_keys=True)
-    return {**body, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+    return {
+        **body,
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+    }
 
 
 def _checked(proof: Proof) -> Proof:

@@ -30,7 +30,11 @@ ACCURACY = "accuracy"
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 #: What SDPA's phases claim of our problem, which is its dual.
 SDPA_CLAIMS = {
-    **{"pdOPT": "optimal", "pINF_dFEAS": "infeasible", "dUNBD": "infeasible"},
+    **{
+        "pdOPT": "optimal",
+        "pINF_dFEAS": "infeasible",
+        "dUNBD": "infeasible",
+    },
     **dict.fromkeys(("pdFEAS", "pFEAS", "dFEAS"), "inaccurate"),
     **dict.fromkeys(("pFEAS_dINF", "pUNBD"), "unbounded"),
 }
@@ -109,7 +113,13 @@ class Solver(ABC):
         """Its answer with what its status claims; more : words that belong to the
         status."""
         meaning = self.status_meaning.get(status, "failed")
-        return Solution(x, z, meaning, f"{status} {more}".rstrip(), int(iterations))
+        return Solution(
+            x,
+            z,
+            meaning,
+            f"{status} {more}".rstrip(),
+            int(iterations),
+        )
 
     @property
     def absent(self) -> str:
@@ -152,7 +162,12 @@ class Solver(ABC):
             return metadata.version(_distributions().get(what, [what])[0])
         command = ["dpkg-query", "-W", "-f", "${Version}", self.system_package or what]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
         except OSError:
             return ""
         return done.stdout.strip() if done.returncode == 0 else ""

@@ -82,7 +82,12 @@ class ThroughCvxpy(Solver):
             [_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)]
         )
         steps = model.solver_stats.num_iters or 0
-        return self.make_solution(flat(x.value, len(problem.q)), z, model.status, steps)
+        return self.make_solution(
+            flat(x.value, len(problem.q)),
+            z,
+            model.status,
+            steps,
+        )
 
 
 def _membership(cone: Cone, slack: Any) -> Any:
