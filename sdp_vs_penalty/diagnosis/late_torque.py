@@ -118,6 +118,7 @@ def beside_model(
         rows = replace(rows, masked=masked)
     data = whitened(rows, data.noise, estimate, data.frozen)
     out = Search(data, search.library, search.rules)
+    out.nuisances.frequencies = search.nuisances.frequencies
     out.in_reference = {t.key for t, _ in with_torque}
     out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in search.terms]
     out.fit = out.score.fit(out.terms)

@@ -18,7 +18,7 @@ makes there. What is found besides has to show beyond that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -70,22 +70,33 @@ def _in_units_of_largest(x: Array) -> Array:
     return np.asarray(x / nonzero_or_one(np.abs(x).max()))
 
 
-def hums(data: WhiteData) -> list[Nuisance]:
-    """By joint the waves of its spectral lines, of any phase in each run.
+def find_frequencies(data: WhiteData) -> dict[int, list[float]]:
+    """By joint the frequencies [Hz] of its hums, of joints that have any."""
+    rows = data.rows
+    residual = rows.residual
+    if not data.noise.repeats:  # the model is fitted to it at other parameters
+        residual = least_squares_refit(data, [])[1]
+    return {
+        j: [_refined(f, rows, residual[:, j]) for f in lines]
+        for j, lines in hum_lines(data, residual).items()
+    }
+
+
+def hums(data: WhiteData, frequencies: Mapping[int, Sequence[float]]) -> list[Nuisance]:
+    """By joint the waves of its hums, of any phase in each run.
 
     A wave may be as large as all that the model leaves.
     """
     rows = data.rows
-    residual = least_squares_refit(data, [])[1]
     out = []
-    for j, lines in hum_lines(data, residual).items():
+    for j, lines in frequencies.items():
         waves = []
         for f in lines:
-            angle = 2.0 * np.pi * _refined(f, rows, residual[:, j]) * rows.t
+            angle = 2.0 * np.pi * f * rows.t
             for run in np.unique(rows.run):
                 inside = rows.run == run
                 waves += [inside * np.sin(angle), inside * np.cos(angle)]
-        size = float(np.std(residual[:, j]))
+        size = float(np.std(rows.residual[:, j]))
         columns = data.white(np.column_stack(waves), j)
         deviations = np.full(len(waves), max(size, 1e-200))
         out.append(Nuisance(f"hum on {j}", {j: columns}, deviations))
@@ -161,7 +172,12 @@ class Nuisances:
     def hums(self) -> list[Nuisance]:
         """Waves of the lines that stand in the torque's spectrum: no constant of the
         model is estimated anew for what happens beside it."""
-        return hums(self.data) if self.rules.hums_first else []
+        return hums(self.data, self.frequencies)
+
+    @cached_property
+    def frequencies(self) -> dict[int, list[float]]:
+        """By joint those of its hums [Hz]; a search beside another model keeps them."""
+        return find_frequencies(self.data) if self.rules.hums_first else {}
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
         """What a term's law may get wrong, joint by joint.
