@@ -37,8 +37,10 @@ class Repaired:
     @property
     def sentence(self) -> str:
         """Both errors, in words."""
+        if not any(self.issues):
+            return "Nothing was to be repaired."
         if self.after is None:
-            return "No error on motion left out: nothing can be identified from it."
+            return "No error on motion left out: no torque was logged."
         was = "not identifiable" if self.before is None else f"{self.before:.3g} %"
         return (
             f"Error on motion left out: {was} as logged, {self.after:.3g} % repaired."

@@ -58,8 +58,9 @@ class Block:
 
 
 #: Friction, offsets and other parameters that are no link's: |theta| below this, in SI
-#: units.
+#: units, for robots that reach no farther than so much [m].
 PARAMETER_RANGE = 1e4
+_USUAL_REACH = 2.0
 
 
 #: Share of the rows that a standstill reaches from which what holds a joint there
@@ -138,6 +139,9 @@ class Effect(ABC):
     #: Effects of which this one is a finer form: it is looked for only where one of
     #: them is known.
     refines: tuple[str, ...] = ()
+
+    #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
+    resembles: tuple[str, ...] = ()
 
     #: True where as much of it as is plausible is in every machine, whether it is named
     #: or not.
@@ -401,9 +405,16 @@ class Effect(ABC):
                 out.append(
                     build.linear("sign", name, [index], [[1.0]], [-parameter.lower])
                 )
-            both = [self.range, self.range]
+            both = [self.largest_parameter, self.largest_parameter]
             out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
         return out
+
+    @property
+    def largest_parameter(self) -> float:
+        """What a parameter's size stays below: the range, and for robots of many metres
+        more, since a torque goes with the fourth power of the length."""
+        reach = float(np.sum(self.robot.link_reach()))
+        return self.range * max(1.0, reach / _USUAL_REACH) ** 4
 
     @property
     def nominal(self) -> Array:
