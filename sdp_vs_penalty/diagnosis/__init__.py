@@ -20,7 +20,9 @@ __getattr__ = lazy_exports(
     rules="Rules",
     search="Search",
     sizes="Size size_of size_with_interval",
-    unexplained="least_squares_refit remainder unexplained_error",
+    where_it_fails="dependences",
+    refit="least_squares_refit",
+    unexplained="remainder unexplained_error",
     white_rows="diagnosis_rows mask_unsettled_rows whiten_rows",
     constants="COARSENING_ROWS EVIDENCE_TO_DISTINGUISH LAW_TOLERANCE",
     **{
