@@ -33,9 +33,9 @@ from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
-from sdp_vs_penalty.problem.load import problems_folder
+from sdp_vs_penalty.problem import problems_folder
 from sdp_vs_penalty.regression import load_answers
-from sdp_vs_penalty.robot.mesh import read_mesh
+from sdp_vs_penalty.robot import read_mesh
 from sdp_vs_penalty.solvers import Cone, ConicProblem, solver_types
 
 CORPUS = Path(__file__).parent / "data" / "corpus"
