@@ -11,18 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.diagnosis.comparison import Signals
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.where_it_fails import (
+from sdp_vs_penalty.diagnosis.causes import (
     ACCELERATION,
+    BY_DIRECTION,
     HIGH_SPEED,
     LOAD,
+    POSE,
     POSITION,
     REVERSAL,
     STANDSTILL,
+    TURN,
     VELOCITY,
     WAVES,
 )
+from sdp_vs_penalty.diagnosis.comparison import Signals
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -325,9 +328,12 @@ def cause_axis(
         limits = (-_AROUND_REVERSAL, _AROUND_REVERSAL)
         label = "time from the nearest reversal [s]; errors in the direction after it"
         return CauseAxis(seconds, direction, label, limits)
-    if cause == POSITION:
+    if cause in (POSITION, POSE):
         return CauseAxis(signals.q[:, j], ones, f"position [{position_unit}]")
-    if cause == WAVES:
+    if cause == BY_DIRECTION:
+        label = f"position [{position_unit}]; errors in the direction of motion"
+        return CauseAxis(signals.q[:, j], np.sign(signals.dq[:, j]), label)
+    if cause in (WAVES, TURN):
         turn = signals.q[:, j] % (2.0 * np.pi)
         return CauseAxis(turn, ones, "angle within a turn [rad]")
     if cause in (VELOCITY, HIGH_SPEED, STANDSTILL):
