@@ -348,17 +348,53 @@ def _stuck(g: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
     level = 3.0 * lattice_step(x)
     frozen_parts = []
     for a, b in _long_pauses(g, x):
-        jump = steps[min(b, len(steps) - 1)]
-        is_at_end = x[a] in (x.min(), x.max())  # clipped there
-        if jump < level or is_at_end:
-            continue
-        if is_position:
-            rests = _comes_to_rest(x, steps, a, jump)
+        if x[a] in (x.min(), x.max()):
+            continue  # clipped there
+        if is_position and _velocity_goes_on(g.run.dq, j, a, b):
+            is_frozen = True
+        elif b == len(x) - 1:
+            # No value comes after it.
+            is_frozen = not is_position and _joint_goes_round(g.run.q[:, j], a, b)
+        elif steps[b] < level:
+            is_frozen = False
+        elif is_position:
+            is_frozen = not _comes_to_rest(x, steps, a, steps[b])
+        elif _arm_rests(g, a, b):
+            is_frozen = False
         else:
-            rests = _is_constant_friction(g.run.q[:, j], steps, level, a, b)
-        if not rests:
+            is_frozen = not _is_constant_friction(g.run.q[:, j], steps, level, a, b)
+        if is_frozen:
             frozen_parts.append((a, b + 1))
     return mask_of(len(x), frozen_parts)
+
+
+def _velocity_goes_on(dq: Array | None, j: int, a: int, b: int) -> bool:
+    """Whether joint j's logged velocity is as large from row a to b as elsewhere."""
+    if dq is None:
+        return False
+    square = dq[:, j] ** 2
+    elsewhere = np.delete(square, slice(a, b + 1))
+    return bool(square[a : b + 1].mean() > 0.1 * elsewhere.mean())
+
+
+def _joint_goes_round(q: Array, a: int, b: int) -> bool:
+    """Whether a joint moves from row a to b, not a little, and turns round.
+
+    Friction keeps a coarse torque constant only as long as the joint does not turn.
+    """
+    part = q[a : b + 1]
+    way = float(np.ptp(part))
+    returns = way - abs(float(part[-1] - part[0]))
+    return bool(way > 0.1 * np.ptp(q) and returns > 0.1 * way)
+
+
+def _arm_rests(g: RunSummary, a: int, b: int) -> bool:
+    """Whether no joint moves from row a to b by more than its resolution."""
+    for q in g.run.q[:, g.moving].T:
+        finest = max(3.0 * lattice_step(q), 1e-3 * float(np.ptp(q)))
+        if np.ptp(q[a : b + 1]) > finest:
+            return False
+    return True
 
 
 def _long_pauses(g: RunSummary, x: Array) -> list[list[int]]:

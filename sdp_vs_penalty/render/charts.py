@@ -11,18 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sdp_vs_penalty.diagnosis.comparison import Signals
-from sdp_vs_penalty.diagnosis.curves.curve import Curve
-from sdp_vs_penalty.diagnosis.where_it_fails import (
+from sdp_vs_penalty.diagnosis.causes import (
     ACCELERATION,
+    BY_DIRECTION,
     HIGH_SPEED,
     LOAD,
+    POSE,
     POSITION,
     REVERSAL,
     STANDSTILL,
+    TURN,
     VELOCITY,
     WAVES,
 )
+from sdp_vs_penalty.diagnosis.comparison import Signals
+from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -33,6 +36,10 @@ from sdp_vs_penalty.robot.arrays import Array
 #: white and black.
 MEASURED = "#888888"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
+
+#: One colour a meaning: a model alone or after something was added, the model before,
+#: and what was added.
+AFTER, BEFORE, ADDED = COLOURS[:3]
 
 #: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
 POINTS = 800
@@ -164,6 +171,13 @@ def shifts(times: Sequence[Array]) -> list[float]:
     return [sum(lengths[:k]) - float(t[0]) for k, t in enumerate(times)]
 
 
+def model_colour(k: int, n_models: int) -> str:
+    """Of the k-th model (from 0): the last one as after, the first as before."""
+    if k == n_models - 1:
+        return AFTER
+    return BEFORE if k == 0 else COLOURS[1 + k % (len(COLOURS) - 1)]
+
+
 def torque_figure(
     runs: Sequence[Curves], joint: int, unit: str, side_by_side: bool = True
 ) -> Figure:
@@ -191,7 +205,7 @@ def torque_figure(
         measured = run.torque[:, joint]
         curve(run.t, measured, "measured", MEASURED, index == 0)
         for m, (name, modelled) in enumerate(run.modelled.items()):
-            colour = COLOURS[m % len(COLOURS)]
+            colour = model_colour(m, len(run.modelled))
             y = modelled[:, joint]
             curve(run.t, y, name, colour, index == 0)
             curve(run.t, measured - y, name, colour, False, 1)
@@ -202,7 +216,7 @@ def torque_figure(
     return plot.update_axes("y", 1, title=f"error [{plain_unit(unit)}]")
 
 
-def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
+def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Figure:
     """A curve (k,) with a band from low to high (k,)."""
     line = {"color": COLOURS[0]}
     return (
@@ -214,50 +228,69 @@ def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> 
 
 def missing_figure(
     curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
-) -> Any:
+) -> Figure:
     """A measured curve with its band, over two variables by colour, and where
     measurements lie; units : of the joints' torques; motions : these measurements, with
     the modelled torque."""
-    over = [Variable.parse(v) for v in curve.of]
+    over = [Variable.parse(text) for text in curve.of]
     names = [f"{v} [{plain_unit(v.unit(units))}]" for v in over]
     unit = plain_unit(units[curve.joint - 1])
-    along = [
-        np.concatenate([v.along(motion) for motion in motions]) for v in over if motions
-    ]
-    rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
+    rows: list[Array] = []
+    for variable in over if motions else ():
+        along = np.concatenate([variable.along(motion) for motion in motions])
+        rows.append(along[spread_rows(len(along))])
     if len(names) == 1:
-        plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
-        shade: dict[str, Any] = {
-            "marker": {"color": MEASURED},
-            "opacity": 0.3,
-            "nbinsx": 60,
-        }
-        for x in rows:
-            plot.add("histogram", x=x, yaxis="y2", name="rows", **shade)
-        plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
-        plot.update_axes("x", title=names[0])
-        return plot.update_axes("y", 0, title=f"joint {curve.joint} [{unit}]")
+        plot = _curve_over_one(curve, rows)
+        return plot.update_axes("x", title=names[0]).update_axes(
+            "y", title=f"joint {curve.joint} [{unit}]"
+        )
+    plot = _curve_over_two(curve, rows, unit)
+    return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
+
+
+def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
+    """With its band, and a histogram of the rows."""
+    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
+    for x in rows:
+        plot.add(
+            "histogram",
+            x=x,
+            yaxis="y2",
+            name="rows",
+            marker={"color": MEASURED},
+            opacity=0.3,
+            nbinsx=60,
+        )
+    axis = {"overlaying": "y", "side": "right", "title": "rows"}
+    return plot.update_layout(yaxis2=axis)
+
+
+def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
+    """Its size by colour, the band as one points at it, and the rows as dots."""
     half = 0.5 * (curve.upper - curve.lower)
-    hover_texts = [
-        f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)
-    ]
+    texts = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
     marker = {
         "color": curve.torque,
         "colorscale": "RdBu",
         "symbol": "square",
         "size": 11,
+        "colorbar": {"title": {"text": unit}},
     }
-    marker["colorbar"] = {"title": {"text": unit}}
-    plot, (x, y) = Figure(), curve.points.T
-    known: dict[str, Any] = {"mode": "markers", "name": "missing torque and its band"}
-    plot.add("scatter", x=x, y=y, marker=marker, text=hover_texts, **known)
+    plot = Figure().add(
+        "scatter",
+        x=curve.points[:, 0],
+        y=curve.points[:, 1],
+        mode="markers",
+        name="missing torque and its band",
+        marker=marker,
+        text=texts,
+    )
     if rows:
-        look: dict[str, Any] = {
-            "mode": "markers",
-            "marker": {"size": 2, "color": MEASURED},
-        }
-        plot.add("scatter", x=rows[0], y=rows[1], name="rows", **look)
-    return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
+        dots = {"size": 2, "color": MEASURED}
+        plot.add(
+            "scatter", x=rows[0], y=rows[1], mode="markers", marker=dots, name="rows"
+        )
+    return plot
 
 
 def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
@@ -295,9 +328,12 @@ def cause_axis(
         limits = (-_AROUND_REVERSAL, _AROUND_REVERSAL)
         label = "time from the nearest reversal [s]; errors in the direction after it"
         return CauseAxis(seconds, direction, label, limits)
-    if cause == POSITION:
+    if cause in (POSITION, POSE):
         return CauseAxis(signals.q[:, j], ones, f"position [{position_unit}]")
-    if cause == WAVES:
+    if cause == BY_DIRECTION:
+        label = f"position [{position_unit}]; errors in the direction of motion"
+        return CauseAxis(signals.q[:, j], np.sign(signals.dq[:, j]), label)
+    if cause in (WAVES, TURN):
         turn = signals.q[:, j] % (2.0 * np.pi)
         return CauseAxis(turn, ones, "angle within a turn [rad]")
     if cause in (VELOCITY, HIGH_SPEED, STANDSTILL):
@@ -314,15 +350,16 @@ def cause_axis(
 def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
     """(M,) seconds from the nearest change of the velocity's sign, below zero before it,
     and the direction after it; far away and zero where there is none."""
-    turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
+    direction = np.sign(velocity)
+    turns = np.flatnonzero(direction[1:] != direction[:-1])
     if not len(turns):
         return np.full(len(t), np.inf), np.zeros(len(t))
     instants = 0.5 * (t[turns] + t[turns + 1])
-    after = np.searchsorted(instants, t).clip(1, max(len(instants) - 1, 1))
-    candidates = np.stack([after - 1, after.clip(0, len(instants) - 1)])
-    nearest = np.argmin(np.abs(t - instants[candidates]), axis=0)
-    chosen = candidates[nearest, np.arange(len(t))]
-    return t - instants[chosen], np.sign(velocity[turns[chosen] + 1])
+    after = np.searchsorted(instants, t).clip(0, len(instants) - 1)
+    before = (after - 1).clip(0)
+    is_nearer = np.abs(t - instants[before]) < np.abs(t - instants[after])
+    nearest = np.where(is_nearer, before, after)
+    return t - instants[nearest], direction[turns[nearest] + 1]
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
@@ -345,7 +382,7 @@ def cause_figure(
     floor: Sequence[float | None] | Array | None,
     names: tuple[str, str] = ("before", "after"),
 ) -> Figure:
-    """A joint's error against its cause: rows and their mean before (grey) and after
+    """A joint's error against its cause: rows and their mean before (orange) and after
     (blue) something was added, and what the addition models (a line).
 
     joint : from 1; cause : one of where_it_fails.py; floor : (n,) of the joints' noise,
@@ -379,12 +416,14 @@ def cause_figure(
         plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
 
     if len(x):
-        cloud(before.residual[:, j], f"error, {names[0]}", MEASURED)
+        has_after = after is not None
+        colour = BEFORE if has_after else AFTER
+        cloud(before.residual[:, j], f"error, {names[0]}", colour)
         if after is not None and len(after.t) == len(before.t):
-            cloud(after.residual[:, j], f"error, {names[1]}", COLOURS[0])
+            cloud(after.residual[:, j], f"error, {names[1]}", AFTER)
             added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
             centres, means = mean_curve(x, added[inside])
-            line = {"color": COLOURS[1], "width": 2, "dash": "dash"}
+            line = {"color": ADDED, "width": 2, "dash": "dash"}
             name = "modelled by what was added"
             plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
     if floor is not None and floor[j]:

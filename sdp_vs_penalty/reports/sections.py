@@ -113,7 +113,6 @@ def verdict(data: ReportData) -> Context:
         floor=last.noise_floor,
         names=(first.name, last.name),
     )
-    seconds = [float(run.t[-1] - run.t[0]) for run in data.measurements.runs()]
     grades = [(line.about, line.grade, line.text) for line in record.lines]
     rows = [tables.judged_cells(compared) for compared in data.comparisons]
     return {
@@ -140,7 +139,7 @@ def verdict(data: ReportData) -> Context:
         "joints": formatting.count(data.last.robot.n, "joint"),
         "runs": formatting.count(len(data.measurements.names), "run"),
         "samples": len(data.measurements.t),
-        "seconds": formatting.number(sum(seconds)),
+        "seconds": first.facts()["judged_seconds"].text,
         "names": ", ".join(data.measurements.names),
         "band": first.facts()["band"].text,
     }
@@ -148,28 +147,35 @@ def verdict(data: ReportData) -> Context:
 
 def torques(data: ReportData) -> Context:
     """Measured and modelled torque of each joint, and the error."""
-    first = data.judged[data.comparisons[0].name]
-    moved = charts.shifts([rows.motion.t for rows, _ in first])
-    runs = []
-    for k, ((rows, _), shift) in enumerate(zip(first, moved, strict=True)):
-        modelled = {name: of_runs[k][1] for name, of_runs in data.judged.items()}
-        runs.append(charts.Curves(rows.motion.t + shift, rows.torque, modelled))
-    failing = data.failures[data.comparisons[0].name]
+    first = data.comparisons[0].name
+    failing = data.failures[first]
+    moved = charts.shifts([rows.motion.t for rows, _ in data.judged[first]])
+    runs = _torque_curves(data, moved)
     bands = _bands(data, moved)
     figures = []
     for j, unit in enumerate(data.units):
         plot = charts.torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
             plot.add_band(t, -half[:, j], half[:, j], 1)
-        plot.update_layout(shapes=pieces.shades(_stretches(data, failing, j, moved)))
+        stretches = _stretches(data, failing, j, moved)
+        plot.update_layout(shapes=pieces.shades(stretches))
         plot.update_axes("x", 1, matches="x")
         figures.append(pieces.figure(plot, group="torques"))
     seen = {s.cause for failure in failing for s in failure.stretches}
-    return {
-        "name": data.name,
-        "legend": pieces.legend([c for c in pieces.SHADES if c in seen]),
-        "figures": figures,
-    }
+    causes = [cause for cause in pieces.SHADES if cause in seen]
+    legend = pieces.legend(causes)
+    return {"name": data.name, "legend": legend, "figures": figures}
+
+
+def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curves]:
+    """Measured torque of each run and that of every model, on the figures' axis."""
+    first = data.judged[data.comparisons[0].name]
+    curves = []
+    for k, ((rows, _), shift) in enumerate(zip(first, moved, strict=True)):
+        modelled = {name: of_runs[k][1] for name, of_runs in data.judged.items()}
+        t = rows.motion.t + shift
+        curves.append(charts.Curves(t, rows.torque, modelled))
+    return curves
 
 
 def _stretches(

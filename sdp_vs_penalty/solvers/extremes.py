@@ -89,7 +89,18 @@ class Slice:
         self.limit = np.minimum(self.limit, -np.array(ends).min(axis=1))
 
     def minimum(self, slope: Array) -> Extreme:
-        """min slope^T theta over the slice; slope (p,)."""
+        """The least value of a linear function over the slice.
+
+        Parameters
+        ----------
+        slope : (p,)
+            Of the function slope^T theta.
+
+        Returns
+        -------
+        Extreme
+            Its point, and a bound that no feasible theta is below.
+        """
         g = self.basis.T @ slope
         size = float(np.linalg.norm(g))
         middle = float(slope @ self.interior)
@@ -105,7 +116,18 @@ class Slice:
         return Extreme(float(slope @ theta), middle + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
-        """max slope^T theta: no feasible theta is above its ``bound``."""
+        """The largest value of a linear function over the slice.
+
+        Parameters
+        ----------
+        slope : (p,)
+            Of the function slope^T theta.
+
+        Returns
+        -------
+        Extreme
+            Its point, and a bound that no feasible theta is above.
+        """
         minimum = self.minimum(-slope)
         return replace(
             minimum,

@@ -89,8 +89,21 @@ class Fit:
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
-    """Multipliers, polished so that little of the slope is left, and the tangent that
-    they go with, at theta: the closer to the optimum, the tighter the bound."""
+    """Multipliers and the tangent that they go with: the closer to the optimum, the
+    tighter the bound.
+
+    Parameters
+    ----------
+    fit : Fit
+        With its multipliers.
+    polished : bool
+        Whether to shift them until little of the slope is left.
+
+    Returns
+    -------
+    DualEvidence
+        What a lower bound of the objective follows from.
+    """
     assert fit.multipliers is not None
     assert fit.bound is not None
     objective = fit.objective
@@ -242,12 +255,24 @@ _WORTHWHILE = 0.02
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """The first feasible point on the way from theta to an interior point; theta itself
-    if feasible.
+    """The first feasible point on the way from theta to an interior point; theta
+    itself if it is feasible.
 
-    Feasible by more than rounding (:func:`safe_depth`): the certificate, which forms
-    F(theta) in another order, finds no violation. An interior point that is no deeper
-    is what comes out.
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        What theta has to satisfy.
+    theta : (p,)
+        Parameters of the model.
+    interior : (p,)
+        A point inside all constraints.
+
+    Returns
+    -------
+    (p,)
+        Feasible by more than rounding (:func:`safe_depth`), so that the
+        certificate, which forms F(theta) in another order, finds no violation;
+        the interior point where that is no deeper.
     """
 
     safe = [safe_depth(group.constant.shape[1]) for group in constraints.groups]

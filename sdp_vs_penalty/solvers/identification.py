@@ -58,11 +58,33 @@ class SdpProblem:
     entropy_row: int = 0  # where the links' 8x8 blocks start
 
     def theta(self, solution: Solution) -> Array:
+        """The parameters of a solution.
+
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        (p,)
+            theta = centre + scale x.
+        """
         return self.centre + self.theta_scale * solution.x[: len(self.theta_scale)]
 
     def entropy_slopes(self, solution: Solution) -> Array | None:
-        """(links, 4, 4) the dual's own idea of P(theta)^-1, for a tight bound on -log
-        det."""
+        """The dual's own idea of P(theta)^-1, for a tight bound on -log det.
+
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        (links, 4, 4) or None
+            None without an entropic prior.
+        """
         if self.entropy is None:
             return None
         rows = slice(self.entropy_row, self.entropy_row + 36 * len(self.entropy.links))
@@ -75,7 +97,19 @@ class SdpProblem:
         )
 
     def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
-        """The dual matrix or vector of each constraint, in the units of loss per F."""
+        """The multipliers of a solution.
+
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        dict
+            The dual matrix or vector of each constraint, in the units of loss per
+            F.
+        """
         out = {}
         for item in self.placed:
             c = item.constraint
@@ -87,11 +121,19 @@ class SdpProblem:
         return out
 
     def shares(self, solution: Solution) -> Array:
-        """(k,) <z, e> of each constraint's scaled multiplier z: its share of a proof,
-        free of units.
+        """Each constraint's share of a proof, free of units.
 
-        For :func:`largest_margin` they add up to one where no theta satisfies all
-        constraints.
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        (k,)
+            <z, e> of each constraint's scaled multiplier z. For
+            :func:`largest_margin` they add up to one where no theta satisfies all
+            constraints.
         """
         loss_parts = (
             (solution.z[item.rows], item.constraint.identity) for item in self.placed
@@ -113,12 +155,30 @@ def least_squares_sdp(
     """Minimise the objective subject to the constraints, centred and scaled for a
     solver.
 
-    reference (p,) : a theta inside the constraints, from where each cone is scaled.
-    bound (p,) : largest plausible |theta|.
-    centre (p,) : theta = centre + scale x; near the optimum nothing cancels.
-    fine : a unit of a parameter makes the torque of the residual instead of the whole torque.
-    least_loss : what the loss at the optimum is at least about, where the constraints cost far more
-        than the unconstrained residual: the objective is a number of size one in that unit.
+    Parameters
+    ----------
+    objective : Objective
+        A sum of squares, with a linear and an entropic term.
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    reference : (p,)
+        A theta inside the constraints, from where each cone is scaled.
+    bound : (p,)
+        The largest plausible |theta_k|.
+    centre : (p,)
+        theta = centre + scale x; near the optimum nothing cancels.
+    fine : bool
+        A unit of a parameter makes the torque of the residual instead of the
+        whole torque.
+    least_loss : float
+        What the loss at the optimum is at least about, where the constraints
+        cost far more than the unconstrained residual: the objective is a number
+        of size one in that unit.
+
+    Returns
+    -------
+    SdpProblem
+        The conic problem, and the way back to theta.
     """
     data = objective.least_squares
     entropy = objective.entropy
@@ -194,11 +254,22 @@ def least_squares_sdp(
 def largest_margin(
     constraints: Sequence[Constraint], reference: Array, scale: Array
 ) -> SdpProblem:
-    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone: an interior point
-    if t > 0.
+    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone.
 
-    x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all
-    constraints.
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    reference : (p,)
+        Where the search is centred.
+    scale : (p,)
+        The unit of each parameter.
+
+    Returns
+    -------
+    SdpProblem
+        In x = (theta / scale, t). t > 0 at the optimum shows an interior point;
+        t < 0 proves that no theta satisfies all constraints.
     """
     p = len(scale)
     groups, placed = scaled(
@@ -224,8 +295,22 @@ def largest_margin(
 def conic_problem(
     groups: Sequence[ConeGroup], quadratic: sparse.csc_matrix | None, linear: Array
 ) -> ConicProblem:
-    """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its
-    cone; matrices are svec's there, constant (g, rows), coefficients (g, k, rows)."""
+    """Minimise 1/2 x^T quadratic x + linear^T x, every F(x) of the groups in its cone.
+
+    Parameters
+    ----------
+    groups : sequence of ConeGroup
+        Matrices by their svec: constant (g, rows), coefficients (g, k, rows).
+    quadratic : (m, m) sparse, or None
+        Upper triangle.
+    linear : (m,)
+        Slope.
+
+    Returns
+    -------
+    ConicProblem
+        As a solver takes it.
+    """
     stacked = StackedCones.from_groups(groups)
     m = len(linear)
     A = sparse.csc_matrix(
@@ -248,7 +333,22 @@ def conic_problem(
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
-    """matrix (r, w) x[:w] + constant (r,) in one cone."""
+    """Rows of one cone.
+
+    Parameters
+    ----------
+    kind : str
+        Of the cone.
+    matrix : (r, w)
+        Of the first w entries of x.
+    constant : (r,)
+        What is added.
+
+    Returns
+    -------
+    ConeGroup
+        matrix x[:w] + constant.
+    """
     return ConeGroup(
         kind,
         np.arange(1),
@@ -266,11 +366,28 @@ def scaled(
     first: int = 0,
     slack: bool = False,
 ) -> tuple[list[ConeGroup], tuple[Placed, ...]]:
-    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`,
-    and where they stand from row ``first`` on.
+    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`.
 
-    reference (p,) : from where matrices are seen; None: cones as they are. slack : of F
-    - t e, t the entry of x behind theta's; matrices are not turned then.
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    centre : (p,)
+        theta at x = 0.
+    theta_scale : (p,)
+        The unit of each parameter.
+    reference : (p,) or None
+        From where matrices are seen; None: cones as they are.
+    first : int
+        The row that the first one stands in.
+    slack : bool
+        Of F - t e, t the entry of x behind theta's; matrices are not turned
+        then.
+
+    Returns
+    -------
+    tuple
+        The groups of cones, and where each constraint stands.
     """
     groups = list[ConeGroup]()
     placed = dict[int, Placed]()
@@ -387,8 +504,18 @@ def _log_det(
 
 
 def unit_diagonals(values: Array) -> Array:
-    """(g, d, d) by which matrices are multiplied, so that these (g, d, d) have
-    diagonals of one."""
+    """What matrices are multiplied by, entry by entry, to have diagonals of one.
+
+    Parameters
+    ----------
+    values : (g, d, d)
+        The matrices.
+
+    Returns
+    -------
+    (g, d, d)
+        Factors.
+    """
     size = _sizes(values)
     return np.asarray(size[:, :, None] * size[:, None])
 
@@ -396,8 +523,22 @@ def unit_diagonals(values: Array) -> Array:
 def moving_scale(
     constraints: Sequence[Constraint], reference: Array, bound: Array
 ) -> Array:
-    """(p,) units of theta, at most ``bound``, that move no matrix far in its size at
-    the reference."""
+    """Units of theta that move no matrix far in its size at the reference.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    reference : (p,)
+        Where the matrices are looked at.
+    bound : (p,)
+        The largest unit.
+
+    Returns
+    -------
+    (p,)
+        A unit for each parameter.
+    """
     moves = np.zeros(len(bound))
     for group in group_cones([c for c in constraints if c.cone == "psd"]):
         t = _whitening(group.values(reference))[:, None]

@@ -65,9 +65,26 @@ def minimise(
     starts: Sequence[Array | Iterate],
     accuracy: float,
 ) -> Optimum | None:
-    """From the first of the starts that lies inside, until gap and leftover slope cost
-    no more than ``accuracy`` of the loss, or no step helps any more; None where nothing
-    could be factorised."""
+    """Minimise a sum of squares over small cones from the first of the starts that
+    lies inside.
+
+    Parameters
+    ----------
+    cones : SmallCones
+        The constraints, and the prior.
+    data : LeastSquares
+        The sum of squares.
+    starts : sequence
+        Points (p,), or iterates of an earlier run.
+    accuracy : float
+        Share of the loss that gap and leftover slope may cost.
+
+    Returns
+    -------
+    Optimum or None
+        The best iterate, also where no step helped any more; None where nothing
+        could be factorised.
+    """
     for start in starts:
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
             return _InteriorPoint(cones, data, start).solve(accuracy)

@@ -47,9 +47,25 @@ def optimum_proof(
     """The proof that the least objective lies between a lower bound and that of the
     fit's theta.
 
-    fit : with its multipliers and bound, theta feasible exactly, as its decimal text
-    says (:func:`verified.certainly_feasible`); made_of : hashes of the "model" and the
-    "data". Raises ValueError where it is not, or the multipliers prove nothing.
+    Parameters
+    ----------
+    fit : Fit
+        With its multipliers and bound, theta feasible exactly, as its decimal
+        text says (:func:`rigorous_bounds.certainly_feasible`).
+    parameters : sequence of str
+        Names.
+    made_of : mapping of str
+        Hashes of the "model" and the "data".
+
+    Returns
+    -------
+    Proof
+        The content of a proof.json.
+
+    Raises
+    ------
+    ValueError
+        Where theta is not feasible, or the multipliers prove nothing.
     """
     assert fit.bound is not None
     evidence = dual_evidence(fit)
@@ -85,8 +101,25 @@ def infeasibility_proof(
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex constraints;
-    multipliers (e,) of their entries."""
+    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex
+    constraints.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        Which contradict each other.
+    multipliers : (e,)
+        Of the entries of the constraints.
+    bound : (p,)
+        The largest plausible |theta_k|.
+    parameters : sequence of str
+        Names.
+
+    Returns
+    -------
+    Proof
+        The content of a proof.json.
+    """
     nothing = Objective.without_data(len(bound))
     evidence = dual_evidence(
         Fit(
@@ -107,7 +140,20 @@ def infeasibility_proof(
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
-    """Write proof.json, whole or not at all."""
+    """Write proof.json, whole or not at all.
+
+    Parameters
+    ----------
+    proof : Proof
+        Its content.
+    path : path
+        The file.
+
+    Returns
+    -------
+    None
+        Nothing.
+    """
     write_text(
         path,
         json.dumps(
@@ -125,8 +171,24 @@ def stated(
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """The problem as a proof states it: every field but multipliers, interval and
-    hashes."""
+    """The problem as a proof states it.
+
+    Parameters
+    ----------
+    objective : Objective
+        A sum of squares with a prior.
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    bound : (p,)
+        The largest plausible |theta_k|.
+    parameters : sequence of str
+        Names.
+
+    Returns
+    -------
+    Proof
+        Every field but multipliers, interval and hashes.
+    """
     data = objective.least_squares
     entropy = objective.entropy
     weight = 0.0
@@ -164,13 +226,24 @@ def stated(
 
 
 def difference(proof: Proof, recomputed: Proof) -> str:
-    """The first thing in which a proof states another problem than ``recomputed``
-    (:func:`stated`), in words; "" where they are the same.
+    """The first thing in which a proof states another problem.
 
     Names, their order, cones and indices are compared exactly, numbers to the promised
     gap (TIGHT) of themselves or of their columns' norms, far above two machines'
     rounding and far below any option's change; R, rho and floor by the loss that they
     make, since another triangle R may make the same one.
+
+    Parameters
+    ----------
+    proof : Proof
+        What was written.
+    recomputed : Proof
+        The problem as it is (:func:`stated`).
+
+    Returns
+    -------
+    str
+        In words; "" where they are the same.
     """
     titles = [
         [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]]

@@ -43,6 +43,18 @@ class Rewritten:
     constant: float = 0.0
 
     def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
+        """One more step.
+
+        Parameters
+        ----------
+        step : callable
+            What rewrites this problem.
+
+        Returns
+        -------
+        Rewritten
+            The problem after both, with the way back through both.
+        """
         following = step(self.problem)
 
         def back(x: Array, z: Array) -> tuple[Array, Array]:
@@ -52,16 +64,44 @@ class Rewritten:
 
 
 def unchanged(problem: ConicProblem) -> Rewritten:
+    """A problem that needs no rewriting.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    Rewritten
+        The same problem.
+    """
     return Rewritten(problem, lambda x, z: (x, z))
 
 
 def suited(
     problem: ConicProblem, kinds: Collection[str], order: Sequence[str] = ()
 ) -> Rewritten:
-    """For a solver that takes a "quadratic" objective and cones of these ``kinds``, or
-    not, in an order.
+    """A problem as a solver can take it.
 
-    Raises NotApplicableError where a cone is left that it lacks.
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+    kinds : collection of str
+        Cones of the solver, and "quadratic" where it takes such an objective.
+    order : sequence of str
+        In which it wants the cones; none: any.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+
+    Raises
+    ------
+    NotApplicableError
+        Where a cone is left that the solver lacks.
     """
     form = unchanged(problem)
     if "quadratic" not in kinds:
@@ -79,7 +119,18 @@ def suited(
 
 
 def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
-    """G (k, m) with 1/2 x^T P x = 1/2 |G x|^2; P holds the upper triangle only."""
+    """A factor of the quadratic objective.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        P holds the upper triangle only.
+
+    Returns
+    -------
+    (k, m) sparse
+        G with 1/2 x^T P x = 1/2 |G x|^2.
+    """
     P = sparse.csc_matrix(problem.P)
     diagonal = P.diagonal()
     if P.nnz == np.count_nonzero(diagonal):
@@ -96,8 +147,20 @@ def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
 
 
 def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
-    """The quadratic part bounded by new variables t, one for each group of its rows
-    (None: one)."""
+    """Bound the quadratic part by new variables, so that the objective is linear.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+    group : int or None
+        Rows of the factor that share one variable; None: all.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+    """
     if problem.P.nnz == 0:
         return unchanged(problem)
     factor = quadratic_factor(problem)
@@ -134,11 +197,23 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
 
 
 def without_equalities(problem: ConicProblem) -> Rewritten:
-    """Each equality solved for a variable that occurs in no other equality, and
-    substituted.
+    """Solve each equality for a variable that occurs in no other one, and substitute
+    it.
 
-    Raises NotApplicableError where an equality has no such variable. The objective is
-    linear.
+    Parameters
+    ----------
+    problem : ConicProblem
+        With a linear objective.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+
+    Raises
+    ------
+    NotApplicableError
+        Where an equality has no such variable.
     """
     are_equalities = [np.full(c.rows, c.kind == "zero") for c in problem.cones]
     equal = np.concatenate([np.zeros(0, bool), *are_equalities])
@@ -186,8 +261,18 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
 
 
 def arrows(problem: ConicProblem) -> Rewritten:
-    """Second-order cones as arrow matrices; the adjoint of the map brings multipliers
-    back."""
+    """Second-order cones as arrow matrices.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    Rewritten
+        The other problem; the adjoint of the map brings multipliers back.
+    """
     if not any(c.kind == "soc" for c in problem.cones):
         return unchanged(problem)
     maps = []
@@ -222,8 +307,20 @@ def _mapped(
 
 
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
-    """The cones sorted by kind, in the order given; nonnegative and zero cones are
-    merged."""
+    """Sort the cones by kind; nonnegative and zero cones are merged.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+    kinds : sequence of str
+        The order.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+    """
     starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     order = [np.zeros(0, np.intp)]
     cones = []
@@ -241,7 +338,18 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
 
 
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
-    """How large the cones are, under the names that SCS and CVXOPT share."""
+    """How large the cones are.
+
+    Parameters
+    ----------
+    cones : sequence of Cone
+        Of a problem.
+
+    Returns
+    -------
+    dict
+        Under the names that SCS and CVXOPT share.
+    """
     sizes_by_kind: dict[str, list[int]] = {kind: [] for kind in KINDS}
     for cone in cones:
         sizes_by_kind[cone.kind].append(cone.size)
@@ -257,9 +365,16 @@ def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
 def full_matrices(problem: ConicProblem) -> Rewritten:
     """Rows of psd cones become d^2 entries.
 
-    The rewritten problem keeps the cones of the original: its rows no longer match
-    Cone.rows. A solver may return any matrix; back takes its lower triangle, which is
-    what CVXOPT fills.
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    Rewritten
+        Its rows no longer match Cone.rows. A solver may return any matrix; the
+        way back takes its lower triangle, which is what CVXOPT fills.
     """
     outward = []
     homeward = []

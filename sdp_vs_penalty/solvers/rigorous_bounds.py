@@ -50,9 +50,21 @@ _TINY = Long(np.finfo(float).tiny)
 
 
 def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array]:
-    """Multipliers (e,) that lie in their (self-dual) cones, near those given; their
-    sums' absolute values. A matrix is V V^T, formed with rounding; the others are
-    exact."""
+    """Multipliers that lie in their (self-dual) cones, near those given.
+
+    Parameters
+    ----------
+    entries : StackedCones
+        The cones.
+    multipliers : (e,)
+        Near them.
+
+    Returns
+    -------
+    tuple
+        (e,) the multipliers, and their sums' absolute values. A matrix is V
+        V^T, formed with rounding; the others are exact.
+    """
     size = np.maximum(multipliers, 0.0)
     exact = np.asarray(size, Long)
     parts = [entries.split(x) for x in (multipliers, exact, size)]
@@ -92,9 +104,19 @@ def _diagonals(matrices: Array) -> Array:
 
 
 def factor(matrices: Array) -> Array:
-    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one
-    is indefinite, seen with a diagonal of size one: what is near does not depend on
-    units."""
+    """V with V V^T near symmetric matrices, or near their projections where one is
+    indefinite.
+
+    Parameters
+    ----------
+    matrices : (g, d, d)
+        Symmetric.
+
+    Returns
+    -------
+    (g, d, d)
+        Seen with a diagonal of size one: what is near does not depend on units.
+    """
     out = np.zeros_like(matrices)
     used = matrices.any(axis=(1, 2))
     try:
@@ -168,13 +190,29 @@ def lower_bound(
     evidence: DualEvidence,
     bound: Array,
 ) -> float:
-    """A number that is certainly <= min objective over the constraints and |theta_k| <=
-    bound_k; -inf where slopes of the entropy are not definite.
+    """A number that is certainly at most the least objective over the constraints and
+    |theta_k| <= bound_k.
 
     f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)>
     for every y and all S_i in their cones; what is left of the slope, e, costs |e|^T
     bound. y is shifted, in extended precision from the second time on, until that no
     longer matters.
+
+    Parameters
+    ----------
+    objective : Objective
+        A sum of squares with a linear and an entropic term.
+    constraints : StackedCones
+        What theta has to satisfy.
+    evidence : DualEvidence
+        Multipliers near their cones, and y near the residual.
+    bound : (p,)
+        The largest plausible |theta_k|.
+
+    Returns
+    -------
+    float
+        -inf where slopes of the entropy are not definite.
     """
     data = objective.least_squares
     signs = np.array([-1, 1])
@@ -234,11 +272,25 @@ CORRECTIONS = 3
 def proves_infeasible(
     constraints: ConstraintSet, multipliers: Array, bound: Array
 ) -> bool:
-    """Whether the multipliers prove that no |theta_k| <= bound_k satisfies all
+    """Whether multipliers prove that no |theta_k| <= bound_k satisfies all
     constraints.
 
-    0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas).
     It is the lower bound of the objective zero: positive exactly if the set is empty.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        What theta has to satisfy.
+    multipliers : (e,)
+        Of the constraints' entries.
+    bound : (p,)
+        The largest plausible |theta_k|.
+
+    Returns
+    -------
+    bool
+        By Farkas: 0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound <
+        0 cannot be.
     """
     evidence = DualEvidence(multipliers, np.zeros(0))
     nothing = Objective.without_data(len(bound))
@@ -247,7 +299,20 @@ def proves_infeasible(
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
-    """Whether theta satisfies all constraints, decided in rational arithmetic."""
+    """Whether theta satisfies all constraints, decided in rational arithmetic.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    theta : (p,)
+        Parameters of the model.
+
+    Returns
+    -------
+    bool
+        No rounding is in it.
+    """
     cones = StackedCones.from_groups(group_cones(constraints))
     margin, size = cones.margins(theta)
     is_well_inside = margin > _WELL_INSIDE * size
@@ -260,8 +325,21 @@ def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
 
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
-    """Worst violation of each family; one that only rounding in its evaluation sees is
-    none."""
+    """The worst violation of each family.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        What theta has to satisfy.
+    theta : (p,)
+        Parameters of the model.
+
+    Returns
+    -------
+    dict
+        By the family's name; zero where only rounding in the evaluation sees
+        one.
+    """
     out = constraints.worst(theta)
     for family in [family for family, violation in out.items() if violation > 0.0]:
         convex = [c for c in constraints.convex if c.family == family]

@@ -106,7 +106,18 @@ class SmallCones:
 
     def with_entropy(self, entropy: Entropy | None) -> Self:
         """The same cones with another weight and nominal robot of a prior on the same
-        links; as they are without one."""
+        links.
+
+        Parameters
+        ----------
+        entropy : Entropy or None
+            The other prior.
+
+        Returns
+        -------
+        SmallCones
+            As they are where they have no prior.
+        """
         if not self._count:
             return self
         assert entropy is not None
@@ -116,8 +127,19 @@ class SmallCones:
         return cones
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
-        """(e,) of the constraints' entries, and of each link of the entropy the slope S
-        (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
+        """Multipliers as the constraints have them.
+
+        Parameters
+        ----------
+        flat : (rows + 16 blocks,)
+            Of the slacks.
+
+        Returns
+        -------
+        tuple
+            (e,) of the constraints' entries; of each link of the entropy the slope
+            S (links, 4, 4) with which -log det is bounded, None without a prior.
+        """
         links = np.count_nonzero(self.weight)
         end = self.rows + links * ORDER**2
         slopes = flat[self.rows : end].reshape(-1, ORDER, ORDER)
