@@ -13,7 +13,7 @@ from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.velocity import velocity
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
+from sdp_vs_penalty.robot import LinkSizes, odd_units
 
 PROBLEM = load_problem("two_link")
 RUN = small_run(PROBLEM, seconds=8.0)
