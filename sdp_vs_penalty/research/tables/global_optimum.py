@@ -86,7 +86,7 @@ class _Item:
 def global_optima(study: Study) -> Table:
     """Global optimum of the published penalised objective over its weight, certified."""
     searched = study.once(penalised_optima)
-    rows = [row for found in searched for row in _rows(found)]
+    rows = [row for problem in searched for row in _rows(problem)]
     exact = [
         f"{x.label}, {x.name}: {x.exact_by_theory:.5g} by the largest multiplier,"
         f" {x.exact_by_bisection:.5g} by bisection"
@@ -156,23 +156,23 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
     return pandas.DataFrame(rows)
 
 
-def _rows(found: Searched) -> list[Row]:
+def _rows(problem: Searched) -> list[Row]:
     rows = []
     for k, (weight, free, boxed) in enumerate(
-        zip(WEIGHTS, found.free, found.boxed, strict=True)
+        zip(WEIGHTS, problem.free, problem.boxed, strict=True)
     ):
-        annealed = lowest(found.annealed, weight)
-        started = lowest(found.multi_start, weight)
+        annealed = lowest(problem.annealed, weight)
+        started = lowest(problem.multi_start, weight)
         rows.append(
             {
-                "data": found.label,
-                "problem": found.name,
+                "data": problem.label,
+                "problem": problem.name,
                 "xi": weight,
                 "optimum": free.value,
                 "lower_bound": free.lower,
                 "gap": free.gap,
-                "cvxpy_optimum": found.cvxpy[k],
-                "excess_loss_percent": found.excess_percent(free),
+                "cvxpy_optimum": problem.cvxpy[k],
+                "excess_loss_percent": problem.excess_percent(free),
                 "links_violated": free.n_links_violated,
                 "worst_violation": free.worst,
                 "box_optimum": np.nan if boxed.best is None else boxed.best.value,
@@ -196,15 +196,15 @@ def _above(value: float | None, lower: float) -> float | None:
 
 
 def _headline(searched: Sequence[Searched]) -> str:
-    said = []
+    sentences = []
     largest = max(PenaltyPaper.weights)
-    for found in searched:
-        free = found.free[WEIGHTS.index(largest)]
-        excess = found.excess_percent(free)
-        said.append(
-            f"{found.label}, {found.name} {excess:.3f} %, {free.n_links_violated} links"
+    for problem in searched:
+        free = problem.free[WEIGHTS.index(largest)]
+        excess = problem.excess_percent(free)
+        sentences.append(
+            f"{problem.label}, {problem.name} {excess:.3f} %, {free.n_links_violated} links"
         )
     return (
         f"At the paper's largest weight, {largest:g}, the optimum's loss against the"
-        f" feasible optimum's, and links that cannot exist: {'; '.join(said)}."
+        f" feasible optimum's, and links that cannot exist: {'; '.join(sentences)}."
     )
