@@ -14,7 +14,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from multiprocessing import get_context
@@ -123,7 +123,8 @@ def _here(
             lines[our_end] = context.Process(
                 target=_serve, args=(function, their_end, os.getpid())
             )
-            lines[our_end].start()
+            with _signals_held():  # until the worker knows what to do with them
+                lines[our_end].start()
             their_end.close()  # so that its death closes it
             return our_end
         return free.pop()
@@ -158,10 +159,29 @@ def _here(
             process.join()
 
 
+#: What ends a command, and its workers in their own way.
+_HELD = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """While this runs, Ctrl-C and SIGTERM wait, as in a process that starts here."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _HELD)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
     """A worker process: to each item an answer, or an error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, _HELD)
     end_with(parent)
     while True:
         place, item = line.recv()

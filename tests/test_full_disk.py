@@ -65,7 +65,10 @@ def disk_free(folder: Path) -> list[int]:
     return [state.f_bavail * state.f_frsize]
 
 
-@pytest.mark.parametrize("room", [16, 64, 128, 256, 512])
+MORE_ROOMS = [pytest.param(room, marks=pytest.mark.long) for room in (16, 128, 256)]
+
+
+@pytest.mark.parametrize("room", [64, 512, *MORE_ROOMS])
 def test_a_page_on_a_full_disk_keeps_its_session(
     room, two_link, disk, tmp_path, monkeypatch
 ):

@@ -223,8 +223,8 @@ def attack_all(kinds: Mapping[str, Kind], number: int, seed: int) -> int:
             if result != "ok":
                 n_failed[name] += 1
                 text = printed.decode("utf-8", "backslashreplace")
-                place = max(text.find("Traceback"), len(text) - 400, 0)
-                text = text[place : place + 900]
+                place = text.find("Traceback")
+                text = text[-400:] if place < 0 else text[place : place + 900]
                 print(f"{k} {name}: {result}: {attack.words}: {text!r}", flush=True)
             if time.monotonic() - begin > 0.5 * PATIENCE:
                 print(f"{k} {name}: {time.monotonic() - begin:.0f} s", flush=True)

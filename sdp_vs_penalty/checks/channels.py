@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -72,42 +73,46 @@ def _jumps_by(steps: Array, turn: float) -> Rows:
 
 def _degrees(g: RunSummary, turns: Rows, how: str, unwrap: bool) -> Iterator[Issue]:
     """All revolute positions in degrees, their jumps by a turn undone."""
-    factor = float(np.radians(1.0))
     joints = np.flatnonzero(turns)
     reach = float(np.abs(g.run.q[:, joints]).max())
-
-    def repair(r: Measurements) -> Measurements:
-        q = np.unwrap(r.q, period=360.0, axis=0) if unwrap else r.q
-        q = np.where(
-            turns, _into_range(g.robot, q * factor) if unwrap else q * factor, r.q
-        )
-        if r.dq is None:
-            return replace(r, q=q)
-        speed = np.gradient(q, r.t, axis=0)
-        too_fast = np.abs(r.dq).sum(axis=0) > 8.0 * np.abs(speed).sum(axis=0)
-        return replace(r, q=q, dq=np.where(turns & too_fast, r.dq * factor, r.dq))
-
+    remedy = "multiply q (and dq) by pi / 180"
+    if unwrap:
+        remedy = "unwrap q and multiply it by pi / 180"
     yield Issue.of(
         kind="positions in degrees",
         severity="error",
         joints=joints,
         what=f"the positions of {{where}} are in degrees{how}: they reach {reach:.4g}.",
         certainty=READ,
-        remedy="unwrap q and multiply it by pi / 180 (`convert --units q=deg`)"
-        if unwrap
-        else "multiply q (and dq) by pi / 180 (`convert --units q=deg`)",
-        repair=repair,
+        remedy=f"{remedy} (`convert --units q=deg`)",
+        repair=partial(_in_radians, robot=g.robot, turns=turns, unwrap=unwrap),
     )
+
+
+def _in_radians(
+    run: Measurements, robot: Robot, turns: Rows, unwrap: bool
+) -> Measurements:
+    """The run with revolute positions in radians, and velocities that are in degrees
+    as well."""
+    factor = float(np.radians(1.0))
+    q = run.q * factor
+    if unwrap:
+        q = _into_range(robot, np.unwrap(run.q, period=360.0, axis=0) * factor)
+    q = np.where(turns, q, run.q)
+    if run.dq is None:
+        return replace(run, q=q)
+    logged = np.abs(run.dq).sum(axis=0)
+    derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
+    in_degrees = turns & (logged > 8.0 * derived)
+    return replace(run, q=q, dq=np.where(in_degrees, run.dq * factor, run.dq))
 
 
 def _into_range(robot: Robot, q: Array) -> Array:
     """(N, n) angles by whole turns nearer to the middles of the joints' ranges."""
-    middle = np.array(
-        [
-            0.5 * (j.lower + j.upper) if np.isfinite(j.upper - j.lower) else 0.0
-            for j in robot.joints
-        ]
-    )
+    low = np.array([joint.lower for joint in robot.joints])
+    high = np.array([joint.upper for joint in robot.joints])
+    has_range = np.isfinite(high - low)
+    middle = 0.5 * (np.where(has_range, low, 0.0) + np.where(has_range, high, 0.0))
     turns = np.round((np.median(q, axis=0) - middle) / (2.0 * np.pi))
     return np.asarray(q - 2.0 * np.pi * turns)
 
@@ -153,12 +158,12 @@ def lockstep_groups(q: Array) -> list[list[int]]:
     """Columns of positions (N, n) whose correlation is one, group by group."""
     size = np.std(q, axis=0)
     z = (q - q.mean(axis=0)) / nonzero_or_one(size)
-    alike = np.abs(z.T @ z / len(z)) > LOCKSTEP
+    is_proportional = np.abs(z.T @ z / len(z)) > LOCKSTEP
     groups: list[list[int]] = []
     for j in range(q.shape[1]):
         if any(j in group for group in groups):
             continue
-        group = [k for k in range(q.shape[1]) if alike[j, k]]
+        group = [k for k in range(q.shape[1]) if is_proportional[j, k]]
         groups += [group] if len(group) > 1 else []
     return groups
 
@@ -219,57 +224,15 @@ def beside(g: RunSummary) -> Iterator[Issue]:
 
 
 def torques(g: RunSummary) -> Iterator[Issue]:
-    """Channels that never change, that stay exactly at their largest value while they
-    are never constant elsewhere, or that lost their sign: whenever these come near
-    zero, by a fifth of the largest, they come within a usual step of it: by chance with
-    odds of step to fifth."""
+    """Channels that never change, that are clipped, or that lost their sign."""
     unsigned = []
     for j, x in enumerate(g.run.tau.T):
-        name = f"tau{j + 1}"
-        unit = g.robot.torque_units[j]
-        parts = spans(np.diff(x) == 0.0)
         if not np.ptp(x):
-            what = f"{name} is {x[0]:g} {unit} in every row."
-            remedy = "find out why the logger wrote a constant"
-            # Of a joint that rests, nothing else is to be expected.
-            severity = "error" if g.moving[j] else "note"
-            yield Issue.of(
-                kind="dead channel",
-                severity=severity,
-                joints=[j],
-                what=what,
-                certainty=READ,
-                remedy=remedy,
-                where=name,
-            )
+            yield _dead(g, j, float(x[0]))
             continue
-        lengths = np.diff(parts)[:, 0] + 1
-        values = x[parts[:, 0]]
-        ends = np.isin(values, (x.min(), x.max()))
-        elsewhere = int(lengths[~ends].max(initial=1))
-        longest = int(lengths[ends].max(initial=1))
-        if longest >= max(TIMES * elsewhere, STUCK):
-            value = values[np.argmax(lengths * ends)]
-            yield Issue.of(
-                kind="saturation",
-                severity="warning",
-                joints=[j],
-                what=f"{name} is stuck at {value:.6g} {unit} for up to {longest} consecutive"
-                f" samples ({np.sum(x == value)} in total): the channel is clipped.",
-                certainty=f"likely: elsewhere it is never constant for more than {elsewhere}"
-                " samples",
-                remedy="record again with a larger range, or slower; delete those rows until"
-                " then",
-                where=name,
-                limit=float(value),
-            )
-        if g.moving[j] and 0.0 <= x.min() <= 0.01 * x.max():
-            steps = np.abs(np.diff(x))
-            near = 0.2 * x.max()
-            step = min(float(np.median(steps[steps > 0.0])), near)
-            lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
-            chance = np.sum((lowest > 0.0) & (lowest < step)) * np.log(near / step)
-            unsigned += [j] * bool(chance > c.ODDS)
+        yield from _clipped(g, j, x)
+        if g.moving[j] and _is_unsigned(x):
+            unsigned.append(j)
     if unsigned:
         yield Issue.of(
             kind="torque magnitude",
@@ -283,38 +246,94 @@ def torques(g: RunSummary) -> Iterator[Issue]:
         )
 
 
+def _dead(g: RunSummary, j: int, value: float) -> Issue:
+    """A torque of joint j (from 0) that never changes. Of a joint that rests, nothing
+    else is to be expected."""
+    return Issue.of(
+        kind="dead channel",
+        severity="error" if g.moving[j] else "note",
+        joints=[j],
+        what=f"tau{j + 1} is {value:g} {g.robot.torque_units[j]} in every row.",
+        certainty=READ,
+        remedy="find out why the logger wrote a constant",
+        where=f"tau{j + 1}",
+    )
+
+
+def _clipped(g: RunSummary, j: int, x: Array) -> Iterator[Issue]:
+    """A torque that stays exactly at its largest value, and is never constant
+    elsewhere."""
+    parts = spans(np.diff(x) == 0.0)
+    lengths = np.diff(parts)[:, 0] + 1
+    values = x[parts[:, 0]]
+    is_end = np.isin(values, (x.min(), x.max()))
+    elsewhere = int(lengths[~is_end].max(initial=1))
+    longest = int(lengths[is_end].max(initial=1))
+    if longest < max(TIMES * elsewhere, STUCK):
+        return
+    value = float(values[np.argmax(lengths * is_end)])
+    yield Issue.of(
+        kind="saturation",
+        severity="warning",
+        joints=[j],
+        what=f"tau{j + 1} is stuck at {value:.6g} {g.robot.torque_units[j]} for up to"
+        f" {longest} consecutive samples ({np.sum(x == value)} in total): the channel is"
+        " clipped.",
+        certainty=f"likely: elsewhere it is never constant for more than {elsewhere}"
+        " samples",
+        remedy="record again with a larger range, or slower; delete those rows until"
+        " then",
+        where=f"tau{j + 1}",
+        limit=value,
+    )
+
+
+def _is_unsigned(x: Array) -> bool:
+    """Whether a torque comes near zero often, and never below.
+
+    Whenever it comes near zero, by a fifth of the largest, it comes within a usual step
+    of it: by chance with odds of step to fifth.
+    """
+    if not 0.0 <= x.min() <= 0.01 * x.max():
+        return False
+    steps = np.abs(np.diff(x))
+    near = 0.2 * float(x.max())
+    step = min(float(np.median(steps[steps > 0.0])), near)
+    lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
+    n_turns = np.sum((lowest > 0.0) & (lowest < step))
+    return bool(n_turns * np.log(near / step) > c.ODDS)
+
+
 def counts(g: RunSummary) -> Iterator[Issue]:
     """Torques that are whole numbers in every row and channel: no sensor's N m."""
     tau = g.run.tau[:, g.moving]
     n_values = [len(np.unique(x)) for x in tau.T]
     if np.all(tau == np.round(tau)) and np.min(n_values) > 20:
-        most = float(np.abs(tau).max())
+        largest = float(np.abs(tau).max())
         yield Issue.of(
             kind="torque in counts",
             severity="warning",
             joints=(),
-            what=f"every torque is a whole number, up to {most:.4g}: counts of the drive"
-            + (", as permil of its rated torque." if most <= 4000.0 else "."),
+            what=f"every torque is a whole number, up to {largest:.4g}: counts of the drive"
+            + (", as permil of its rated torque." if largest <= 4000.0 else "."),
             certainty="likely: the whole numbers are read from the file, not what they"
             " count",
             remedy="multiply each channel by its rated torque / 1000 (or its gain, gear"
             " ratio included); otherwise the model's ratios are right for a joint, its"
             " kilograms are not",
             where="all torque channels",
-            largest=most,
+            largest=largest,
         )
 
 
 def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
     """Whether the motion's fastest part is sampled often enough to be differentiated
     twice, in positions fine enough for the accelerations of a motion behind the filter
-    of these settings. Rounding errors renew themselves when the level changes; the part
-    below the cut-off stays, and a second derivative weighs its power with (2 pi f)^4.
-    """
+    of these settings."""
     rate = 1.0 / g.step
     highest = highest_harmonic(g.run)
-    cutoff = settings.state_cutoff
-    if rate < (needed := c.SAMPLES_A_PERIOD * highest):
+    needed = c.SAMPLES_A_PERIOD * highest
+    if rate < needed:
         yield Issue.of(
             kind="low sample rate",
             severity="warning",
@@ -327,26 +346,35 @@ def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[I
             rate_hz=rate,
             needed=needed,
         )
-    assert cutoff is not None
-    for j, (x, size) in enumerate(zip(g.run.q.T, motion.ddq.std(axis=0), strict=True)):
-        step = lattice_step(x)
-        lasts = g.step * len(x) / max(int(np.count_nonzero(np.diff(x))), 1)
-        noise = (
-            (2.0 * np.pi * cutoff) ** 2
-            * step
-            / np.sqrt(60.0 * max(1.0, 0.5 / (cutoff * lasts)))
-        )
-        if g.moving[j] and noise > c.TYPICAL["link"] * size > 0.0:
-            yield Issue.of(
-                kind="quantisation",
-                severity="warning",
-                joints=[j],
-                what=f"q{j + 1} is quantised in steps of {step:.3g}"
-                f" {g.robot.position_units[j]}: noise of about"
-                f" {100.0 * noise / size:.0f} % of the acceleration below"
-                f" {cutoff:.3g} Hz.",
-                certainty="likely: the steps are read from the file, the noise is estimated",
-                remedy="log more digits, or move faster",
-                where=f"q{j + 1}",
-                step=step,
-            )
+    assert settings.state_cutoff is not None
+    sizes = motion.ddq.std(axis=0)
+    for j in np.flatnonzero(g.moving).tolist():
+        yield from _quantised(g, j, float(sizes[j]), settings.state_cutoff)
+
+
+def _quantised(g: RunSummary, j: int, size: float, cutoff: float) -> Iterator[Issue]:
+    """Rounding errors of one position beside its acceleration's size.
+
+    They renew themselves when the level changes; the part below the cut-off [Hz] stays,
+    and a second derivative weighs its power with (2 pi f)^4.
+    """
+    x = g.run.q[:, j]
+    step = lattice_step(x)
+    n_changes = max(int(np.count_nonzero(np.diff(x))), 1)
+    lasts = g.step * len(x) / n_changes
+    share_below = max(1.0, 0.5 / (cutoff * lasts))
+    noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * share_below)
+    if not noise > c.TYPICAL["link"] * size > 0.0:
+        return
+    yield Issue.of(
+        kind="quantisation",
+        severity="warning",
+        joints=[j],
+        what=f"q{j + 1} is quantised in steps of {step:.3g} {g.robot.position_units[j]}:"
+        f" noise of about {100.0 * noise / size:.0f} % of the acceleration below"
+        f" {cutoff:.3g} Hz.",
+        certainty="likely: the steps are read from the file, the noise is estimated",
+        remedy="log more digits, or move faster",
+        where=f"q{j + 1}",
+        step=step,
+    )

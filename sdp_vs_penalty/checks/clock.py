@@ -1,12 +1,13 @@
 """Facts about the clock of a run."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.constants import MOST_REPEATED, RUN, TIMES
 from sdp_vs_penalty.checks.glance import CONTINUE, READ, Rows, RunSummary, stepping
 from sdp_vs_penalty.checks.issue import Issue, rows_text
@@ -26,24 +27,26 @@ _UNITS = {"milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns"}
 def time_unit(g: RunSummary) -> Iterator[Issue]:
     """A clock that does not count seconds, and in another unit is that of a robot's
     motion."""
-    q, (least, most) = g.run.q[:, g.moving], _STEPS
+    shortest, longest = _STEPS
+    factors = {name: UNITS[unit] for name, unit in _UNITS.items()}
     fits = {
-        name: UNITS[u]
-        for name, u in _UNITS.items()
-        if least <= g.step * UNITS[u] <= most
+        name: factor
+        for name, factor in factors.items()
+        if shortest <= g.step * factor <= longest
     }
-    if least <= g.step <= most or not fits:
+    if shortest <= g.step <= longest or not fits:
         return
-    speed = float(np.median(np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0))) / (
-        10.0 * g.step
-    )
-    unit, factor = min(fits.items(), key=lambda fit: abs(np.log(speed / fit[1])))
+    q = g.run.q[:, g.moving]
+    travel = np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0)
+    speed = float(np.median(travel)) / (10.0 * g.step)
+    unit = min(fits, key=lambda name: abs(np.log(speed / fits[name])))
+    factor = fits[unit]
     yield Issue(
         kind="time unit",
         severity="error",
         where="column t",
-        what=f"time is in {unit}, not in seconds (it advances by {g.step:.4g} from row to"
-        " row).",
+        what=f"time is in {unit}, not in seconds (it advances by {g.step:.4g} from row"
+        " to row).",
         certainty=f"likely: in seconds it were one row in {g.step:.3g} s of a motion at"
         f" {speed:.2g} rad/s",
         remedy=f"multiply t by {factor:g}",
@@ -55,11 +58,10 @@ def time_unit(g: RunSummary) -> Iterator[Issue]:
 def _goes_on(g: RunSummary, rows: NDArray[np.intp]) -> Rows:
     """(K,) whether the moving arm comes no farther in steps of the clock than in those
     around them."""
-    travel = np.linalg.norm(
-        np.diff(g.run.q / nonzero_or_one(np.ptp(g.run.q, axis=0)), axis=0), axis=1
-    )
-    usual = np.array([np.median(travel[max(k - 10, 0) : k + 11]) for k in rows])
-    return np.asarray(travel[rows] < 3.0 * usual + 1e-3)
+    scaled = g.run.q / nonzero_or_one(np.ptp(g.run.q, axis=0))
+    travel = np.linalg.norm(np.diff(scaled, axis=0), axis=1)
+    usual = [float(np.median(travel[max(k - 10, 0) : k + 11])) for k in rows]
+    return np.asarray(travel[rows] < 3.0 * np.array(usual) + 1e-3)
 
 
 def backwards(g: RunSummary) -> Iterator[Issue]:
@@ -67,41 +69,45 @@ def backwards(g: RunSummary) -> Iterator[Issue]:
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
         return
-    step = 0.0
-    how = "the rows there do not continue the motion"
-    remedy = "delete the rows whose time lies before that of an earlier row"
-    if np.all(np.diff(bad, prepend=0, append=len(g.run.t) - 1) > RUN):
-        step = max(1.0, 50.0 * g.step)
+    lengths = np.diff(bad, prepend=0, append=len(g.run.t) - 1)
+    repair: Callable[[Measurements], Measurements]
+    if np.any(lengths <= RUN):
+        how = "the rows there do not continue the motion"
+        remedy = "delete the rows whose time lies before that of an earlier row"
+        repair = _without_rows_before
+    elif _goes_on(g, bad).all():
+        how = "the motion continues without a break"
+        remedy = CONTINUE
+        repair = partial(_stepping_on, step=g.step)
+    else:
         how = "several runs are in the file"
         remedy = (
             "let each begin a second after the end of the one before (or write a file"
             " each)"
         )
-        if _goes_on(g, bad).all():
-            step = g.step
-            how = "the motion continues without a break"
-            remedy = CONTINUE
-
-    def repair(r: Measurements) -> Measurements:
-        if not step:
-            return r.rows(
-                np.concatenate([[True], r.t[1:] > np.maximum.accumulate(r.t)[:-1]])
-            )
-        return stepping(r, np.diff(r.t) < 0.0, step)
-
+        repair = partial(_stepping_on, step=max(1.0, 50.0 * g.step))
     seconds = float(-g.steps[bad].min())
-    what = f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}."
-    figures = {"rows": (bad + 3)[:100].tolist(), "seconds": seconds}
     yield Issue(
         kind="time runs backwards",
         severity="error",
         where=rows_text(bad + 3),
-        what=what,
+        what=f"the clock is set back {len(bad)} times, by up to {seconds:.3g} s: {how}.",
         certainty=READ,
         remedy=remedy,
         repair=repair,
-        figures=figures,
+        figures={"rows": (bad + 3)[:100].tolist(), "seconds": seconds},
     )
+
+
+def _without_rows_before(run: Measurements) -> Measurements:
+    """The rows whose time lies after that of all earlier rows."""
+    latest = np.maximum.accumulate(run.t)
+    return run.rows(np.concatenate([[True], run.t[1:] > latest[:-1]]))
+
+
+def _stepping_on(run: Measurements, step: float) -> Measurements:
+    """The run with a step [s] wherever the clock is set back."""
+    return stepping(run, np.diff(run.t) < 0.0, step)
 
 
 def coarse_stamps(g: RunSummary) -> Iterator[Issue]:
@@ -109,37 +115,42 @@ def coarse_stamps(g: RunSummary) -> Iterator[Issue]:
 
     The rows are taken to be even between two gaps, and none is lost.
     """
-    same = g.steps == 0.0
-    moved = np.any(np.diff(g.run.q, axis=0)[same] != 0.0, axis=1)
-    if not g.step or same.mean() < MOST_REPEATED or moved.mean() < 0.5:
+    is_same = g.steps == 0.0
+    changes = np.diff(g.run.q, axis=0)[is_same]
+    moved = np.any(changes != 0.0, axis=1)
+    if not g.step or is_same.mean() < MOST_REPEATED or moved.mean() < 0.5:
         return
     step = float(np.mean(g.steps[g.steps < TIMES * g.step]))
-
-    def evened(r: Measurements) -> Measurements:
-        steps = np.diff(r.t)
-        pause = TIMES * max(g.step, float(np.quantile(steps, 0.97)))
-        edges = np.flatnonzero(steps > pause) + 1
-        return replace(r, t=np.concatenate([_even(x) for x in np.split(r.t, edges)]))
-
     yield Issue(
         kind="coarse time stamps",
         severity="error",
         where="column t",
-        what=f"{same.sum()} rows have the time of the row before, and other values: the"
-        f" clock was written in steps of {g.step:.3g} s, and samples come every"
+        what=f"{is_same.sum()} rows have the time of the row before, and other values:"
+        f" the clock was written in steps of {g.step:.3g} s, and samples come every"
         f" {step:.3g} s.",
         certainty=READ,
         remedy="space the rows evenly (and log the time with more digits)",
-        repair=evened,
-        figures={"rows": int(same.sum()), "step": step},
+        repair=partial(_spaced_evenly, step=g.step),
+        figures={"rows": int(is_same.sum()), "step": step},
     )
+
+
+def _spaced_evenly(run: Measurements, step: float) -> Measurements:
+    """The run with even stamps between two gaps; step [s] : of the clock."""
+    steps = np.diff(run.t)
+    pause = TIMES * max(step, float(np.quantile(steps, 0.97)))
+    edges = np.flatnonzero(steps > pause) + 1
+    parts = [_even(t) for t in np.split(run.t, edges)]
+    return replace(run, t=np.concatenate(parts))
 
 
 def _even(t: Array) -> Array:
     """(N,) evenly spaced times, by least squares through rounded ones."""
+    if len(t) <= 2:
+        return t
     k = np.arange(len(t)) - 0.5 * (len(t) - 1)
     slope = float(k @ t / max(float(k @ k), 1e-300))
-    return np.asarray(np.mean(t) + slope * k) if len(t) > 2 else t
+    return np.asarray(np.mean(t) + slope * k)
 
 
 def repeated_time(g: RunSummary) -> Iterator[Issue]:
@@ -180,45 +191,49 @@ def change_of_rate(g: RunSummary) -> Iterator[Issue]:
 def uneven(g: RunSummary) -> Iterator[Issue]:
     """Stamps that jitter, or come in bursts, although the samples were taken evenly: q
     is smoother over the row number."""
-    steps = g.steps
-    q = g.run.q[:, g.moving]
-    pause = TIMES * max(
-        g.step, float(np.quantile(steps, 0.97))
-    )  # packets, too, may come in bursts
-    even = (steps[1:] < pause) & (steps[:-1] < pause)
-    usual = steps[steps < pause]
+    # Packets, too, may come in bursts.
+    pause = TIMES * max(g.step, float(np.quantile(g.steps, 0.97)))
+    is_inner = (g.steps[1:] < pause) & (g.steps[:-1] < pause)
+    usual = g.steps[g.steps < pause]
     spread = float(np.std(usual) / np.mean(usual))
-    if spread < 1 / RUN or np.count_nonzero(even) < RUN:
+    if spread < 1 / RUN or np.count_nonzero(is_inner) < RUN:
         return
-    share = (steps[:-1] / (g.run.t[2:] - g.run.t[:-2]))[:, None]
-    rough_time = np.sqrt(
-        np.mean((q[1:-1] - (q[:-2] * (1.0 - share) + q[2:] * share))[even] ** 2, axis=0)
-    )
-    rough_rows = np.sqrt(
-        np.mean((q[1:-1] - (q[:-2] * (1.0 - 0.5) + q[2:] * 0.5))[even] ** 2, axis=0)
-    )
-    if (ratio := float(np.median(rough_time / np.maximum(rough_rows, 1e-300)))) < TIMES:
+    over_time = g.steps[:-1] / (g.run.t[2:] - g.run.t[:-2])
+    rough_in_time = _roughness(g, over_time, is_inner)
+    rough_in_rows = _roughness(g, np.full(len(over_time), 0.5), is_inner)
+    ratio = float(np.median(rough_in_time / np.maximum(rough_in_rows, 1e-300)))
+    if ratio < TIMES:
         return
-
-    def evened(r: Measurements) -> Measurements:
-        parts = np.split(r.t, np.flatnonzero(np.diff(r.t) > pause) + 1)
-        return replace(
-            r, t=np.concatenate([np.linspace(x[0], x[-1], len(x)) for x in parts])
-        )
-
     yield Issue(
         kind="jittered time stamps",
         severity="warning",
         where="column t",
-        what=f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly spaced:"
-        f" they are {ratio:.0f} times smoother over the row number than over these"
-        " times.",
-        certainty="likely: if the sampling itself jittered, q would be smoother over the recorded"
-        " times",
+        what=f"the time steps vary by {100.0 * spread:.0f} %, but samples are evenly"
+        f" spaced: they are {ratio:.0f} times smoother over the row number than over"
+        " these times.",
+        certainty="likely: if the sampling itself jittered, q would be smoother over"
+        " the recorded times",
         remedy="space the time stamps evenly (and log the samples' own time)",
-        repair=evened,
+        repair=partial(_evened, pause=pause),
         figures={"percent": 100.0 * spread, "ratio": ratio},
     )
+
+
+def _roughness(g: RunSummary, share: Array, is_inner: Rows) -> Array:
+    """(n,) RMS by which positions leave the line between those before and after, at a
+    share (N - 2,) of the way."""
+    q = g.run.q[:, g.moving]
+    on_line = q[:-2] * (1.0 - share)[:, None] + q[2:] * share[:, None]
+    off = (q[1:-1] - on_line)[is_inner]
+    return np.asarray(np.sqrt(np.mean(off**2, axis=0)))
+
+
+def _evened(run: Measurements, pause: float) -> Measurements:
+    """The run with even stamps between two pauses [s]."""
+    edges = np.flatnonzero(np.diff(run.t) > pause) + 1
+    parts = np.split(run.t, edges)
+    even = [np.linspace(part[0], part[-1], len(part)) for part in parts]
+    return replace(run, t=np.concatenate(even))
 
 
 def jumps(g: RunSummary) -> Iterator[Issue]:
@@ -226,57 +241,55 @@ def jumps(g: RunSummary) -> Iterator[Issue]:
     otherwise gaps."""
     is_long = g.steps > max(TIMES * g.step, 0.02)
     for issue in change_of_rate(g):
-        a, b = issue.figures["rows"]
-        is_long[a - 2 : b - 2] = False
+        first, last = issue.figures["rows"]
+        is_long[first - 2 : last - 2] = False
     long = np.flatnonzero(is_long)
-    moves = [g.movement.moves[max(k - 10, 0) : k + 11].all() for k in long]
-    is_set = (
-        np.array(moves, bool)
-        & (g.steps[long] > 2.0 * TIMES * g.step)
-        & _goes_on(g, long)
+    moves = g.movement.moves
+    in_motion = [bool(moves[max(k - 10, 0) : k + 11].all()) for k in long]
+    is_set = np.array(in_motion, bool) & _goes_on(g, long)
+    is_set &= g.steps[long] > 2.0 * TIMES * g.step
+    if is_set.any():
+        yield _clock_step(g, long[is_set])
+    if not is_set.all():
+        yield _gap(g, long[~is_set])
+
+
+def _clock_step(g: RunSummary, rows: NDArray[np.intp]) -> Issue:
+    """A clock that was set ahead after some rows."""
+    is_wrong = np.isin(np.arange(len(g.steps)), rows)
+    return Issue(
+        kind="clock step",
+        severity="warning",
+        where=_place(g, rows),
+        what=f"the clock jumps ahead by up to {g.steps[rows].max():.3g} s while the"
+        " moving arm does not: the clock was set, and no sample is missing.",
+        certainty="likely: the distance travelled is that of one usual step",
+        remedy=CONTINUE,
+        repair=partial(stepping, where=is_wrong, steps=g.step),
+        figures=_rows_and_seconds(g, rows),
     )
-    for rows, kind, text, sure, remedy in (
-        (
-            long[is_set],
-            "clock step",
-            (
-                "the clock jumps ahead by up to {most:.3g} s while the moving "
-                "arm does not: the clock was set, and no sample is missing."
-            ),
-            "likely: the distance travelled is that of one usual step",
-            CONTINUE,
-        ),
-        (
-            long[~is_set],
-            "gap in time",
-            (
-                "{count} gaps of up to {most:.3g} s (the usual step is "
-                "{step:.3g} s); in all {total:.3g} s are missing."
-            ),
-            READ,
-            (
-                "no action needed: the run is split there, and the filters lose a"
-                " second on either side"
-            ),
-        ),
-    ):
-        if len(rows):
-            wrong = np.isin(np.arange(len(g.steps)), rows)
-            most = float(g.steps[rows].max())
-            what = text.format(
-                count=len(rows), most=most, step=g.step, total=g.steps[rows].sum()
-            )
-            where = f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
-            figures = {"rows": (rows + 3)[:100].tolist(), "seconds": most}
-            mend = partial(stepping, where=wrong, steps=g.step)
-            repair = mend if remedy == CONTINUE else None
-            yield Issue(
-                kind=kind,
-                severity="warning",
-                where=where,
-                what=what,
-                certainty=sure,
-                remedy=remedy,
-                repair=repair,
-                figures=figures,
-            )
+
+
+def _gap(g: RunSummary, rows: NDArray[np.intp]) -> Issue:
+    """Samples that are missing after some rows."""
+    steps = g.steps[rows]
+    return Issue(
+        kind="gap in time",
+        severity="warning",
+        where=_place(g, rows),
+        what=f"{formatting.count(len(rows), 'gap')} of up to {steps.max():.3g} s (the"
+        f" usual step is {g.step:.3g} s); in all {steps.sum():.3g} s are missing.",
+        certainty=READ,
+        remedy="no action needed: the run is split there, and the filters lose a second"
+        " on either side",
+        figures=_rows_and_seconds(g, rows),
+    )
+
+
+def _place(g: RunSummary, rows: NDArray[np.intp]) -> str:
+    return f"t = {g.run.t[rows[0]]:.4g} s, {rows_text(rows + 3)}"
+
+
+def _rows_and_seconds(g: RunSummary, rows: NDArray[np.intp]) -> dict[str, object]:
+    seconds = float(g.steps[rows].max())
+    return {"rows": (rows + 3)[:100].tolist(), "seconds": seconds}

@@ -14,13 +14,6 @@ COULOMB_WIDTHS = (0.002, 0.03, 0.1)
 TRAVELS = {"gear": (5e-4, 5e-3), "hysteresis": (2e-2, 1e-1, 0.5)}
 
 # -- the likelihood ------------------------------------------------------------------------------------
-#: Relative ridge of the normal equations: directions that the motion does not excite stay quiet.
-RIDGE = 1e-9
-#: A residual below 0.3 % of the torque is explained: friction laws and filters are no
-#: better. A number of whose effect the arm's parameters leave no more is not seen.
-FLOOR = 1e-5
-#: Rounds of reweighting each joint by its own residual.
-ROUNDS = 3
 #: Parts of the log that are left out in turn.
 PARTS = 8
 #: Physics may speak with so much (natural logarithm) on each joint's friction and on

@@ -137,8 +137,10 @@ class LoggerJudge:
         none = log.none
         score = log.score(none)
         search = RepairSearch(log, [log], [self.reports[number].issues])
-        alone = search.run()
-        repairs = [search.alone(alone, fault) for fault in search.elements(alone)]
+        of_this_run = search.run()
+        repairs = [
+            search.alone(of_this_run, fault) for fault in search.elements(of_this_run)
+        ]
         for kind in (Sign(), Exchange()):
             repairs += kind.proposals(log, none, score)
         faults = []
@@ -168,25 +170,36 @@ class LoggerJudge:
             size = [*torque_magnitude(search.log, net)]
         if any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
-        for number, log in self.logs.items():
-            report = self.reports[number]
-            parted = [] if is_poor(report) else [*two_arms(log, net)]
-            known = replace(net, events=()) if parted else net
-            poor = [] if search.is_poor else [*unexplained_torque(log, known)]
-            left = [*size, *poor, *parted]
-            explained = [*self._explanations(number, stated, net), *left]
-            new = [f for f in explained if not is_named_by_a_fact(f, report.issues)]
-            total = self.only_in[number].then(net)
-            work = total.apply(report.repaired_all)
-            for issue in left:
-                work = issue.repair(work) if issue.repair is not None else work
-            self.reports[number] = replace(
-                report,
-                issues=(*report.issues, *new),
-                repaired_all=work,
-                unexplained=log.score(net).unexplained,
-                gravity=net.gravity if log.spare > 0.0 else None,
-            )
+        for number in self.logs:
+            self._report_run(number, stated, size, search.is_poor, net)
+
+    def _report_run(
+        self,
+        number: int,
+        stated: Sequence[Issue],
+        size: Sequence[Issue],
+        is_poor_motion: bool,
+        net: LogTransform,
+    ) -> None:
+        """What is stated of all runs, of their torques' size, and of this run alone."""
+        log = self.logs[number]
+        report = self.reports[number]
+        parted = [] if is_poor(report) else [*two_arms(log, net)]
+        known = replace(net, events=()) if parted else net
+        poor = [] if is_poor_motion else [*unexplained_torque(log, known)]
+        left = [*size, *poor, *parted]
+        explained = [*self._explanations(number, stated, net), *left]
+        new = [f for f in explained if not is_named_by_a_fact(f, report.issues)]
+        work = self.only_in[number].then(net).apply(report.repaired_all)
+        for issue in left:
+            work = issue.repair(work) if issue.repair is not None else work
+        self.reports[number] = replace(
+            report,
+            issues=(*report.issues, *new),
+            repaired_all=work,
+            unexplained=log.score(net).unexplained,
+            gravity=net.gravity if log.spare > 0.0 else None,
+        )
 
     def _explanations(
         self, number: int, stated: Sequence[Issue], net: LogTransform

@@ -63,14 +63,14 @@ def mended(
     issues: list[Issue] = []
     fixed = run
     glance = RunSummary(run, robot, standstill)
-    for asked in RULES:
+    for rule in RULES:
         if any(issue.kind == "channel without numbers" for issue in issues):
             break
-        if asked not in (never_a_number, missing) and (
+        if rule not in (never_a_number, missing) and (
             len(glance.run.t) < RUN or not glance.moving.any()
         ):
             break
-        for issue in asked(glance):
+        for issue in rule(glance):
             issues.append(issue)
             if issue.repair is not None:
                 # What is only likely is mended for the rules that follow, and deletes

@@ -36,8 +36,10 @@ class Repaired:
     @property
     def sentence(self) -> str:
         """Both errors, in words."""
+        if not any(self.issues):
+            return "Nothing was to be repaired."
         if self.after is None:
-            return "No error on motion left out: nothing can be identified from it."
+            return "No error on motion left out: no torque was logged."
         was = "not identifiable" if self.before is None else f"{self.before:.3g} %"
         return (
             f"Error on motion left out: {was} as logged, {self.after:.3g} % repaired."
@@ -56,33 +58,47 @@ def fix_runs(
     Raises InputError for a word that no report has, for a repair that drops more than a
     tenth of a run, and for one that does not lower the error on motion left out.
     """
-    known = {f.apply for r in reports for f in r.issues if f.apply}
+    _check_words(reports, apply)
+    repaired = [_fixed(report, apply) for report in reports]
+    copies = tuple(run for run, _ in repaired)
+    issues = tuple(tuple(done) for _, done in repaired)
+    for run, copy, report in zip(runs, copies, reports, strict=True):
+        _check_rows(len(run.t), len(copy.t), report.run)
+    if not any(issues) or not all(run.torque_logged for run in runs):
+        return Repaired(copies, issues)
+    before = _error_left_out(problem, runs)
+    after = _error_left_out(problem, copies)
+    _check_errors(before, after)
+    return Repaired(copies, issues, before, after)
+
+
+def _check_words(reports: Sequence[Report], apply: Sequence[str]) -> None:
+    """InputError for a word that no report has."""
+    known = {f.apply for report in reports for f in report.issues if f.apply}
     for word in apply:
         if word not in known:
             offers = formatting.words(sorted(known)) if known else "there is none"
             raise InputError(f"--apply {word}: no such repair", f"choose of: {offers}")
-    out = []
-    done = []
-    for run, report in zip(runs, reports, strict=True):
-        fixed, issues = _fixed(report, apply)
-        lost = 1.0 - len(fixed.t) / max(len(run.t), 1)
-        if lost > MOST_LOST:
-            what = f"the repair would drop {100.0 * lost:.0f} % of the rows"
-            raise InputError(what, "log it again: nothing was written", report.run)
-        out.append(fixed)
-        done.append(tuple(issues))
-    if not any(done) or not all(run.torque_logged for run in runs):
-        return Repaired(tuple(out), tuple(done))
-    before = _error_left_out(problem, runs)
-    after = _error_left_out(problem, out)
-    if before is not None and (after is None or after > before * SAME_ERROR):
-        worse = "cannot be identified" if after is None else f"{after:.3g} %"
-        what = "the repair does not lower the error on motion left out"
-        raise InputError(
-            f"{what}: {before:.3g} % as logged, {worse} repaired",
-            "leave the log as it is: nothing was written",
-        )
-    return Repaired(tuple(out), tuple(done), before, after)
+
+
+def _check_rows(before: int, after: int, name: str) -> None:
+    """InputError for a repair that drops too many rows of a run."""
+    lost = 1.0 - after / max(before, 1)
+    if lost > MOST_LOST:
+        what = f"the repair would drop {100.0 * lost:.0f} % of the rows"
+        raise InputError(what, "log it again: nothing was written", name)
+
+
+def _check_errors(before: float | None, after: float | None) -> None:
+    """InputError for a repair that does not lower the error [%] on motion left out."""
+    if before is None or (after is not None and after <= before * SAME_ERROR):
+        return
+    worse = "cannot be identified" if after is None else f"{after:.3g} %"
+    raise InputError(
+        "the repair does not lower the error on motion left out:"
+        f" {before:.3g} % as logged, {worse} repaired",
+        "leave the log as it is: nothing was written",
+    )
 
 
 def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Issue]]:

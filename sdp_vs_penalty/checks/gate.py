@@ -3,6 +3,7 @@ everything else is a remark."""
 
 from __future__ import annotations
 
+import shlex
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,6 +14,7 @@ from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.problem.load import problem_names
 from sdp_vs_penalty.problem.problem import Problem
 
 
@@ -31,58 +33,75 @@ def raise_on_errors(
     determines the torque channels' gains, so that the check need not; warn : hears its
     warnings, a sentence each. Raises InputError where that work would be meaningless.
     """
-    reports = check_runs(
-        problem, measurements.runs(), problem.preprocessing, thorough=False
-    )
-    issues_found = [
-        (r.run, f)
-        for r in reports
-        for f in r.errors_and_warnings
-        if not (gains and f.kind == "torque gain")
+    runs = measurements.runs()
+    reports = check_runs(problem, runs, problem.preprocessing, thorough=False)
+    issues = [
+        (report.run, issue)
+        for report in reports
+        for issue in report.errors_and_warnings
+        if not (gains and issue.kind == "torque gain")
     ]
-    errors = [(run, f) for run, f in issues_found if f.severity == "error"]
-    if errors:
-        run, f = errors[0]
-        more = (
-            f"; {formatting.count(len(errors) - 1, 'more error')}"
-            if len(errors) > 1
-            else ""
-        )
-        raise InputError(
-            f"{f.what.rstrip('.')}: {f.remedy}{more} (details: `check`)",
-            f"fix the data (`check --fix`), or {otherwise} {verb} anyway",
-            run,
-        )
-    for run, f in issues_found:
-        if f.nature == FACT:
-            warn(f"{f.severity}: {run}: {f.what} (details: `check`)")
-    said = explanations_in_a_line(problem.name, issues_found)
-    if said:
-        warn(f"warning: {said}")
-    hashes = [run.data_hash for run in measurements.runs()]
-    reports_of_all = reports if len(hashes) == len(reports) else []
+    _raise_on_first_error(issues, f"{otherwise} {verb} anyway")
+    for run, issue in issues:
+        if issue.nature == FACT:
+            warn(f"{issue.severity}: {run}: {issue.what} (details: `check`)")
+    explanations = [(run, f) for run, f in issues if f.nature == EXPLANATION]
+    if explanations:
+        names = [report.run for report in reports]
+        warn(f"warning: {explanations_in_a_line(problem, names, explanations)}")
+    if len(reports) != len(runs):
+        return {}
     return {
-        h: [f.to_dict() for f in r.issues]
-        for h, r in zip(hashes, reports_of_all, strict=False)
+        run.data_hash: [issue.to_dict() for issue in report.issues]
+        for run, report in zip(runs, reports, strict=True)
     }
 
 
-def explanations_in_a_line(problem: str, found: Sequence[tuple[str, Issue]]) -> str:
-    """What a model makes of the log, in one line: what it looks like, that it is taken
-    as it is, and the command that tries the repair; empty where nothing is said."""
-    told = [(run, f) for run, f in found if f.nature == EXPLANATION]
-    if not told:
-        return ""
-    run = told[0][0]
-    kinds = list(dict.fromkeys(f.what.rstrip(".") for _, f in told))
-    more = f" (and {formatting.count(len(kinds) - 1, 'more such thing')})"
-    words = " ".join(dict.fromkeys(f.apply for _, f in told if f.apply))
-    tries = f" --fix fixed.csv --apply {words}" * bool(words)
-    how = "tries the repair, and shows both errors" if words else "says more"
-    return (
-        f"{run}: it looks as if {kinds[0]}{more * (len(kinds) > 1)}. The log is taken as"
-        f" it is; `check {run} --problem {problem}{tries}` {how}"
+def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -> None:
+    """InputError for the first error, with a word on the others."""
+    errors = [(run, issue) for run, issue in issues if issue.severity == "error"]
+    if not errors:
+        return
+    run, issue = errors[0]
+    others = ""
+    if len(errors) > 1:
+        others = f"; {formatting.count(len(errors) - 1, 'more error')}"
+    raise InputError(
+        f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)",
+        f"fix the data (`check --fix`), or {otherwise}",
+        run,
     )
+
+
+def explanations_in_a_line(
+    problem: Problem, runs: Sequence[str], explanations: Sequence[tuple[str, Issue]]
+) -> str:
+    """What a model makes of the log, in one line: what it looks like, that it is taken
+    as it is, and the command that tries the repair, of all runs, which are judged
+    together."""
+    first = explanations[0][0]
+    texts = list(dict.fromkeys(issue.what.rstrip(".") for _, issue in explanations))
+    others = ""
+    if len(texts) > 1:
+        others = f" (and {formatting.count(len(texts) - 1, 'more such thing')})"
+    words = list(dict.fromkeys(f.apply for _, f in explanations if f.apply))
+    command = ["check", *runs, "--problem", _name_of(problem)]
+    how = "says more"
+    if words:
+        fixed = "fixed.csv" if len(runs) == 1 else "fixed"
+        command += ["--fix", fixed, "--apply", *words]
+        how = "tries the repair, and shows both errors"
+    return (
+        f"{first}: it looks as if {texts[0]}{others}. The log is taken as it is;"
+        f" `{shlex.join(command)}` {how}"
+    )
+
+
+def _name_of(problem: Problem) -> str:
+    """How a command calls a problem: a built-in by its name, a folder by its path."""
+    if problem.name in problem_names():
+        return problem.name
+    return str(problem.folder or f"{problem.name}.urdf")
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:

@@ -105,19 +105,17 @@ class RunSummary:
         t = self.run.t
         places = spans(gone)
         named = ", ".join(filter(None, channels))
-        seconds = float(
-            max(t[min(b, len(t)) - 1] - t[max(a - 1, 0)] for a, b in places)
-        )
+        first = np.maximum(places[:, 0] - 1, 0)
+        last = np.minimum(places[:, 1], len(t)) - 1
         figures |= {
-            "seconds": seconds,
+            "seconds": float(np.max(t[last] - t[first])),
             "parts": len(places),
             "rows": int(gone.sum()),
             "named": named,
+            "joints": sorted({int(name.lstrip("qtau")) for name in channels if name}),
         }
-        figures |= {
-            "joints": sorted({int(name.lstrip("qtau")) for name in channels if name})
-        }
-        where = ", ".join(filter(None, (named, rows_text(np.flatnonzero(gone) + 2))))
+        rows = rows_text(np.flatnonzero(gone) + 2)
+        where = f"{named}, {rows}" if named else rows
         refuses = unusable or self._lost_share(channels, gone) > c.MOST_LOST
         yield Issue(
             kind=kind,
@@ -135,19 +133,20 @@ class RunSummary:
         about its median that they make up: the larger."""
         shares = [float(gone.mean())]
         for name, _, x in self.channels:
-            if name in channels:
-                size = np.abs(x - np.median(x))
-                energy = np.square(size / nonzero_or_one(size.max()))
-                shares.append(
-                    float(energy[channels[name]].sum() / nonzero_or_one(energy.sum()))
-                )
+            if name not in channels:
+                continue
+            size = np.abs(x - np.median(x))
+            energy = np.square(size / nonzero_or_one(size.max()))
+            of_rows = energy[channels[name]].sum()
+            shares.append(float(of_rows / nonzero_or_one(energy.sum())))
         return max(shares)
 
 
 def stepping(run: Measurements, where: Rows, steps: float | Array) -> Measurements:
     """The same rows, there (N - 1,) so far apart [s]."""
     apart = np.where(where, steps, np.diff(run.t))
-    return replace(run, t=run.t[0] + np.concatenate([[0.0], np.cumsum(apart)]))
+    since_start = np.concatenate([[0.0], np.cumsum(apart)])
+    return replace(run, t=run.t[0] + since_start)
 
 
 def mask_of(count: int, parts: Any) -> Rows:

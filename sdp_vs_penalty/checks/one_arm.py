@@ -18,14 +18,15 @@ import numpy as np
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.faults.fault import Fault
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import (
-    Equations,
-    Likelihood,
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
+from sdp_vs_penalty.regression.normal_equations import (
     Normal,
+    NormalEquations,
     jackknifed,
     solve,
+    standard_errors_above_zero,
 )
-from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 from sdp_vs_penalty.robot.arrays import Array
 
 #: What of a number is usual: beyond it the runs differ.
@@ -121,12 +122,14 @@ class RunComparison:
             replace(run, repair=_with_events(run.repair, [*laws])) for run in runs
         ]
         self.moving = np.stack([run.log.moving for run in runs])
-        self.equations = [Equations.of(*r.log.parts(r.repair, 1)) for r in self.runs]
+        self.equations = [
+            NormalEquations.of(*r.log.parts(r.repair, 1)) for r in self.runs
+        ]
 
     @cached_property
     def together(self) -> tuple[Array, Array]:
         """(s,) one arm for all runs, and (runs, n) what it leaves of each joint."""
-        both = Equations.together(self.equations).fitted(self.moving.ravel())
+        both = NormalEquations.together(self.equations).fitted(self.moving.ravel())
         return both[0][0], both[1].reshape(self.moving.shape)
 
     @cached_property
@@ -151,7 +154,7 @@ class RunComparison:
     @cached_property
     def samples(self) -> float:
         """Independent samples of a run, in the mean."""
-        return float(np.mean([r.log.score(r.repair).samples for r in self.runs]))
+        return float(np.mean([r.log.samples(r.log.score(r.repair)) for r in self.runs]))
 
     def differs(self, worse: float) -> bool:
         """Whether one arm for all is so many times worse, and clearly: friction is
@@ -184,7 +187,7 @@ class RunComparison:
         repair = run.repair
         if difference.repair is not None:
             repair = difference.repair.then(repair)
-        equations = Equations.of(*run.log.parts(repair, 1, difference.columns))
+        equations = NormalEquations.of(*run.log.parts(repair, 1, difference.columns))
         normal = _first(equations.normal(self.weights[difference.run]))
         return _without_last(normal, len(self.normals[difference.run][1]))
 
@@ -227,15 +230,15 @@ class RunComparison:
         moving = np.any(self.moving, axis=0)
         fall = np.log(self.before / after)[:, moving].sum(axis=1)
         gain = float(fall.sum())
-        clearness = clear_by(fall)
+        clearness = standard_errors_above_zero(fall)
         if difference.is_another_arm:
             return Cause(difference, 0.5 * gain, clearness)
         if difference.columns is None or arms is None:
             return Cause(difference, gain, clearness)
         value, spread = jackknifed(arms[:, -difference.columns.shape[2]])
         size = float(value)
-        least = max(c.SIGMAS * float(spread), _USUAL.get(difference.kind, 0.0))
-        if abs(size) <= least or not _can_be(log, difference, size):
+        threshold = max(c.SIGMAS * float(spread), _USUAL.get(difference.kind, 0.0))
+        if abs(size) <= threshold or not _can_be(log, difference, size):
             return None
         # Of a number, whose interval tells as well, half as clear a prediction is
         # enough.
@@ -284,14 +287,14 @@ class RunComparison:
         of = cause.of
         run = self.runs[of.run]
         unit = run.log.problem.robot.position_units[of.joint]
-        away = f"{-cause.size:.2g} {unit}"
+        distance = f"{-cause.size:.2g} {unit}"
         if unit == "rad":
-            away = f"{np.degrees(-cause.size):.2g} degrees"
+            distance = f"{np.degrees(-cause.size):.2g} degrees"
         x = 1.0 + cause.size if of.kind == "torque gain" else cause.size
         names = {"run": run.name, "j": of.joint + 1, "x": x}
         if of.fault is None:
             words, remedy = _WORDS[of.kind]
-            what = words.format(**names, away=away, unit=unit)
+            what = words.format(**names, distance=distance, unit=unit)
             remedy = remedy.format(**names, unit=unit)
             joints = [] if of.joint < 0 else [of.joint]
         else:
@@ -322,8 +325,8 @@ class RunComparison:
 def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
     """The fault that explains most; of those that explain the same one of the torques
     comes before one of the positions. The others are its equivalents."""
-    most = max(cause.gain for cause in faults)
-    tied = [cause for cause in faults if cause.gain > most - odds]
+    largest = max(cause.gain for cause in faults)
+    tied = [cause for cause in faults if cause.gain > largest - odds]
     tied = sorted(tied, key=lambda cause: not cause.of.kind.startswith("torque"))
     words = tuple(cause.of.fault.what for cause in tied[1:] if cause.of.fault)
     return replace(tied[0], equivalents=words)
@@ -391,7 +394,7 @@ def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
     sums = np.array(
         [[parts[:cut].sum(axis=0), parts[cut:].sum(axis=0)] for cut in cuts]
     )
-    left = Equations.of(sums, n_own).fitted(log.moving)[1].sum(axis=1)
+    left = NormalEquations.of(sums, n_own).fitted(log.moving)[1].sum(axis=1)
     losses = np.log(left[:, log.moving]).sum(axis=1)
     return cuts[int(np.argmin(losses))] * log.data.count // len(parts)
 
@@ -399,12 +402,6 @@ def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
 def _with_events(repair: LogTransform, events: Sequence[LogEvent]) -> LogTransform:
     """With more events, none of them twice."""
     return replace(repair, events=tuple(dict.fromkeys((*repair.events, *events))))
-
-
-def clear_by(fall: Array) -> float:
-    """By how many standard errors numbers (parts,) are above zero in the mean."""
-    error = np.std(fall) / np.sqrt(len(fall))
-    return float(np.mean(fall) / max(float(error), 1e-300))
 
 
 def _first(normal: Normal) -> Normal:

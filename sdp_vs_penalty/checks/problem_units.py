@@ -30,13 +30,13 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
         about_com = about_frame - mass * (com @ com * np.eye(3) - np.outer(com, com))
         largest = float(np.linalg.eigvalsh(about_com)[-1])
         sizes.append(LinkSizes(name, mass, float(np.linalg.norm(com)), largest))
-    for odd in odd_units(sizes, max(steps)):
+    for unit in odd_units(sizes, max(steps)):
         yield Issue(
             kind="units of the problem",
             severity="warning",
             where="the problem",
-            what=f"{odd.what} Nothing is said of the torques.",
+            what=f"{unit.what} Nothing is said of the torques.",
             certainty="certain: read from the problem, no arm is of that size",
-            remedy=odd.remedy,
-            figures={"quantity": odd.quantity, "factor": odd.factor},
+            remedy=unit.remedy,
+            figures={"quantity": unit.quantity, "factor": unit.factor},
         )

@@ -94,50 +94,41 @@ class RegressionData:
     def with_laws(self, torque: Array) -> RegressionData:
         """With LAWS, and friction that a torque (M, n) bears, among the own columns."""
         load = np.abs(torque)
-        dq = self.motion.dq
-        borne = [load * np.tanh(dq / w) for w in COULOMB_WIDTHS[:2]]
-        columns = [np.stack([x.T for x in borne], axis=2), *self.laws.values()]
-        return replace(
-            self, own_columns=np.concatenate([self.own_columns, *columns], axis=2)
-        )
+        borne = [
+            (load * np.tanh(self.motion.dq / width)).T for width in COULOMB_WIDTHS[:2]
+        ]
+        columns = [self.own_columns, np.stack(borne, axis=2), *self.laws.values()]
+        return replace(self, own_columns=np.concatenate(columns, axis=2))
 
     @classmethod
     def together(cls, logs: Sequence[RegressionData]) -> RegressionData:
-        """The rows of several logs, one after the other, ROWS at most; each log
-        has a constant of its own (the zeros of its torques)."""
+        """The rows of several logs, one after the other, ROWS at most.
+
+        Each log has a constant of its own: the zeros of its torques.
+        """
         from scipy.interpolate import CubicSpline
 
-        thin = len(logs)
-        parts = []
-        begin = 0.0
-        times = []
-        torques = []
-        owns = []
-        for k, log in enumerate(logs):
-            some = log.some(slice(None, None, thin))
-            shift = begin - min(float(some.motion.t[0]), float(log.torque.x[0]))
-            motion = some.motion
-            parts.append((some, replace(motion, t=motion.t + shift)))
-            times.append(log.torque.x + shift)
-            torques.append(log.torque(log.torque.x))
-            begin = max(float(times[-1][-1]), float(motion.t[-1] + shift)) + 1.0
-            zeros = np.zeros((*some.own_columns.shape[:2], len(logs) - 1))
-            zeros[:, :, k - 1 : k] = 1.0 if k else 0.0
-            owns.append(np.concatenate([some.own_columns, zeros], axis=2))
-        first = logs[0]
+        thinned = [log.some(slice(None, None, len(logs))) for log in logs]
+        shifts = _shifts_one_after_the_other(thinned)
+        pairs = list(zip(thinned, shifts, strict=True))
+        own_columns = [
+            np.concatenate([log.own_columns, _zeros_of_runs(log, k, len(logs))], axis=2)
+            for k, log in enumerate(thinned)
+        ]
         laws = {
-            name: np.concatenate([some.laws[name] for some, _ in parts], axis=1)
-            for name in first.laws
+            name: np.concatenate([log.laws[name] for log in thinned], axis=1)
+            for name in logs[0].laws
         }
-        heard = [some.heard * some.moving for some, _ in parts]
-        spline = CubicSpline(np.concatenate(times), np.concatenate(torques))
+        times = np.concatenate([log.torque.x + shift for log, shift in pairs])
+        torques = np.concatenate([log.torque(log.torque.x) for log in thinned])
+        motions = [replace(log.motion, t=log.motion.t + shift) for log, shift in pairs]
         return replace(
-            first,
-            motion=joined([motion for _, motion in parts]),
-            torque=spline,
-            own_columns=np.concatenate(owns, axis=1),
+            logs[0],
+            motion=joined(motions),
+            torque=CubicSpline(times, torques),
+            own_columns=np.concatenate(own_columns, axis=1),
             laws=laws,
-            heard=np.concatenate(heard),
+            heard=np.concatenate([log.heard * log.moving for log in thinned]),
             moving=np.any([log.moving for log in logs], axis=0),
             largest=np.max([log.largest for log in logs], axis=0),
             cutoff=min(log.cutoff for log in logs),
@@ -147,122 +138,165 @@ class RegressionData:
     def of(
         cls, problem: Problem, run: Measurements, settings: Preprocessing
     ) -> RegressionData:
-        """``settings`` resolved. Raises InputError for a log that is shorter than the
-        filters need."""
+        """The rows of one run, filtered by ``settings``, which are resolved.
+
+        Raises
+        ------
+        InputError
+            For a log that is shorter than the filters need, or in which no joint both
+            moves and has a torque that changes.
+        """
         from scipy.interpolate import CubicSpline
 
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
         band = ROWS / (2.0 * max(float(run.t[-1] - run.t[0]), 1e-9))
         cutoff = min(settings.torque_cutoff, band)
-        settings = replace(settings, torque_cutoff=cutoff)
-        filters, (laws, shared) = RunFilter(run, settings), split(problem.model())
-        margin = filters.state.half + filters.column.half
-        places = []
-        for part in split_at_gaps(run):
-            k = np.arange(margin, part.count - margin)
-            places.append((part, k[filters.movement.at(part.clock(k))]))
-        count = sum(len(k) for _, k in places)
-        if count == 0:
-            raise no_rows(run, 2 * margin * filters.dt)
+        filters = RunFilter(run, replace(settings, torque_cutoff=cutoff))
+        frictions, shared = split(problem.model())
         pieces = []
-        grid = []
-        for part, k in places:
-            if some := min(round(ROWS * len(k) / count), len(k)):
-                spread = k[np.linspace(0, len(k) - 1, some).astype(int)]
-                pieces.append(_piece(filters, part, spread, laws))
-                at = np.arange(
-                    filters.column.half,
-                    part.count - filters.column.half,
-                    filters.stride,
-                )
-                grid.append((part.clock(at), filters.torque(part, at)))
-        states, columns = zip(*pieces, strict=True)
-        motion = joined(states)
-        own_columns = np.concatenate(columns, axis=1)
-        times, torque = (np.concatenate(x) for x in zip(*grid, strict=True))
-        spline = CubicSpline(times, torque)
-        moving = moving_joints(run) & (
-            np.ptp(run.tau, axis=0) > 0.0
-        )  # and its channel is not dead
-        slides = np.abs(motion.dq) > SLIDES * np.sqrt(np.mean(motion.dq**2, axis=0))
-        moving_rows = np.flatnonzero(np.any(slides[:, moving], axis=1))
-        if not len(moving_rows):
-            raise InputError(
-                "no joint both moves and has a torque that changes",
-                "record such a run",
-                run.names[0],
-            )
+        times = []
+        torques = []
+        for part, rows in _chosen_rows(run, filters):
+            pieces.append(_piece(filters, part, rows, frictions))
+            half = filters.column.half
+            grid = np.arange(half, part.count - half, filters.stride)
+            times.append(part.clock(grid))
+            torques.append(filters.torque(part, grid))
+        motion = joined([states for states, _ in pieces])
+        # A joint moves if its channel is not dead.
+        moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)
+        speeds = np.sqrt(np.mean(motion.dq**2, axis=0))
+        slides = np.abs(motion.dq) > SLIDES * speeds
         # Where all have stopped nothing is asked of any joint.
-        motion = motion.part(moving_rows)
-        heard = slides[moving_rows].astype(float)
-        largest = np.abs(run.tau).max(axis=0)
-        own_columns = own_columns[:, moving_rows]
-        lacking = dict[str, Array]()
-        for name, law in reversed(LAWS.items()):  # the last columns
-            own_columns, lacking[name] = np.split(
-                own_columns, [-len(law(motion))], axis=2
-            )
-        free = _independent(shared)
+        rows = np.flatnonzero(np.any(slides[:, moving], axis=1))
+        if not len(rows):
+            what = "no joint both moves and has a torque that changes"
+            raise InputError(what, "record such a run", run.names[0])
+        motion = motion.part(rows)
+        columns = np.concatenate(
+            [columns_of_piece for _, columns_of_piece in pieces], axis=1
+        )[:, rows]
+        own_columns, laws = _without_laws(columns, motion)
         return cls(
-            shared,
-            free,
-            motion,
-            spline,
-            own_columns,
-            lacking,
-            heard,
-            moving,
-            largest,
-            cutoff,
+            shared=shared,
+            independent=_independent(shared),
+            motion=motion,
+            torque=CubicSpline(np.concatenate(times), np.concatenate(torques)),
+            own_columns=own_columns,
+            laws=laws,
+            heard=slides[rows].astype(float),
+            moving=moving,
+            largest=np.abs(run.tau).max(axis=0),
+            cutoff=cutoff,
         )
+
+
+def _shifts_one_after_the_other(logs: Sequence[RegressionData]) -> list[float]:
+    """By how much [s] the clock of each log is moved, to begin a second after the log
+    before."""
+    shifts = []
+    begin = 0.0
+    for log in logs:
+        first = min(float(log.motion.t[0]), float(log.torque.x[0]))
+        last = max(float(log.motion.t[-1]), float(log.torque.x[-1]))
+        shifts.append(begin - first)
+        begin += last - first + 1.0
+    return shifts
+
+
+def _zeros_of_runs(log: RegressionData, number: int, n_logs: int) -> Array:
+    """(n, M, n_logs - 1) a column for each log but the first: one in this log's."""
+    zeros = np.zeros((*log.own_columns.shape[:2], n_logs - 1))
+    if number:
+        zeros[:, :, number - 1] = 1.0
+    return zeros
+
+
+def _chosen_rows(
+    run: Measurements, filters: RunFilter
+) -> list[tuple[Stretch, NDArray[np.int64]]]:
+    """Rows of each stretch without gaps in which the arm moves, ROWS in all, evenly
+    spread. Raises InputError where the filters leave none."""
+    margin = filters.state.half + filters.column.half
+    places = []
+    for part in split_at_gaps(run):
+        rows = np.arange(margin, part.count - margin)
+        places.append((part, rows[filters.movement.at(part.clock(rows))]))
+    n_rows = sum(len(rows) for _, rows in places)
+    if n_rows == 0:
+        raise no_rows(run, 2 * margin * filters.dt)
+    chosen = []
+    for part, rows in places:
+        count = min(round(ROWS * len(rows) / n_rows), len(rows))
+        if count:
+            spread = np.linspace(0, len(rows) - 1, count).astype(int)
+            chosen.append((part, rows[spread]))
+    return chosen
 
 
 def _piece(
     filters: RunFilter,
     part: Stretch,
     at: NDArray[np.int64],
-    laws: Sequence[JointEffect],
+    frictions: Sequence[JointEffect],
 ) -> tuple[Motion, Array]:
-    """States and own columns (n, M, k) of one stretch."""
+    """States and own columns (n, M, k) at some rows of one stretch."""
     half = filters.coarse.half
-    reach = filters.stride * filters.coarse.half
+    reach = filters.stride * half
     dense = filters.motion(part, at[0] - reach, at[-1] + reach)
     # Off the column grid by at most half a step: both sides of the relation alike would
     # cost more.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
     local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = Decimator(filters.coarse, local)
-    # A rotor, an offset, then everything that resists the motion, and LAWS.
-    columns = [dense.ddq, np.ones_like(dense.q), dense.dq]
-    columns += [np.column_stack([e.column(dense, j) for j in e.joints]) for e in laws]
-    columns += [np.tanh(dense.dq / w) for w in COULOMB_WIDTHS]
-    columns += _bristles(dense, TRAVELS["gear"])
-    columns += [column for law in LAWS.values() for column in law(dense)]
-    own_columns = np.stack([(low_pass @ c).T for c in columns], axis=2)
-    return dense.part(local), own_columns
+    columns = [(low_pass @ column).T for column in _own_columns(dense, frictions)]
+    return dense.part(local), np.stack(columns, axis=2)
+
+
+def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array]:
+    """(N, n) each: a rotor, an offset, what resists the motion, and LAWS at last."""
+    columns = [motion.ddq, np.ones_like(motion.q), motion.dq]
+    for effect in frictions:
+        of_joints = [effect.column(motion, j) for j in effect.joints]
+        columns.append(np.column_stack(of_joints))
+    columns += [np.tanh(motion.dq / width) for width in COULOMB_WIDTHS]
+    columns += _bristles(motion, TRAVELS["gear"])
+    for law in LAWS.values():
+        columns += law(motion)
+    return columns
+
+
+def _without_laws(columns: Array, motion: Motion) -> tuple[Array, dict[str, Array]]:
+    """Own columns (n, M, k), and those of LAWS, which are the last of them."""
+    laws: dict[str, Array] = {}
+    for name, law in reversed(LAWS.items()):
+        n_columns = len(law(motion))
+        columns, laws[name] = np.split(columns, [-n_columns], axis=2)
+    return columns, laws
 
 
 def split(model: Model) -> tuple[list[JointEffect], Model | None]:
     """Frictions of every joint by its own motion; the model without all that has one
     column on every joint, made by that joint's motion: the links, couplings."""
     all_joints = list(range(model.robot.n))
-    own_effects = [
-        e
-        for e in model.effects
-        if isinstance(e, JointEffect) and list(e.joints) == all_joints
+    of_joints = [
+        effect
+        for effect in model.effects
+        if isinstance(effect, JointEffect) and list(effect.joints) == all_joints
     ]
-    shared_effects = tuple(e for e in model.effects if e not in own_effects)
-    return [e for e in own_effects if "friction" in e.name], Model(
-        model.robot, shared_effects
-    ) if shared_effects else None
+    shared = tuple(effect for effect in model.effects if effect not in of_joints)
+    frictions = [effect for effect in of_joints if "friction" in effect.name]
+    return frictions, Model(model.robot, shared) if shared else None
 
 
 def on_robot(model: Model, robot: Robot) -> Model:
     """The same effects of another robot."""
-    return Model(
-        robot, tuple(type(e)(robot, e.asked_joints, **e.shape) for e in model.effects)
-    )
+    effects = [
+        type(effect)(robot, effect.asked_joints, **effect.shape)
+        for effect in model.effects
+    ]
+    return Model(robot, tuple(effects))
 
 
 def _independent(shared: Model | None) -> tuple[int, ...]:
@@ -273,7 +307,6 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     gravity = tuple(np.random.default_rng(0).normal(size=3).tolist())
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
     n_rows = 2 * len(model.parameters) // shared.robot.n + 1
-    q, dq, ddq = (states[:n_rows] for states in shared.robot.random_states)
-    return structure(
-        np.concatenate(model.dense_columns(Motion(np.zeros(n_rows), q, dq, ddq)))
-    )[1]
+    q, dq, ddq = shared.robot.random_states
+    motion = Motion(np.zeros(n_rows), q[:n_rows], dq[:n_rows], ddq[:n_rows])
+    return structure(np.concatenate(model.dense_columns(motion)))[1]

@@ -174,31 +174,40 @@ class LogTransform:
 
     def positions(self, q: Array) -> Array:
         """(N, n) true positions from those of the log."""
-        return np.asarray(
-            q[:, list(self.order)] * np.array(self.scale) + np.array(self.zero)
-        )
+        logged = q[:, list(self.order)]
+        return np.asarray(logged * np.array(self.scale) + np.array(self.zero))
 
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are
         left alone."""
-        if self.reset("lacks", "longer", "bend", "events") == LogTransform.none(
-            self.n, self.gravity
-        ):
+        none = LogTransform.none(self.n, self.gravity)
+        if self.reset("lacks", "longer", "bend", "events") == none:
             return run
         t = run.t
+        is_inside = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
+        dq = run.dq
+        if dq is not None:
+            dq = dq[:, list(self.order)] * np.array(self.scale) / self.rate
+        repaired = replace(
+            run,
+            t=t[0] + self.rate * (t - t[0]),
+            q=self.positions(run.q),
+            tau=self._torques(run),
+            dq=dq,
+        ).rows(is_inside)
+        return _in_reverse(repaired) if self.reversed else repaired
+
+    def _torques(self, run: Measurements) -> Array:
+        """(N, n) torques in the true order, scaled and in time with the motion."""
         tau = run.tau[:, list(self.tau_order)]
-        speed = np.array(self.scale) / self.rate
-        dq = None if run.dq is None else run.dq[:, list(self.order)] * speed
         for j, lead in enumerate(self.lead):
             if lead:
-                tau[:, j] = np.interp(t + lead, t, tau[:, j])
-        keep = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
-        t = t[0] + self.rate * (t - t[0])
-        q = self.positions(run.q)
-        tau = tau * np.array(self.gain)
-        out = replace(run, t=t, q=q, tau=tau, dq=dq).rows(keep)
-        if not self.reversed:
-            return out
-        back = out.rows(np.arange(len(out.t))[::-1])
-        dq = None if back.dq is None else -back.dq
-        return replace(back, t=out.t[0] + out.t[-1] - back.t, dq=dq)
+                tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
+        return np.asarray(tau * np.array(self.gain))
+
+
+def _in_reverse(run: Measurements) -> Measurements:
+    """The last row first, in as much time."""
+    back = run.rows(np.arange(len(run.t))[::-1])
+    dq = None if back.dq is None else -back.dq
+    return replace(back, t=run.t[0] + run.t[-1] - back.t, dq=dq)

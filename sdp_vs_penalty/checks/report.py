@@ -88,17 +88,17 @@ class Report(Record):
     def verdict(self) -> str:
         """How many problems there are, and how well the arm's dynamics explain the
         torque."""
-        found = formatting.count(len(self.errors_and_warnings), "problem")
+        problems = formatting.count(len(self.errors_and_warnings), "problem")
         if self.unexplained is None:
             why = "nothing to identify from"
             if not self.repaired_all.torque_logged:
                 why = "no torque was logged"
             elif not self.meaningless:
                 why = "its torques were not judged"
-            return f"{self.run}: {found}; {why}"
+            return f"{self.run}: {problems}; {why}"
         share = self.facts()["unexplained_percent"].text
         return (
-            f"{self.run}: {found}; the arm's dynamics leave {share} of the torque"
+            f"{self.run}: {problems}; the arm's dynamics leave {share} of the torque"
             " unexplained"
         )
 

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN, counts, of_regression
@@ -88,9 +89,9 @@ def _unexplained_joints(
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
     """Joints of which one arm leaves far more than the joint's own model does, with
     every law of friction and position free in each."""
-    times, least = c.CONTRADICTS
+    times, smallest = c.CONTRADICTS
     score = log.score(repair)
-    is_worse = score.shares > np.maximum(times * log.alone(repair), least)
+    is_worse = score.shares > np.maximum(times * log.alone(repair), smallest)
     joints = np.flatnonzero(log.moving & is_worse)
     if not len(joints):
         return joints

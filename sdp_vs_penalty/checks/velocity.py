@@ -173,8 +173,8 @@ def velocity_lag(g: RunSummary) -> float | None:
     """By how many samples the logged velocity is behind the derivative of the position,
     where the two correlate most; None where joints that move do not agree."""
     even = (g.steps < TIMES * g.step)[:_ROWS_OF_LAG]
-    most = min(_LARGEST_LAG, len(even) // 4)
-    tried = np.arange(-most, most + 1)
+    largest_lag = min(_LARGEST_LAG, len(even) // 4)
+    tried = np.arange(-largest_lag, largest_lag + 1)
     lags = []
     for j in np.flatnonzero(g.moving).tolist():
         rate = even * np.diff(g.run.q[: len(even) + 1, j])

@@ -248,7 +248,11 @@ def _ending_politely() -> Iterator[None]:
 
     import signal
 
+    process = os.getpid()
+
     def end(number: int, frame: Any) -> None:
+        if os.getpid() != process:  # a worker that has just begun
+            os._exit(143)
         raise Terminated
 
     # A second Ctrl-C, once all is done, would end in words of the interpreter.

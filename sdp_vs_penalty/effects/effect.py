@@ -58,8 +58,9 @@ class Block:
 
 
 #: Friction, offsets and other parameters that are no link's: |theta| below this, in SI
-#: units.
+#: units, for robots that reach no farther than so much [m].
 PARAMETER_RANGE = 1e4
+_USUAL_REACH = 2.0
 
 
 #: Share of the rows that a standstill reaches from which what holds a joint there
@@ -401,9 +402,16 @@ class Effect(ABC):
                 out.append(
                     build.linear("sign", name, [index], [[1.0]], [-parameter.lower])
                 )
-            both = [self.range, self.range]
+            both = [self.largest_parameter, self.largest_parameter]
             out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
         return out
+
+    @property
+    def largest_parameter(self) -> float:
+        """What a parameter's size stays below: the range, and for robots of many metres
+        more, since a torque goes with the fourth power of the length."""
+        reach = float(np.sum(self.robot.link_reach()))
+        return self.range * max(1.0, reach / _USUAL_REACH) ** 4
 
     @property
     def nominal(self) -> Array:

@@ -21,7 +21,7 @@ from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, given, other_robot
 from sdp_vs_penalty.estimation.certificate import Certificate
-from sdp_vs_penalty.estimation.constants import ROUNDING
+from sdp_vs_penalty.estimation.constants import NORMAL_95, ROUNDING
 from sdp_vs_penalty.estimation.uncertainty import Uncertainty
 from sdp_vs_penalty.estimation.verdict import NoiseFloor, Verdict
 from sdp_vs_penalty.estimators import make_estimator
@@ -339,8 +339,8 @@ class Estimate(Record):
         return self.torque(Motion(times, states[0], states[1], states[2]))
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw link masses and the other effects' parameters, with two standard
-        deviations.
+        """Draw link masses and the other effects' parameters with 95 % intervals; what
+        the prior or the bounds decide is hatched.
 
         axes : one for each effect (default: a new figure); returns them.
         Raises InputError without matplotlib (extra [plot]).
@@ -355,12 +355,15 @@ class Estimate(Record):
             formatting.axes(axes, 1, len(shown), figsize=size, layout="constrained")
         )
         for panel, (effect, parameters) in zip(panels, shown, strict=False):
-            panel.bar(
+            drawn = panel.bar(
                 parameters.index,
                 parameters["value"],
-                yerr=2.0 * parameters["std"].astype(float).fillna(0.0),
+                yerr=NORMAL_95 * parameters["std"].astype(float).fillna(0.0),
                 capsize=2,
             )
+            for bar, source in zip(drawn, parameters["source"], strict=True):
+                if source != "data":  # the prior's or a bound's: not measured
+                    bar.set(hatch="//", alpha=0.5)
             panel.set(title=effect, ylabel=f"[{parameters['unit'].iloc[0]}]")
             panel.tick_params(axis="x", labelrotation=90)
         return panels
@@ -393,12 +396,13 @@ class Estimate(Record):
         for p, value, spread, known, source in zip(
             self.model.parameters, *columns, strict=True
         ):
-            plus = "" if np.isnan(spread) else f" ± {spread:.1g}"
+            half = NORMAL_95 * spread
+            plus = "" if np.isnan(half) else f" ± {half:.2g}"
             before = "" if np.isnan(known) else f"{known:.4g}"
             rows.append(
                 (p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect)
             )
-        heads = ("parameter", "value", "nominal", "from", "unit", "effect")
+        heads = ("parameter", "value ± 95 %", "nominal", "from", "unit", "effect")
         return Table(heads, rows, words=(0, 3, 4, 5))
 
     def to_frame(self) -> pandas.DataFrame:

@@ -178,7 +178,11 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
     )
     return replace(
         estimate,
-        model=replace(model, effects=effects, reference=reference),
+        model=replace(
+            model,
+            effects=effects,
+            reference=reference,
+        ),
         theta=estimate.theta[index],
         uncertainty=known,
         provenance={k: x for k, x in estimate.provenance.items() if k != "verdict"},
@@ -287,7 +291,13 @@ def xml_text(root: Any, declaration: bool = True) -> bytes:
     """The indented document."""
     etree.indent(root)
     return (
-        bytes(etree.tostring(root, xml_declaration=declaration, encoding="utf-8"))
+        bytes(
+            etree.tostring(
+                root,
+                xml_declaration=declaration,
+                encoding="utf-8",
+            )
+        )
         + b"\n"
     )
 
@@ -315,7 +325,14 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
         body = Inertial.of(
             link_of.get(i, np.zeros(10))
         )  # nothing where it is declared massless
-        yield LinkPart(i, joint, f"link{i + 1}", parent, body, places.get(joint.name))
+        yield LinkPart(
+            i,
+            joint,
+            f"link{i + 1}",
+            parent,
+            body,
+            places.get(joint.name),
+        )
 
 
 def payload(estimate: Estimate) -> Inertial:

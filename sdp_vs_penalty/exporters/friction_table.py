@@ -43,7 +43,12 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         )
     lines = ["joint,velocity,torque,std"]
     for c in curves:
-        for row in zip(c.velocity, c.torque, c.std, strict=True):
+        for row in zip(
+            c.velocity,
+            c.torque,
+            c.std,
+            strict=True,
+        ):
             lines.append(f"{c.joint + 1}," + ",".join(f"{x:.9g}" for x in row))
     others = (e for e in estimate.model.effects if e.name != "rigid_body")
     left = tuple(e.text for e in others if not follows_alone(e, "dq"))
@@ -80,5 +85,12 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
             (b.columns @ factor[at] for at, b in curve_rows),
             np.zeros((len(speed), len(factor.T))),
         )
-        curves.append(FrictionCurve(j, speed, torque, np.linalg.norm(spread, axis=1)))
+        curves.append(
+            FrictionCurve(
+                j,
+                speed,
+                torque,
+                np.linalg.norm(spread, axis=1),
+            )
+        )
     return curves

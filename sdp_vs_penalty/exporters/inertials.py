@@ -86,7 +86,16 @@ class LinkCheck:
             )
         gyration = float(inertia.gyration(theta)) if verdict == "consistent" else 0.0
         margin = float(inertia.consistency_margin(theta))
-        return cls(link, inertial, triangle, margin, verdict, reach, gyration, nearest)
+        return cls(
+            link,
+            inertial,
+            triangle,
+            margin,
+            verdict,
+            reach,
+            gyration,
+            nearest,
+        )
 
     @property
     def distance(self) -> float:
@@ -140,7 +149,12 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
         path
     )  # says in a sentence whatever else is wrong with the file
     open_box = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
-    bodies = link_bodies(robot, open_box, np.zeros_like(nominal), link_geometry(path))
+    bodies = link_bodies(
+        robot,
+        open_box,
+        np.zeros_like(nominal),
+        link_geometry(path),
+    )
     moving = zip(placed_links(path), bodies, strict=True)
     reach = {
         link.get("name"): body.reach for parts, body in moving for link, _ in parts

@@ -44,7 +44,13 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     root = etree.Element("mujoco", model=xml_name(robot.name))
     # Nothing is to be guessed or mended: the numbers are those that were identified.
     no = dict.fromkeys(("inertiafromgeom", "balanceinertia"), "false")
-    element(root, "compiler", angle="radian", autolimits="true", **no)
+    element(
+        root,
+        "compiler",
+        angle="radian",
+        autolimits="true",
+        **no,
+    )
     element(root, "option", gravity=robot.gravity)
     bodies: list[Any] = [element(root, "worldbody")]
     actuators = etree.Element("actuator")
@@ -75,7 +81,13 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
                 " thickness, or write .json where a link is declared massless",
             )
         full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        element(body, "inertial", pos=solid.com, mass=solid.mass, fullinertia=full)
+        element(
+            body,
+            "inertial",
+            pos=solid.com,
+            mass=solid.mass,
+            fullinertia=full,
+        )
         kind = "hinge" if joint.kind == "revolute" else "slide"
         attributes: dict[str, Any] = {
             "name": joint.name,
@@ -90,7 +102,12 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
                 "frictionloss": content.friction[k],
             }
             attributes |= _spring(content.stiffness[k], content.offset[k])
-            element(body, "joint", **attributes, armature=content.armature[k])
+            element(
+                body,
+                "joint",
+                **attributes,
+                armature=content.armature[k],
+            )
             _actuator(actuators, joint, content, k)
         else:
             leader, multiplier, offset = robot.leader(i)
@@ -136,17 +153,33 @@ def _spring(stiffness: float, offset: float) -> dict[str, float]:
     An offset without a spring is one so soft and so far away that its torque stays.
     """
     if not offset:
-        return {"stiffness": stiffness, "springref": 0.0} if stiffness else {}
+        return (
+            {
+                "stiffness": stiffness,
+                "springref": 0.0,
+            }
+            if stiffness
+            else {}
+        )
     stiffness = stiffness or _SOFT * abs(offset)
     return {"stiffness": stiffness, "springref": -offset / stiffness}
 
 
 def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:
     """A position servo where its gains were identified, else a motor."""
-    names: dict[str, Any] = {"name": joint.name, "joint": joint.name}
+    names: dict[str, Any] = {
+        "name": joint.name,
+        "joint": joint.name,
+    }
     if content.servo is not None:
         kp, kd = content.servo[:, k]
-        element(actuators, "position", kp=kp, kv=kd, **names)
+        element(
+            actuators,
+            "position",
+            kp=kp,
+            kv=kd,
+            **names,
+        )
         return
     if content.gains:  # a command is in the units that the channel measures
         names["gear"] = 1.0 / content.gains[k]

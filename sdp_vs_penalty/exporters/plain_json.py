@@ -37,10 +37,20 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
             for name in ("equation", "explanation", "reference")
         }
         about["parameters"] = [
-            {"name": p.name, "joint": p.joint, "value": float(value), "unit": p.unit}
+            {
+                "name": p.name,
+                "joint": p.joint,
+                "value": float(value),
+                "unit": p.unit,
+            }
             for p, value in zip(effect.parameters, estimate.theta[indices], strict=True)
         ]
-        effects.append({**effect.to_dict(), **about})
+        effects.append(
+            {
+                **effect.to_dict(),
+                **about,
+            }
+        )
     content = {
         "robot": robot.to_dict(),
         "links": links,
@@ -49,4 +59,11 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         "verdict": verdict_line(estimate),
         "provenance": estimate.provenance,
     }
-    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode(), ()
+    return (
+        json.dumps(
+            content,
+            indent=1,
+            allow_nan=False,
+        )
+        + "\n"
+    ).encode(), ()

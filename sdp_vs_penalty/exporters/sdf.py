@@ -32,7 +32,12 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     model = element(root, "model", name=estimate.robot.name)
     element(model, "link", name="base_link")
     _texts(
-        element(model, "joint", name="base", type="fixed"),
+        element(
+            model,
+            "joint",
+            name="base",
+            type="fixed",
+        ),
         parent="world",
         child="base_link",
     )
@@ -47,15 +52,31 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
             inertial, pose=f"{' '.join(map(number, body.com))} 0 0 0", mass=body.mass
         )
         _texts(element(inertial, "inertia"), **body.urdf_attributes)
-        joint_element = element(model, "joint", name=joint.name, type=joint.kind)
-        _texts(joint_element, parent=part.parent, child=part.name)
+        joint_element = element(
+            model,
+            "joint",
+            name=joint.name,
+            type=joint.kind,
+        )
+        _texts(
+            joint_element,
+            parent=part.parent,
+            child=part.name,
+        )
         axis = element(joint_element, "axis")
         _texts(axis, xyz=joint.axis)
-        ends = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort}
+        ends = {
+            "lower": joint.lower,
+            "upper": joint.upper,
+            "effort": joint.effort,
+        }
         if limits := {k: x for k, x in ends.items() if np.isfinite(x)}:
             _texts(element(axis, "limit"), **limits)
         if (k := part.place) is not None:
-            friction = {"damping": content.damping[k], "friction": content.friction[k]}
+            friction = {
+                "damping": content.damping[k],
+                "friction": content.friction[k],
+            }
             _texts(element(axis, "dynamics"), **friction)
     return xml_text(root), content.left_out(armature=False)
 

@@ -104,7 +104,15 @@ def export_sdp(
         "nonzeros": int(files_written.problem.A.nnz),
         **more,
     }
-    write_text(f"{path}.json", json.dumps(about, indent=1, allow_nan=False) + "\n")
+    write_text(
+        f"{path}.json",
+        json.dumps(
+            about,
+            indent=1,
+            allow_nan=False,
+        )
+        + "\n",
+    )
     return about
 
 
@@ -140,7 +148,12 @@ def write_posed(
     objective, constraints = estimator.posed(task)
     progress("proving the optimum")
     fit = estimator.fit(task)
-    proof = proved(task, fit, certify(task, fit)[0], method)
+    proof = proved(
+        task,
+        fit,
+        certify(task, fit)[0],
+        method,
+    )
     centre = fit.theta
     # Cones scaled as where our loop goes on from an answer: seen from the interior
     # point csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on

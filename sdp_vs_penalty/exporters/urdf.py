@@ -206,7 +206,10 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
 def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
     """What stands in an inertial: the tags and their attributes."""
     return {
-        "origin": {"xyz": " ".join(map(number, body.com)), "rpy": "0 0 0"},
+        "origin": {
+            "xyz": " ".join(map(number, body.com)),
+            "rpy": "0 0 0",
+        },
         "mass": {"value": number(body.mass)},
         "inertia": body.urdf_attributes,
     }
@@ -216,7 +219,12 @@ def _joint(root: Any, robot: Robot, part: LinkPart, content: Content) -> None:
     joint = part.joint
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
-    joint_element = element(root, "joint", name=joint.name, type=kind)
+    joint_element = element(
+        root,
+        "joint",
+        name=joint.name,
+        type=kind,
+    )
     element(
         joint_element,
         "origin",
@@ -226,9 +234,16 @@ def _joint(root: Any, robot: Robot, part: LinkPart, content: Content) -> None:
     element(joint_element, "parent", link=part.parent)
     element(joint_element, "child", link=part.name)
     element(joint_element, "axis", xyz=joint.axis)
-    limits = {"effort": joint.effort, "velocity": joint.velocity}
+    limits = {
+        "effort": joint.effort,
+        "velocity": joint.velocity,
+    }
     if kind != "continuous":
-        limits = {"lower": joint.lower, "upper": joint.upper, **limits}
+        limits = {
+            "lower": joint.lower,
+            "upper": joint.upper,
+            **limits,
+        }
     # URDF demands a number where a limit is unknown; these do not limit.
     element(
         joint_element,
@@ -272,7 +287,13 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     """
     urdf_robot, _ = load_urdf(path)
     order = _order(path, urdf_robot, robot)
-    links = _in_frames_of(path, urdf_robot, robot, content.links, order)
+    links = _in_frames_of(
+        path,
+        urdf_robot,
+        robot,
+        content.links,
+        order,
+    )
     document = Document.read(path)
     there = {link.get("name"): link for link in document.root.findall("link")}
     zero = {
@@ -283,7 +304,12 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
         require_consistent(
             theta, f"{path}: link {(name := first_link[0].get('name'))!r}"
         )
-        document.put(there[name], "inertial", {}, inertial_tags(Inertial.of(theta)))
+        document.put(
+            there[name],
+            "inertial",
+            {},
+            inertial_tags(Inertial.of(theta)),
+        )
         for link in (there[e.get("name")] for e, _ in fixed):
             if link.find("inertial") is not None:
                 document.put(link, "inertial", {}, zero)
@@ -291,7 +317,10 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     names = [joint.name for joint in urdf_robot.tree]
     for joint in urdf_robot.joints:
         mine = robot.joint_names.index(robot.tree[order[names.index(joint.name)]].name)
-        values = {"damping": content.damping[mine], "friction": content.friction[mine]}
+        values = {
+            "damping": content.damping[mine],
+            "friction": content.friction[mine],
+        }
         if joints[joint.name].find("dynamics") is not None or any(values.values()):
             written = {key: number(value) for key, value in values.items()}
             document.put(joints[joint.name], "dynamics", written)

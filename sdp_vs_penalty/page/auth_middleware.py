@@ -70,28 +70,9 @@ class AuthMiddleware:
             await self.app(scope, receive, send)
             return
         connection = HTTPConnection(scope)
-        socket = scope["type"] == "websocket"
-        known = self._same(connection.cookies.get(self.cookie, ""))
-        arrives = not socket and scope["method"] == "GET"
-        arrives = arrives and self._same(connection.query_params.get(KEY, ""))
-        origin = connection.headers.get("origin")
-        mode = connection.headers.get("sec-fetch-mode")
-        # Not every request of another site names its origin; browsers say where it
-        # comes from.
-        elsewhere = connection.headers.get("sec-fetch-site") in (
-            "cross-site",
-            "same-site",
-        )
-        # A link from there opens nothing, unless it is the printed address itself.
-        elsewhere = elsewhere and not (mode == "navigate" and arrives)
-        foreign = origin not in self.origins if origin else socket
-        if foreign or elsewhere or not (known or arrives):
-            text_shown = (
-                "Only the page itself may ask: open the address that was printed, key"
-                " included.\n"
-            )
-            refusal = PlainTextResponse(text_shown, 403, {"connection": "close"})
-            await (WebSocketClose(1008) if socket else refusal)(scope, receive, send)
+        has_cookie = self._same(connection.cookies.get(self.cookie, ""))
+        if self._is_refused(connection, has_cookie):
+            await _refusal(scope["type"])(scope, receive, send)
             return
 
         async def with_headers(message: MutableMapping[str, Any]) -> None:
@@ -99,19 +80,36 @@ class AuthMiddleware:
                 MutableHeaders(scope=message).update(self.headers)
             await send(message)
 
+        app = self.app if has_cookie else self._welcome(connection)
         try:
-            await (self.app if known else self._welcome(connection))(
-                scope, receive, with_headers
-            )
-        except (
-            Exception
-        ) as error:  # a tab that asks for what has ended, too; 500 is answered already
-            what = (str(error).splitlines() or [""])[0][:200]
-            if what != "No response returned.":  # the tab has gone
-                kind = type(error).__name__
-                print(
-                    f"sdp-vs-penalty: page: {kind}: {printable(what)}", file=sys.stderr
-                )
+            await app(scope, receive, with_headers)
+        except Exception as error:
+            # A tab that asks for what has ended, too; 500 is answered already.
+            _report(error)
+
+    def _is_refused(self, connection: HTTPConnection, has_cookie: bool) -> bool:
+        """Whether somebody else asks: without the key, or from another site."""
+        is_socket = connection.scope["type"] == "websocket"
+        has_key = self._brings_the_key(connection)
+        if not has_cookie and not has_key:
+            return True
+        origin = connection.headers.get("origin")
+        is_foreign = origin not in self.origins if origin else is_socket
+        return is_foreign or self._comes_from_another_site(connection, has_key)
+
+    def _brings_the_key(self, connection: HTTPConnection) -> bool:
+        """Whether this is the address that was printed."""
+        scope = connection.scope
+        is_get = scope["type"] == "http" and scope["method"] == "GET"
+        return is_get and self._same(connection.query_params.get(KEY, ""))
+
+    def _comes_from_another_site(self, connection: HTTPConnection, key: bool) -> bool:
+        """Not every request of another site names its origin; browsers say where it
+        comes from. A link from there opens nothing, unless it is the printed address
+        itself (``key``)."""
+        site = connection.headers.get("sec-fetch-site")
+        is_navigation = connection.headers.get("sec-fetch-mode") == "navigate"
+        return site in ("cross-site", "same-site") and not (is_navigation and key)
 
     def _same(self, token: str) -> bool:
         return hmac.compare_digest(token.encode(), self.key.encode())
@@ -132,3 +130,22 @@ class AuthMiddleware:
         return RedirectResponse(
             path, 303, {"set-cookie": cookie, "cache-control": "no-store"}
         )
+
+
+def _refusal(kind: str) -> Any:
+    """The answer to somebody else, who asks for a page or a socket."""
+    if kind == "websocket":
+        return WebSocketClose(1008)
+    text = (
+        "Only the page itself may ask: open the address that was printed, key"
+        " included.\n"
+    )
+    return PlainTextResponse(text, 403, {"connection": "close"})
+
+
+def _report(error: Exception) -> None:
+    """A line on stderr, unless a tab has gone."""
+    what = (str(error).splitlines() or [""])[0][:200]
+    if what != "No response returned.":
+        kind = type(error).__name__
+        print(f"sdp-vs-penalty: page: {kind}: {printable(what)}", file=sys.stderr)

@@ -8,7 +8,7 @@ models there, so that a job that is killed has changed nothing.
 import json
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -128,18 +128,14 @@ class JobRequest(dict[str, Any]):
         A run of use "split" gives part of its motion to the first, the rest to the
         others.
         """
+        files = [self.folder / run["file"] for run in self["runs"]]
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
-        loaded = load_measurements(*(self.folder / run["file"] for run in self["runs"]))
+        loaded = load_measurements(*files)
         sides: dict[str, list[Measurements]] = {"train": [], "test": []}
         for run, part in zip(self["runs"], loaded.runs(), strict=True):
-            named = replace(part, names=(run["name"],))
-            if run["use"] != "split":
-                sides[run["use"]].append(named)
-                continue
-            for side, of_side in sides.items():
-                windows = [(a, b) for a, b in run["split"][side]]
-                of_side.append(windowed(named, windows))
+            for side, stretch in _by_use(run, part):
+                sides[side].append(stretch)
         test = concatenate(sides["test"]) if sides["test"] else None
         judged = self._recordings("train" if test is None else "test")
         return Runs(concatenate(sides["train"]), test, loaded, judged)
@@ -158,6 +154,20 @@ class JobRequest(dict[str, Any]):
     def training_recordings(self) -> Measurements:
         """The runs that are identified from, without windows."""
         return self._recordings("train")
+
+
+def _by_use(
+    run: Mapping[str, Any], part: Measurements
+) -> Iterator[tuple[str, Measurements]]:
+    """What a run is used for, "train" or "test", with what of it is; of a split run
+    both."""
+    named = replace(part, names=(run["name"],))
+    if run["use"] != "split":
+        yield run["use"], named
+        return
+    for side in ("train", "test"):
+        windows = [(a, b) for a, b in run["split"][side]]
+        yield side, windowed(named, windows)
 
 
 def read(job: JobRequest) -> Answer:
@@ -361,26 +371,44 @@ def _preview(
     positions and torques that the check would put there (NaN where it changes nothing),
     and the arm's poses."""
     raw = np.hstack([part.q, part.tau])
-    there = np.hstack([mended.q, mended.tau])
-    if len(there) != len(raw):  # rows that were left out come between their neighbours
-        ordered = np.all(np.diff(mended.t) > 0.0)
-        there = (
-            np.column_stack([np.interp(part.t, mended.t, x) for x in there.T])
-            if ordered
-            else raw
-        )
-    # What a picture shows of it.
-    changed = np.abs(there - raw) > 1e-3 * np.nanmax(np.abs(there), axis=0)
-    repaired = np.where(changed, there, np.nan)
-    shown_rows = np.linspace(0, len(part.t) - 1, POINTS).astype(int)
-    rare = np.flatnonzero(np.isfinite(repaired).any(axis=1))
-    k = np.unique(np.concatenate([shown_rows, rare[:: 1 + len(rare) // POINTS]]))
-    n = part.n
-    dq = np.gradient(part.q, part.t, axis=0) if part.dq is None else part.dq
-    arrays = {"t": part.t[k], "q": part.q[k], "dq": dq[k], "torque": part.tau[k]}
-    arrays |= {"repaired_q": repaired[k, :n], "repaired_torque": repaired[k, n:]}
-    arrays["tf"], arrays["poses"] = placed(problem.robot, part.t, part.q)
-    return arrays
+    repaired = _where_changed(raw, _repaired_rows(part, mended))
+    shown = spread_rows(len(part.t))
+    changed = np.flatnonzero(np.isfinite(repaired).any(axis=1))
+    thinned = changed[:: 1 + len(changed) // POINTS]
+    k = np.unique(np.concatenate([shown, thinned]))
+    velocity = part.dq
+    if velocity is None:
+        velocity = np.gradient(part.q, part.t, axis=0)
+    tf, poses = placed(problem.robot, part.t, part.q)
+    return {
+        "t": part.t[k],
+        "q": part.q[k],
+        "dq": velocity[k],
+        "torque": part.tau[k],
+        "repaired_q": repaired[k, : part.n],
+        "repaired_torque": repaired[k, part.n :],
+        "tf": tf,
+        "poses": poses,
+    }
+
+
+def _repaired_rows(part: Measurements, mended: Measurements) -> Array:
+    """(N, 2 n) positions and torques of the repaired run at the run's instants; rows
+    that were left out come between their neighbours."""
+    rows = np.hstack([mended.q, mended.tau])
+    if len(rows) == len(part.t):
+        return rows
+    if not np.all(np.diff(mended.t) > 0.0):
+        return np.hstack([part.q, part.tau])
+    columns = [np.interp(part.t, mended.t, column) for column in rows.T]
+    return np.column_stack(columns)
+
+
+def _where_changed(raw: Array, repaired: Array) -> Array:
+    """The repaired values (N, k) where a picture shows the difference, else NaN."""
+    size = np.nanmax(np.abs(repaired), axis=0)
+    is_changed = np.abs(repaired - raw) > 1e-3 * size
+    return np.where(is_changed, repaired, np.nan)
 
 
 def resplit(job: JobRequest) -> Answer:
@@ -439,14 +467,9 @@ def robot(job: JobRequest) -> Answer:
     """What the page shows of the robot: a built-in name or a URDF file."""
     problem = job.problem
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
-    bounds = np.isfinite(problem.box).any(axis=2)
-    settings = problem.preprocessing
-    both = settings.state_cutoff, settings.torque_cutoff
-    cutoffs = ("chosen from the data" if f is None else f"{f:g} Hz" for f in both)
     known = (
-        f"Bounds on {bounds.sum()} of {bounds.size} link parameters; filters of states"
-        f" and torque: {', '.join(cutoffs)}. The stage Identify, or a folder with a"
-        " problem.toml, sets others."
+        f"{_limits_in_words(problem)}; {_filters_in_words(problem)}. The stage Identify,"
+        " or a folder with a problem.toml, sets others."
     )
     return {
         "title": summary_words if problem.folder is None else problem.title,
@@ -459,6 +482,28 @@ def robot(job: JobRequest) -> Answer:
         "own_gravity": problem.robot.gravity,
         "known": known,
     }
+
+
+def _limits_in_words(problem: Problem) -> str:
+    """For how many of the links' parameters a limit is set."""
+    has_limit = np.isfinite(problem.box).any(axis=2)
+    if has_limit.all():
+        return "Limits are set for all links"
+    if not has_limit.any():
+        return "No limits are set for links"
+    return (
+        f"Limits are set for {has_limit.sum()} of {has_limit.size} parameters of links"
+    )
+
+
+def _filters_in_words(problem: Problem) -> str:
+    """The cut-offs of the filters."""
+    settings = problem.preprocessing
+    cutoffs = [settings.state_cutoff, settings.torque_cutoff]
+    if cutoffs == [None, None]:
+        return "filters are chosen from the data"
+    words = ["chosen from the data" if f is None else f"{f:g} Hz" for f in cutoffs]
+    return f"filters of states and torque: {', '.join(words)}"
 
 
 def fit(job: JobRequest) -> Answer:
@@ -579,54 +624,62 @@ def take(job: JobRequest) -> Answer:
     """A file to take away: a run as it was used, the diagnosis, the report, or the
     model in the format of the name's suffix; says which effects have no place in it."""
     name = job["name"]
-    findings_given = job.get("findings")
     out = job.folder / name
-    lost = tuple[str, ...]()
-    judged: tuple[Verdict, str] | None = None
     job.progress(f"writing {name}")
     if name.startswith("run-"):
-        save(
-            load_measurements(job.folder / job["runs"][int(name[4:-4]) - 1]["file"]),
-            out,
-        )
+        _write_run(job, out, number=int(name[4:-4]))
     elif name == "findings.json":
-        write_text(out, json.dumps(findings_given, indent=1, allow_nan=False) + "\n")
+        write_text(out, json.dumps(job["findings"], indent=1, allow_nan=False) + "\n")
     elif name == "model.json":
         write_bytes(out, Path(job["model"]).read_bytes())
     elif name == "report.html":
-        models = {m["label"]: load_estimate(m["file"]) for m in job["models"]}
-        runs = job.runs
-        how: dict[str, Any] = {
-            "commands": job["commands"],
-            "forward": job["forward"],
-            "progress": job.progress,
-        }
-        diagnosis = findings_given and Diagnosis.from_dict(findings_given)
-        write_report(
-            models,
-            runs.judge,
-            out,
-            noise_from=runs.judged_recordings,
-            findings=diagnosis,
-            **how,
-        )
+        _write_report(job, out)
     else:
-        urdf_given = job.get("urdf") if name == "robot.urdf" else None
-        x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
-        model = job.model
-        if job.get("runs"):
-            there = job.runs
-            judged = judge_as_exported(model, out, there.judge, there.judged_recordings)
-        verdict = None if judged is None else judged[0]
-        lost = write_model(model, out, urdf_given, flange=(x, y, z), judged=verdict)
-    diagnosis = []
-    if lost:
-        diagnosis = [
-            f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."
-        ]
-        if judged is not None:
-            diagnosis += [f"As exported: {judged[0].headline}", judged[1]]
-    return {"notice": [text for text in diagnosis if text]}
+        return {"notice": _write_export(job, out)}
+    return {"notice": []}
+
+
+def _write_run(job: JobRequest, out: Path, number: int) -> None:
+    """A run by its number on the page."""
+    run = job["runs"][number - 1]
+    save(load_measurements(job.folder / run["file"]), out)
+
+
+def _write_report(job: JobRequest, out: Path) -> None:
+    """The report on all models of the history."""
+    models = {m["label"]: load_estimate(m["file"]) for m in job["models"]}
+    findings = job.get("findings")
+    runs = job.runs
+    write_report(
+        models,
+        runs.judge,
+        out,
+        noise_from=runs.judged_recordings,
+        findings=None if findings is None else Diagnosis.from_dict(findings),
+        commands=job["commands"],
+        forward=job["forward"],
+        progress=job.progress,
+    )
+
+
+def _write_export(job: JobRequest, out: Path) -> list[str]:
+    """The model in the format of the suffix; what the file cannot hold, and what that
+    does to the error, a sentence each."""
+    urdf = job.get("urdf") if out.name == "robot.urdf" else None
+    x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
+    model = job.model
+    judged: tuple[Verdict, str] | None = None
+    if job.get("runs"):
+        runs = job.runs
+        judged = judge_as_exported(model, out, runs.judge, runs.judged_recordings)
+    verdict = None if judged is None else judged[0]
+    lost = write_model(model, out, urdf, flange=(x, y, z), judged=verdict)
+    if not lost:
+        return []
+    sentences = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
+    if judged is not None:
+        sentences += [f"As exported: {judged[0].headline}", judged[1]]
+    return [text for text in sentences if text]
 
 
 def forward(job: JobRequest) -> Answer:

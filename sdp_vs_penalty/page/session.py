@@ -14,9 +14,10 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.errors import InputError, command_line
+from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.page.commands import commands_of
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
@@ -182,6 +183,17 @@ class Session:
         )
 
     @property
+    def first_and_current(self) -> list[ModelStep]:
+        """The first model and the current one; one where they are the same."""
+        first, current = self.history[0], self.current
+        return [current] if current is first else [first, current]
+
+    @property
+    def findings_of_current(self) -> Diagnosis | None:
+        """The last diagnosis, where it is of the current model."""
+        return self.findings if self.found_for == len(self.history) else None
+
+    @property
     def diagnosed(self) -> ModelStep:
         """The model that the last diagnosis is of."""
         return self.history[self.found_for - 1]
@@ -228,47 +240,15 @@ class Session:
     def commands(self) -> list[str]:
         """The same on the command line, in the folder where the files of the shown
         names are."""
-        if not self.history:
-            return []
-        robot = self.robot["file"] or self.robot["source"]
-        first = self.history[0]
-        data = [
-            "--data",
-            *(r["name"] for r in self.runs if r["use"] in ("train", "split")),
-        ]
-        if len(self.runs) == 1 and self.runs[0]["use"] == "split":
-            windows = self.runs[0]["split"]["train"]
-            data += ["--window", ",".join(f"{a!r}:{b!r}" for a, b in windows)]
-        seed = ["--seed", str(self.seed)]
-        out = [["simulate", robot, *self.made_by]] if self.made_by else []
-        name = first.opened or "model1.json"
-        if not first.opened:
-            how = [
-                "--method",
-                first.method,
-                "--effects",
-                ",".join(first.effects),
-                *seed,
-            ]
-            how += ["--no-check"] if self.meaningless else []
-            if gravity := self.robot["gravity"]:
-                how += ["--gravity", ",".join(f"{g:g}" for g in gravity)]
-            how += [
-                w
-                for k, v in self.options.items()
-                for w in (f"--{k.replace('_', '-')}", v)
-            ]
-            out.append(["identify", robot, *data, *how, "--out", name])
-        for k, model in enumerate(self.history[1:], start=2):
-            what = [
-                name,
-                ",".join(model.added),
-                *data,
-                *seed,
-                *["--frozen"] * model.frozen,
-            ]
-            out.append(["add", *what, "--out", name := f"model{k}.json"])
-        return [command_line(["sdp-vs-penalty", *words]) for words in out]
+        return commands_of(
+            robot=self.robot,
+            runs=self.runs,
+            history=self.history,
+            made_by=self.made_by,
+            seed=self.seed,
+            options=self.options,
+            has_check=not self.meaningless,
+        )
 
     def left(self, watcher: Any) -> None:
         """A tab was closed: what it was doing ends with the last one that shows it."""
@@ -442,23 +422,26 @@ class Session:
         answer = await self._job(title, job, runs=before, **details)
         new = answer["runs"]
         for run in new:
-            run["use"] = "test" if for_testing(run["name"]) else run["use"]
-        self.runs = [*before, *new]
-        self.made_by = None
-        if len(self.runs) == 1:  # one run alone is tested on its own end
-            self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
-        elif (
-            new
-            and len(new) == len(self.runs)
-            and all(run["use"] == "test" for run in new)
-        ):
-            new[0]["use"] = "train"
+            if for_testing(run["name"]):
+                run["use"] = "test"
+        self.runs, self.made_by = [*before, *new], None
+        self._choose_uses(new)
         self.effects = list(answer.get("effects", self.effects))
         self.mappings = [*self.mappings, *answer.get("mappings", ())]
         refused = answer.get("refused", ())
         remarks = [*answer.get("remarks", ())]
-        remarks += self._forget_models("The runs have changed") if new else []
+        if new:
+            remarks += self._forget_models("The runs have changed")
         self.say(*(refused or remarks), error=bool(refused))
+
+    def _choose_uses(self, new: Sequence[dict[str, Any]]) -> None:
+        """A run alone is split; where all runs are for testing, the first is not."""
+        if len(self.runs) == 1:
+            self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
+            return
+        is_all = bool(new) and len(new) == len(self.runs)
+        if is_all and all(run["use"] == "test" for run in new):
+            new[0]["use"] = "train"
 
     def use(self, file: str, use: str) -> None:
         """Use a run for training, for testing, or not at all ("")."""

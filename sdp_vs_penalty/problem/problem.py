@@ -302,7 +302,7 @@ class Problem(Shown):
         directions that the data do not determine.
         """
         bound = np.concatenate(
-            [np.full(len(e.parameters), e.range) for e in model.effects]
+            [np.full(len(e.parameters), e.largest_parameter) for e in model.effects]
         )
         if len(links := model.rigid_indices.reshape(-1, 10)):
             mass, com, moment = self.link_sizes

@@ -202,7 +202,7 @@ def torque_figure(
     return plot.update_axes("y", 1, title=f"error [{plain_unit(unit)}]")
 
 
-def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Any:
+def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Figure:
     """A curve (k,) with a band from low to high (k,)."""
     line = {"color": COLOURS[0]}
     return (
@@ -214,50 +214,69 @@ def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> 
 
 def missing_figure(
     curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
-) -> Any:
+) -> Figure:
     """A measured curve with its band, over two variables by colour, and where
     measurements lie; units : of the joints' torques; motions : these measurements, with
     the modelled torque."""
-    over = [Variable.parse(v) for v in curve.of]
+    over = [Variable.parse(text) for text in curve.of]
     names = [f"{v} [{plain_unit(v.unit(units))}]" for v in over]
     unit = plain_unit(units[curve.joint - 1])
-    along = [
-        np.concatenate([v.along(motion) for motion in motions]) for v in over if motions
-    ]
-    rows = [x[np.unique(np.linspace(0, len(x) - 1, POINTS).astype(int))] for x in along]
+    rows: list[Array] = []
+    for variable in over if motions else ():
+        along = np.concatenate([variable.along(motion) for motion in motions])
+        rows.append(along[spread_rows(len(along))])
     if len(names) == 1:
-        plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
-        shade: dict[str, Any] = {
-            "marker": {"color": MEASURED},
-            "opacity": 0.3,
-            "nbinsx": 60,
-        }
-        for x in rows:
-            plot.add("histogram", x=x, yaxis="y2", name="rows", **shade)
-        plot.update_layout(yaxis2={"overlaying": "y", "side": "right", "title": "rows"})
-        plot.update_axes("x", title=names[0])
-        return plot.update_axes("y", 0, title=f"joint {curve.joint} [{unit}]")
+        plot = _curve_over_one(curve, rows)
+        return plot.update_axes("x", title=names[0]).update_axes(
+            "y", title=f"joint {curve.joint} [{unit}]"
+        )
+    plot = _curve_over_two(curve, rows, unit)
+    return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
+
+
+def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
+    """With its band, and a histogram of the rows."""
+    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
+    for x in rows:
+        plot.add(
+            "histogram",
+            x=x,
+            yaxis="y2",
+            name="rows",
+            marker={"color": MEASURED},
+            opacity=0.3,
+            nbinsx=60,
+        )
+    axis = {"overlaying": "y", "side": "right", "title": "rows"}
+    return plot.update_layout(yaxis2=axis)
+
+
+def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
+    """Its size by colour, the band as one points at it, and the rows as dots."""
     half = 0.5 * (curve.upper - curve.lower)
-    hover_texts = [
-        f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)
-    ]
+    texts = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
     marker = {
         "color": curve.torque,
         "colorscale": "RdBu",
         "symbol": "square",
         "size": 11,
+        "colorbar": {"title": {"text": unit}},
     }
-    marker["colorbar"] = {"title": {"text": unit}}
-    plot, (x, y) = Figure(), curve.points.T
-    known: dict[str, Any] = {"mode": "markers", "name": "missing torque and its band"}
-    plot.add("scatter", x=x, y=y, marker=marker, text=hover_texts, **known)
+    plot = Figure().add(
+        "scatter",
+        x=curve.points[:, 0],
+        y=curve.points[:, 1],
+        mode="markers",
+        name="missing torque and its band",
+        marker=marker,
+        text=texts,
+    )
     if rows:
-        look: dict[str, Any] = {
-            "mode": "markers",
-            "marker": {"size": 2, "color": MEASURED},
-        }
-        plot.add("scatter", x=rows[0], y=rows[1], name="rows", **look)
-    return plot.update_axes("x", title=names[0]).update_axes("y", title=names[1])
+        dots = {"size": 2, "color": MEASURED}
+        plot.add(
+            "scatter", x=rows[0], y=rows[1], mode="markers", marker=dots, name="rows"
+        )
+    return plot
 
 
 def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
@@ -314,15 +333,16 @@ def cause_axis(
 def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
     """(M,) seconds from the nearest change of the velocity's sign, below zero before it,
     and the direction after it; far away and zero where there is none."""
-    turns = np.flatnonzero(np.sign(velocity[1:]) != np.sign(velocity[:-1]))
+    direction = np.sign(velocity)
+    turns = np.flatnonzero(direction[1:] != direction[:-1])
     if not len(turns):
         return np.full(len(t), np.inf), np.zeros(len(t))
     instants = 0.5 * (t[turns] + t[turns + 1])
-    after = np.searchsorted(instants, t).clip(1, max(len(instants) - 1, 1))
-    candidates = np.stack([after - 1, after.clip(0, len(instants) - 1)])
-    nearest = np.argmin(np.abs(t - instants[candidates]), axis=0)
-    chosen = candidates[nearest, np.arange(len(t))]
-    return t - instants[chosen], np.sign(velocity[turns[chosen] + 1])
+    after = np.searchsorted(instants, t).clip(0, len(instants) - 1)
+    before = (after - 1).clip(0)
+    is_nearer = np.abs(t - instants[before]) < np.abs(t - instants[after])
+    nearest = np.where(is_nearer, before, after)
+    return t - instants[nearest], direction[turns[nearest] + 1]
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:

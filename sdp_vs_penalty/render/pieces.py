@@ -99,39 +99,51 @@ def bars(
     old_errors = np.array(before, float) / noise
     new_errors = np.array(before if after is None else after, float) / noise
     scale = _Scale.of(np.concatenate([old_errors, new_errors]), is_known)
+    numbers = joints or range(1, len(old_errors) + 1)
     rows = []
-    for j, (old, new) in enumerate(zip(old_errors, new_errors, strict=True)):
-        unit = "" if is_known else f" {plain_unit(units[j])}"
-        sizes = {"alone": new} if after is None else {"before": old, "after": new}
-        if is_known:
-            sizes["noise"] = 1.0
-        row = {
-            "name": f"joint {joints[j] if joints else j + 1}",
-            "number": j + 1,
-            "is_chosen": j == chosen,
-            "shapes": {kind: scale.place(size) for kind, size in sizes.items()},
-            "value": f"{number(new)}{unit}",
-            "change": "",
-        }
-        if after is not None:
-            row["value"] = f"{number(old)} → {number(new)}{unit}"
-            row["change"] = change_of(old, new)
-            row["kind"] = _kind_of_change(old, new)
+    for j, number_of_joint in enumerate(numbers):
+        row = _bar(old_errors[j], new_errors[j], scale, after is not None, is_known)
+        row |= {"name": f"joint {number_of_joint}", "number": j + 1}
+        row |= {"is_chosen": j == chosen}
+        if not is_known:
+            row["value"] += f" {plain_unit(units[j])}"
         rows.append(row)
+    return piece(
+        "bars.html",
+        caption=_caption_of_bars(what, scale, is_known, after is not None),
+        rows=rows,
+        has_buttons=chosen is not None,
+        has_change=after is not None,
+    )
+
+
+def _bar(
+    old: float, new: float, scale: _Scale, has_change: bool, is_known: bool
+) -> dict[str, Any]:
+    """The shapes of one joint's bar and the numbers beside it."""
+    sizes = {"before": old, "after": new} if has_change else {"alone": new}
+    if is_known:
+        sizes["noise"] = 1.0
+    shapes = {kind: scale.place(size) for kind, size in sizes.items()}
+    if not has_change:
+        return {"shapes": shapes, "value": number(new), "change": "", "kind": ""}
+    return {
+        "shapes": shapes,
+        "value": f"{number(old)} → {number(new)}",
+        "change": change_of(old, new),
+        "kind": _kind_of_change(old, new),
+    }
+
+
+def _caption_of_bars(what: str, scale: _Scale, is_known: bool, has_change: bool) -> str:
     caption = f"{what} of each joint, RMS; noise floor unknown"
     if is_known:
         caption = f"{what} of each joint, in multiples of its noise (grey band)"
     if scale.is_logarithmic:
         caption += "; logarithmic scale"
-    if after is not None:
+    if has_change:
         caption += "; before (grey), after (blue)"
-    return piece(
-        "bars.html",
-        caption=caption,
-        rows=rows,
-        has_buttons=chosen is not None,
-        has_change=after is not None,
-    )
+    return caption
 
 
 def _kind_of_change(before: float, after: float) -> str:

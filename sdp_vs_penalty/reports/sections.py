@@ -148,28 +148,35 @@ def verdict(data: ReportData) -> Context:
 
 def torques(data: ReportData) -> Context:
     """Measured and modelled torque of each joint, and the error."""
-    first = data.judged[data.comparisons[0].name]
-    moved = charts.shifts([rows.motion.t for rows, _ in first])
-    runs = []
-    for k, ((rows, _), shift) in enumerate(zip(first, moved, strict=True)):
-        modelled = {name: of_runs[k][1] for name, of_runs in data.judged.items()}
-        runs.append(charts.Curves(rows.motion.t + shift, rows.torque, modelled))
-    failing = data.failures[data.comparisons[0].name]
+    first = data.comparisons[0].name
+    failing = data.failures[first]
+    moved = charts.shifts([rows.motion.t for rows, _ in data.judged[first]])
+    runs = _torque_curves(data, moved)
     bands = _bands(data, moved)
     figures = []
     for j, unit in enumerate(data.units):
         plot = charts.torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
             plot.add_band(t, -half[:, j], half[:, j], 1)
-        plot.update_layout(shapes=pieces.shades(_stretches(data, failing, j, moved)))
+        stretches = _stretches(data, failing, j, moved)
+        plot.update_layout(shapes=pieces.shades(stretches))
         plot.update_axes("x", 1, matches="x")
         figures.append(pieces.figure(plot, group="torques"))
     seen = {s.cause for failure in failing for s in failure.stretches}
-    return {
-        "name": data.name,
-        "legend": pieces.legend([c for c in pieces.SHADES if c in seen]),
-        "figures": figures,
-    }
+    causes = [cause for cause in pieces.SHADES if cause in seen]
+    legend = pieces.legend(causes)
+    return {"name": data.name, "legend": legend, "figures": figures}
+
+
+def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curves]:
+    """Measured torque of each run and that of every model, on the figures' axis."""
+    first = data.judged[data.comparisons[0].name]
+    curves = []
+    for k, ((rows, _), shift) in enumerate(zip(first, moved, strict=True)):
+        modelled = {name: of_runs[k][1] for name, of_runs in data.judged.items()}
+        t = rows.motion.t + shift
+        curves.append(charts.Curves(t, rows.torque, modelled))
+    return curves
 
 
 def _stretches(

@@ -127,16 +127,18 @@ class Table:
 
     def markdown(self) -> str:
         """With its title as a heading, its caption above and its notes below."""
-        cells = [[escape_markdown(cell) for cell in row] for row in self.cells()]
+        lines: list[str] = []
+        if self.title:
+            lines += [f"# {escape_markdown(self.title)}", ""]
+        if self.title or self.caption:
+            lines += [escape_markdown(self.caption), ""]
+        rows = [[escape_markdown(cell) for cell in row] for row in self.cells()]
         headings = [escape_markdown(heading) for heading in self.headings]
-        numeric = self.numeric()
-        sides = ["---:" if is_number else ":---" for is_number in numeric]
-        table = markdown_lines(headings, cells, sides)
-        notes = ["", *(f"- {note}" for note in self.notes)] if self.notes else []
-        head = [f"# {escape_markdown(self.title)}", ""] if self.title else []
-        caption = escape_markdown(self.caption)
-        about = [caption, ""] if self.caption or self.title else []
-        return "\n".join([*head, *about, *table, *notes]) + "\n"
+        sides = ["---:" if is_number else ":---" for is_number in self.numeric()]
+        lines += markdown_lines(headings, rows, sides)
+        if self.notes:
+            lines += ["", *(f"- {note}" for note in self.notes)]
+        return "\n".join(lines) + "\n"
 
     def html(self) -> str:
         """A <table>; everything in it is escaped, and what stands between backticks is

@@ -67,15 +67,29 @@ class Pieces(tuple[NDArray[np.intp], ...]):
             ends = np.zeros(count + 1, np.intp)
             ends[rows + 1] = ORDER + 1
             places = np.column_stack([*reversed(self.past), rows]).ravel()
-            weights = np.tile(np.append(-ar[::-1], 1.0), len(rows))
-            parts = weights, places, np.cumsum(ends)
+            row_weights = np.append(-ar[::-1], 1.0)
+            weights = np.tile(row_weights, len(rows))
+            parts = (weights, places, np.cumsum(ends))
             self._last = key, sparse.csr_array(parts, shape=(count, count))
         return self._last[1]
 
 
 def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
-    """AR coefficients (ORDER,), standard deviation of the innovations, degrees of
-    freedom."""
+    """Fit an autoregression to a series.
+
+    Parameters
+    ----------
+    x
+        (M,) the series.
+    pieces
+        Its uninterrupted rows.
+
+    Returns
+    -------
+    tuple
+        Coefficients (ORDER,), standard deviation of the innovations, and their degrees
+        of freedom.
+    """
     count = len(pieces.predicted)
     if count < 4 * ORDER:
         samples = np.concatenate([x[p] for p in pieces]) if pieces else x
@@ -89,24 +103,38 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
     a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
     residual = target - matrix @ a
     sigma = float(np.sqrt(residual @ residual / (count - ORDER)))
-    smallest = max(1e-9 * float(np.abs(x).max(initial=1.0)), 1e-15)
+    largest = float(np.abs(x).max(initial=1.0))
+    smallest = max(1e-9 * largest, 1e-15)
     return np.asarray(a, float), max(sigma, smallest), float(count - ORDER)
 
 
 def local_excess(
     white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float
 ) -> Mask:
-    """(M,) rows inside windows whose energy noise of unit variance does not reach by
-    chance.
+    """Find windows whose energy noise of unit variance does not reach by chance.
 
-    pieces : index arrays of uninterrupted rows; tests : how many such series are
-    searched in all; degrees : of freedom behind the estimate of that unit variance.
+    Parameters
+    ----------
+    white
+        (M,) a whitened series.
+    pieces
+        Index arrays of uninterrupted rows.
+    tests
+        How many such series are searched in all.
+    degrees
+        Degrees of freedom behind the estimate of the unit variance.
+
+    Returns
+    -------
+    Mask
+        (M,) rows inside such windows.
     """
     mask = np.zeros(len(white), bool)
-    count = max(sum(len(p) for p in pieces), 1) * len(LENGTHS) * tests
+    n_rows = sum(len(p) for p in pieces)
+    n_windows = max(n_rows, 1) * len(LENGTHS) * tests
     # The upper quantile of F: d / (d + length F) is distributed as beta.
     lengths = np.array(LENGTHS)
-    w = betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / count)
+    w = betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / n_windows)
     limits = (degrees * (1.0 - w) / w).tolist()
     for piece in pieces:
         energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
@@ -115,16 +143,20 @@ def local_excess(
                 continue
             windows = energy[length:] - energy[:-length]
             if length > 1 and windows.any():
-                # The logarithm of their energy is nearly normal: noise that swells and
-                # fades by itself makes no event.
-                logs = np.log(windows[windows > 0.0])
-                middle = np.median(logs)
-                limit = max(
-                    limit, float(np.exp(middle + _FAR * robust_scale(logs - middle)))
-                )
+                limit = max(limit, _usual_limit(windows))
             for first in np.flatnonzero(windows > limit):
                 mask[piece[first : first + length]] = True
     return mask
+
+
+def _usual_limit(energies: Array) -> float:
+    """The largest energy of windows that swell and fade as the others do.
+
+    The logarithm of their energy is nearly normal.
+    """
+    logs = np.log(energies[energies > 0.0])
+    middle = np.median(logs)
+    return float(np.exp(middle + _FAR * robust_scale(logs - middle)))
 
 
 def lone_windows(
@@ -134,37 +166,71 @@ def lone_windows(
     rate: float,
     tests: int,
 ) -> Mask:
-    """(M,) rows of windows whose energy no other window in the same state of motion
-    comes near.
+    """Find windows whose energy no other window in the same state of motion comes near.
 
-    For a residual that holds a model's error, of which neither scale nor tails are
-    known: of every stretch of one phase the largest logarithm of a window's energy, of
-    windows in which the joint is ``slow`` (M,) and of the others by themselves. pieces,
-    tests : as in :func:`local_excess`; rate : rows a second.
+    This is for a residual that holds a model's error, of which neither scale nor tails
+    are known. Of each stretch of one phase the largest logarithm of a window's energy
+    counts. Windows in which the joint is slow are compared with each other, and so are
+    the others.
+
+    Parameters
+    ----------
+    white
+        (M,) a whitened series.
+    pieces
+        Index arrays of uninterrupted rows.
+    slow
+        (M,) rows in which the joint is slow.
+    rate
+        Rows a second.
+    tests
+        How many such series are searched in all.
+
+    Returns
+    -------
+    Mask
+        (M,) rows inside such windows.
     """
     mask = np.zeros(len(white), bool)
-    size = max(2, round(2.0 * SAME_PHASE * rate))
-    stretches = [
-        x for p in pieces for x in np.array_split(p, max(1, round(len(p) / size)))
-    ]
+    stretches = _stretches(pieces, max(2, round(2.0 * SAME_PHASE * rate)))
+    n_tests = 2 * len(LENGTHS) * tests
     for length in LENGTHS:
-        moving_sum = partial(np.convolve, np.ones(length), mode="same")
-        energy = np.full(len(white), -np.inf)
-        slowly = np.zeros(len(white), bool)
-        for piece in pieces:  # of the window around each row
-            if len(piece) >= length:
-                with np.errstate(divide="ignore"):  # no energy: minus infinity
-                    energy[piece] = np.log(moving_sum(white[piece] ** 2))
-                slowly[piece] = moving_sum(slow[piece]) > 0.5
+        energy, slowly = _window_energy(white, pieces, slow, length)
         for kind in (slowly, ~slowly):
             energy_of_kind = np.where(kind, energy, -np.inf)
             largest = np.array([energy_of_kind[rows].max() for rows in stretches])
             known = np.sort(largest[np.isfinite(largest)])[::-1]
-            for row in np.flatnonzero(
-                energy_of_kind > _tail_limit(known, 2 * len(LENGTHS) * tests)
-            ):
-                mask[max(row - length // 2, 0) : row - length // 2 + length] = True
+            is_lone = energy_of_kind > _tail_limit(known, n_tests)
+            for row in np.flatnonzero(is_lone):
+                first = row - length // 2
+                mask[max(first, 0) : first + length] = True
     return mask
+
+
+def _stretches(pieces: Sequence[NDArray[np.intp]], size: int) -> list[NDArray[np.intp]]:
+    """Cut pieces into stretches of about so many rows."""
+    out = []
+    for piece in pieces:
+        n_stretches = max(1, round(len(piece) / size))
+        out += np.array_split(piece, n_stretches)
+    return out
+
+
+def _window_energy(
+    white: Array, pieces: Sequence[NDArray[np.intp]], slow: Mask, length: int
+) -> tuple[Array, Mask]:
+    """Logarithm (M,) of the energy in the window around each row, minus infinity where
+    there is none; and whether the joint is slow in most of it (M,)."""
+    moving_sum = partial(np.convolve, np.ones(length), mode="same")
+    energy = np.full(len(white), -np.inf)
+    slowly = np.zeros(len(white), bool)
+    for piece in pieces:
+        if len(piece) < length:
+            continue
+        with np.errstate(divide="ignore"):  # no energy: minus infinity
+            energy[piece] = np.log(moving_sum(white[piece] ** 2))
+        slowly[piece] = moving_sum(slow[piece]) > 0.5
+    return energy, slowly
 
 
 def _tail_limit(values: Array, tests: int) -> float:
@@ -172,29 +238,44 @@ def _tail_limit(values: Array, tests: int) -> float:
     infinite where none does.
 
     Logarithms of energies decay exponentially, as heavy tails do, with a mean excess h
-    over a threshold that k values show (Hill 1975); a new one exceeds it by x with
-    probability (1 + x / (k h))^-k.
+    over a threshold that k values show (Hill 1975). A new one exceeds the threshold by
+    x with probability (1 + x / (k h))^-k.
     """
     k = len(values) // 2
     if not k:
         return np.inf
     far = k * ((k * tests / FALSE_LONE) ** (1.0 / k) - 1.0)
-    for out in range(min(int(RARE * len(values)), len(values) - k - 1), 0, -1):
-        threshold = float(values[out + k])
-        limit = threshold + far * (float(np.mean(values[out : out + k])) - threshold)
-        if values[out - 1] > limit:
+    n_most = min(int(RARE * len(values)), len(values) - k - 1)
+    for n_out in range(n_most, 0, -1):
+        threshold = float(values[n_out + k])
+        mean = float(np.mean(values[n_out : n_out + k]))
+        limit = threshold + far * (mean - threshold)
+        if values[n_out - 1] > limit:
             return limit
     return np.inf
 
 
 def noise_profile(white: Array, rates: Array, at: Array) -> Array:
-    """(K,) standard deviation of white noise as the motion modulates it, on rows
-    ``at`` (K, r), around 1 on those of ``white``.
+    """Estimate how the motion modulates the standard deviation of white noise.
 
-    A log's clock that jitters turns rates of change into noise: its variance is
-    modelled as a + sum b_i rate_i with a, b_i >= 0, rates (M, r) squared, from squares
-    clipped so that an event does not shape it; at most what counts as motion itself,
+    A log's clock that jitters turns rates of change into noise. The variance is
+    modelled as a + sum b_i rate_i with a, b_i >= 0. Squares are clipped, so that an
+    event does not shape it. The profile stays within what counts as motion itself,
     ABOVE, either way.
+
+    Parameters
+    ----------
+    white
+        (M,) noise; zero where it is not known.
+    rates
+        (M, r) squared rates on these rows.
+    at
+        (K, r) squared rates on the rows that are asked for.
+
+    Returns
+    -------
+    Array
+        (K,) standard deviation, around 1 on the rows of ``white``.
     """
     from scipy.optimize import nnls
 
@@ -204,7 +285,8 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
-    law = nnls(np.column_stack([np.ones(len(squares)), rates[used] / size]), squares)[0]
+    columns = np.column_stack([np.ones(len(squares)), rates[used] / size])
+    law = nnls(columns, squares)[0]
     level = float(law.sum())
     if level <= 0.0:
         return np.ones(len(at))
@@ -213,5 +295,18 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
 
 
 def robust_scale(white: Array) -> float:
-    """Standard deviation of noise with a few events in it, from the median of its size."""
-    return float(np.median(np.abs(white)) / ndtri(0.75)) if len(white) else 1.0
+    """Estimate the standard deviation of noise with a few events in it.
+
+    Parameters
+    ----------
+    white
+        (M,) noise.
+
+    Returns
+    -------
+    float
+        By the median of its size; 1 of no noise.
+    """
+    if not len(white):
+        return 1.0
+    return float(np.median(np.abs(white)) / ndtri(0.75))

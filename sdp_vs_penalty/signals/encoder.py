@@ -18,11 +18,23 @@ def lattice_step(values: Array) -> float:
 
 
 def read_again(measurements: Measurements) -> Measurements:
-    """The same motion, read by encoders whose steps lie elsewhere."""
-    runs = measurements.runs()
-    return concatenate(
-        [replace(r, q=np.column_stack([_again(r.t, x) for x in r.q.T])) for r in runs]
-    )
+    """Read the same motion by encoders whose steps lie elsewhere.
+
+    Parameters
+    ----------
+    measurements
+        The runs.
+
+    Returns
+    -------
+    Measurements
+        The same runs with other positions.
+    """
+    out = []
+    for run in measurements.runs():
+        columns = [_again(run.t, position) for position in run.q.T]
+        out.append(replace(run, q=np.column_stack(columns)))
+    return concatenate(out)
 
 
 def _again(t: Array, q: Array) -> Array:
@@ -32,8 +44,10 @@ def _again(t: Array, q: Array) -> Array:
     change = np.flatnonzero(np.diff(q))
     if not step:
         return q
-    when = np.concatenate([t[:1], 0.5 * (t[change] + t[change + 1]), t[-1:]])
-    where = np.concatenate([q[:1], 0.5 * (q[change] + q[change + 1]), q[-1:]])
+    middle_time = 0.5 * (t[change] + t[change + 1])
+    middle_position = 0.5 * (q[change] + q[change + 1])
+    when = np.concatenate([t[:1], middle_time, t[-1:]])
+    where = np.concatenate([q[:1], middle_position, q[-1:]])
     between = np.interp(t, when, where)
     # Errors of encoders whose steps lie apart by such a share a of one are not
     # correlated, as 1 - 6 a (1 - a) = 0.

@@ -14,6 +14,7 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import PART, DiskCache
@@ -28,7 +29,7 @@ from sdp_vs_penalty.signals.preprocessing import (
     RunFilter,
     no_rows,
 )
-from sdp_vs_penalty.signals.runs import Movement, split_at_gaps
+from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps
 
 
 @dataclass(frozen=True)
@@ -72,46 +73,76 @@ class _ChunkCache:
     def rows(self, model: Model) -> Rows:
         """The piece in the columns of a model."""
         piece = self.read()
-        effects = model.effects
+        reads = self._reads(model)
+        known = {k: read() for k, read in reads.items()}
+        known |= _new_columns(piece, model, known)
+        self._keep(model, reads, known)
+        joined_columns = model.joined(known, len(piece.torque))
+        columns, torque = model.explaining(joined_columns, piece.torque)
+        return Rows(piece.rows, torque, columns)
+
+    def _reads(self, model: Model) -> dict[int, Read]:
+        """What reads the columns that are kept, by the effect's place in the model."""
         width = model.sign_width
-        reads = {
+        return {
             k: read
-            for k, effect in enumerate(effects)
+            for k, effect in enumerate(model.effects)
             for one, turned, read in self.columns
             if one.same_columns(effect) and (effect.signless or turned == width)
         }
-        known = {k: read() for k, read in reads.items()}
-        smooth = None if model.needs_reference else piece.smooth
-        computed = model.blocks(piece.column_motion, known, smooth)
-        smooth_effects = [
-            k for k in computed if smooth is not None and effects[k].smooth
-        ]
-        known |= low_passed(
-            piece.smooth_low_pass, {k: computed.pop(k) for k in smooth_effects}
-        )
-        known |= low_passed(piece.low_pass, computed)
+
+    def _keep(
+        self,
+        model: Model,
+        reads: Mapping[int, Read],
+        known: Mapping[int, list[Block]],
+    ) -> None:
+        """Keep the columns that do not depend on a current model."""
         put = partial(partial, list) if self.shelf is None else self.shelf.put
         self.columns = [
-            (effect, width, reads.get(k) or put(known[k]))
-            for k, effect in enumerate(effects)
+            (effect, model.sign_width, reads.get(k) or put(known[k]))
+            for k, effect in enumerate(model.effects)
             if not depends(effect) and (effect.smooth or self.shelf is None)
         ]
-        columns, torque = model.explaining(
-            model.joined(known, len(piece.torque)), piece.torque
-        )
-        return Rows(piece.rows, torque, columns)
+
+
+def _new_columns(
+    piece: FilteredChunk, model: Model, known: Mapping[int, list[Block]]
+) -> dict[int, list[Block]]:
+    """The columns at the rows of the effects that are not known yet."""
+    smooth = None if model.needs_reference else piece.smooth
+    others = model.blocks(piece.column_motion, known, smooth)
+    if smooth is None:
+        return low_passed(piece.low_pass, others)
+    smooth_places = [k for k in others if model.effects[k].smooth]
+    of_smooth = {k: others.pop(k) for k in smooth_places}
+    out = low_passed(piece.smooth_low_pass, of_smooth)
+    return out | low_passed(piece.low_pass, others)
 
 
 def low_passed(
     low_pass: Decimator, blocks: Mapping[int, list[Block]]
 ) -> dict[int, list[Block]]:
-    """Effects' columns at the rows: by one product, which reads the low-pass once for
-    all."""
+    """Filter effects' columns by one product, which reads the low-pass once for all.
+
+    Parameters
+    ----------
+    low_pass
+        The filter.
+    blocks
+        Columns by the place of their effect in the model.
+
+    Returns
+    -------
+    dict
+        The same with columns at the rows.
+    """
     columns = [b.columns.T for effect_blocks in blocks.values() for b in effect_blocks]
     if not columns:
         return dict(blocks)
     ends = np.cumsum([len(x) for x in columns])
-    parts = iter(np.split(low_pass @ np.vstack(columns).T, ends[:-1], axis=1))
+    filtered = low_pass @ np.vstack(columns).T
+    parts = iter(np.split(filtered, ends[:-1], axis=1))
     return {
         k: [replace(b, columns=next(parts)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()
@@ -158,14 +189,36 @@ class FilteredRun:
         return FilteredRun(run, self.settings, self.moving)
 
     def rows(self, model: Model) -> Iterator[Rows]:
-        """The regression rows, piece by piece, in the columns of a model."""
+        """Compute the regression rows, piece by piece.
+
+        Parameters
+        ----------
+        model
+            The model whose columns are computed.
+
+        Returns
+        -------
+        Iterator of Rows
+            One entry a piece of the run.
+        """
         # What an effect with memory remembers has to be followed sample by sample, from
         # the start.
         uncut = any(effect.has_memory for effect in model.effects)
         return (chunk.rows(model) for chunk in self._pieces(uncut))
 
     def all_rows(self, model: Model) -> Rows:
-        """All of them at once."""
+        """Compute all regression rows at once.
+
+        Parameters
+        ----------
+        model
+            The model whose columns are computed.
+
+        Returns
+        -------
+        Rows
+            Motion, torque and columns of the run.
+        """
         pieces = list(self.rows(model))
         torque = np.concatenate([p.torque for p in pieces])
         columns = [
@@ -207,42 +260,50 @@ class FilteredRun:
         return self._kept[uncut]
 
     def _cut(self, uncut: bool) -> Iterator[FilteredChunk]:
+        """Filter the run, piece by piece; InputError where no row is left."""
         filters = self.filters.every_sample if uncut else self.filters
         margin = filters.state.half + filters.column.half
+        is_whole = uncut or self.run.q.size <= SAMPLES
         has_rows = False
         for part in split_at_gaps(self.run):
-            outputs = np.arange(margin, part.count - margin, self.step)
-            at_once = (
-                len(outputs)
-                if uncut or self.run.q.size <= SAMPLES
-                else PART // self.step
-            )
-            for start in range(0, len(outputs), max(at_once, 1)):
-                at = outputs[start : start + max(at_once, 1)]
+            rows = np.arange(margin, part.count - margin, self.step)
+            n_at_once = max(len(rows) if is_whole else PART // self.step, 1)
+            for start in range(0, len(rows), n_at_once):
+                at = rows[start : start + n_at_once]
                 keep = self.moving.at(part.clock(at))
-                if not keep.any():
-                    continue
-                has_rows = True
-                motion, smooth = filters.around(part, at)
-                local = (at[keep] - at[0]) // filters.stride + filters.coarse.half
-                coarse = (
-                    at[keep] - at[0]
-                ) // filters.smooth_stride + filters.smooth.half
-                yield FilteredChunk(
-                    motion,
-                    Decimator(filters.coarse, local),
-                    smooth,
-                    Decimator(filters.smooth, coarse),
-                    Motion(
-                        motion.t[local],
-                        motion.q[local],
-                        motion.dq[local],
-                        motion.ddq[local],
-                    ),
-                    filters.torque(part, at[keep]),
-                )
+                if keep.any():
+                    has_rows = True
+                    yield _chunk(filters, part, at, keep)
         if not has_rows:
             raise no_rows(self.run, 2 * margin * filters.dt)
+
+
+def _chunk(
+    filters: RunFilter,
+    part: Stretch,
+    at: NDArray[np.int64],
+    keep: NDArray[np.bool_],
+) -> FilteredChunk:
+    """Filter a stretch around the samples ``at``; of these the rows are the ones to
+    keep."""
+    motion, smooth = filters.around(part, at)
+    since = at[keep] - at[0]
+    local = since // filters.stride + filters.coarse.half
+    coarse = since // filters.smooth_stride + filters.smooth.half
+    states = Motion(
+        motion.t[local],
+        motion.q[local],
+        motion.dq[local],
+        motion.ddq[local],
+    )
+    return FilteredChunk(
+        motion,
+        Decimator(filters.coarse, local),
+        smooth,
+        Decimator(filters.smooth, coarse),
+        states,
+        filters.torque(part, at[keep]),
+    )
 
 
 @dataclass(frozen=True)
@@ -266,7 +327,22 @@ class FilteredRuns:
 
 
 def joined(pieces: Iterable[Motion]) -> Motion:
-    """The states of several motions, one after the other."""
-    states = ((m.t, m.q, m.dq, m.ddq) for m in pieces)
-    t, q, dq, ddq = (np.concatenate(parts) for parts in zip(*states, strict=True))
-    return Motion(t, q, dq, ddq)
+    """Join the states of several motions.
+
+    Parameters
+    ----------
+    pieces
+        The motions, in order.
+
+    Returns
+    -------
+    Motion
+        Their states, one after the other.
+    """
+    motions = list(pieces)
+    return Motion(
+        np.concatenate([m.t for m in motions]),
+        np.concatenate([m.q for m in motions]),
+        np.concatenate([m.dq for m in motions]),
+        np.concatenate([m.ddq for m in motions]),
+    )

@@ -43,15 +43,18 @@ class Decimator:
                     (len(block_rows), places[-1] + size)
                 )
                 taps = places[:, None] + np.arange(size)
-                block[np.arange(len(block_rows))[:, None], taps] = kernel.value[::-1]
+                rows = np.arange(len(block_rows))[:, None]
+                block[rows, taps] = kernel.value[::-1]
             begin = int(block_rows[0]) - kernel.half
             self.blocks.append((slice(begin, begin + block.shape[1]), block))
 
     def __matmul__(self, x: Array) -> Array:
         """Of x (N, ...) the rows (M, ...)."""
-        flat = x.reshape(len(x), int(np.prod(x.shape[1:])))
+        shape = x.shape[1:]
+        flat = x.reshape(len(x), int(np.prod(shape)))
         parts = [block @ flat[samples] for samples, block in self.blocks]
-        return np.concatenate([flat[:0], *parts]).reshape(len(self.at), *x.shape[1:])
+        rows = np.concatenate([flat[:0], *parts])
+        return rows.reshape(len(self.at), *shape)
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
         """Some of the rows, and the samples that they see."""
@@ -78,42 +81,44 @@ class Kernel(LowPass):
         self.dt = dt
         self.half = int(np.ceil(2.0 / cutoff / dt))
         support = (self.half + 1) * dt  # the window is zero one sample beyond the ends
-        t = np.arange(-self.half, self.half + 1) * dt
+        t = np.asarray(np.arange(-self.half, self.half + 1) * dt, float)
         u = t / support
-        w = 2.0 * np.pi * cutoff
-        a = np.pi / support
-        safe = np.where(t == 0.0, 1.0, t)
-        sinc = np.where(t == 0.0, w, np.sin(w * t) / safe)
-        sinc1 = np.where(t == 0.0, 0.0, (w * np.cos(w * t) - sinc) / safe)
-        sinc2 = np.where(
-            t == 0.0, -(w**3) / 3.0, (-(w**2) * np.sin(w * t) - 2.0 * sinc1) / safe
-        )
-        hann = 0.5 + 0.5 * np.cos(a * t)
-        hann1 = -0.5 * a * np.sin(a * t)
-        hann2 = -0.5 * a**2 * np.cos(a * t)
+        sinc, sinc1, sinc2 = _sinc_derivatives(2.0 * np.pi * cutoff, t)
+        hann, hann1, hann2 = _hann_derivatives(np.pi / support, t)
         h = sinc * hann
         h1 = sinc1 * hann + sinc * hann1
         h2 = sinc2 * hann + 2.0 * sinc1 * hann1 + sinc * hann2
-        c = _moment_factor(h, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))
-        c1 = c.deriv(1)
-        c2 = c.deriv(2)
-        self.value = h * c(u)
-        first = h1 * c(u) + h * c1(u) / support
-        second = h2 * c(u) + 2.0 * h1 * c1(u) / support + h * c2(u) / support**2
+        even = (0, 2, 4, 6)
+        odd = (1, 3, 5, 7)
+        polynomial = _moment_factor(h, u, even, (1.0, 0.0, 0.0, 0.0))
+        c = polynomial(u)
+        c1 = polynomial.deriv(1)(u)
+        c2 = polynomial.deriv(2)(u)
+        self.value = h * c
+        first = h1 * c + h * c1 / support
+        second = h2 * c + 2.0 * h1 * c1 / support + h * c2 / support**2
         # The moments of the samples differ a little from those of the function that
         # they sample.
-        self.first = first * _moment_factor(
-            first, u, (1, 3, 5, 7), (-1.0 / support, 0.0, 0.0, 0.0)
-        )(u)
-        self.second = second * _moment_factor(
-            second, u, (0, 2, 4, 6), (0.0, 2.0 / support**2, 0.0, 0.0)
-        )(u)
+        slope = (-1.0 / support, 0.0, 0.0, 0.0)
+        bend = (0.0, 2.0 / support**2, 0.0, 0.0)
+        self.first = first * _moment_factor(first, u, odd, slope)(u)
+        self.second = second * _moment_factor(second, u, even, bend)(u)
 
     def states(self, q: Array) -> tuple[Array, Array, Array]:
-        """q, dq, ddq (N - 2 half, n) from positions (N, n)."""
-        centred = (
-            q - q[:1]
-        )  # keeps the rounding of the transforms relative to the motion
+        """Filter positions, and differentiate them twice.
+
+        Parameters
+        ----------
+        q
+            (N, n) positions [rad or m].
+
+        Returns
+        -------
+        tuple of Array
+            q, dq, ddq, each (N - 2 half, n).
+        """
+        # This keeps the rounding of the transforms relative to the motion.
+        centred = q - q[:1]
         low, first, second = convolve(centred, self.value, self.first, self.second)
         return low + q[:1], first, second
 
@@ -125,9 +130,25 @@ class Kernel(LowPass):
         offsets = np.arange(-(self.half // stride), self.half // stride + 1)
         value = self.value[self.half + stride * offsets]
         u = offsets / max(offsets[-1], 1)
-        return LowPass(
-            value * _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))(u)
-        )
+        factor = _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))
+        return LowPass(value * factor(u))
+
+
+def _sinc_derivatives(w: float, t: Array) -> tuple[Array, Array, Array]:
+    """sin(w t) / t, and its first and second derivative."""
+    safe = np.where(t == 0.0, 1.0, t)
+    sine = np.sin(w * t)
+    cosine = np.cos(w * t)
+    value = np.where(t == 0.0, w, sine / safe)
+    first = np.where(t == 0.0, 0.0, (w * cosine - value) / safe)
+    second = (-(w**2) * sine - 2.0 * first) / safe
+    return value, first, np.where(t == 0.0, -(w**3) / 3.0, second)
+
+
+def _hann_derivatives(a: float, t: Array) -> tuple[Array, Array, Array]:
+    """Hann's window (1 + cos(a t)) / 2, and its first and second derivative."""
+    cosine = np.cos(a * t)
+    return 0.5 + 0.5 * cosine, -0.5 * a * np.sin(a * t), -0.5 * a**2 * cosine
 
 
 def convolve(x: Array, *kernels: Array) -> list[Array]:
@@ -151,10 +172,10 @@ def _moment_factor(
 ) -> np.polynomial.Polynomial:
     """The even polynomial c(u) with sum kernel c(u) u^k = moment for each order k."""
     powers = 2 * np.arange(len(orders))
-    raised = np.vander(np.asarray(u, float), 2 * len(orders), increasing=True)
-    matrix = raised[:, orders].T @ (
-        np.asarray(kernel, float)[:, None] * raised[:, powers]
-    )
+    u = np.asarray(u, float)
+    weights = np.asarray(kernel, float)[:, None]
+    raised = np.vander(u, 2 * len(orders), increasing=True)
+    matrix = raised[:, orders].T @ (weights * raised[:, powers])
     coefficients = np.zeros(powers[-1] + 1)
     coefficients[powers] = np.linalg.solve(matrix, np.array(moments))
     return np.polynomial.Polynomial(coefficients)

@@ -64,7 +64,9 @@ class MotionRecord(JsonRecord):
             _near(tree, (x - self.centre) / self.scale, self.distance)
             for x in _paths(runs)
         ]
-        return 1.0 - float(np.mean(np.concatenate(near))) if near else None
+        if not near:
+            return None
+        return 1.0 - float(np.mean(np.concatenate(near)))
 
     def joined(self, other: MotionRecord) -> MotionRecord | None:
         """The motion of both, in units of this one's spread; None where that is too
@@ -74,7 +76,8 @@ class MotionRecord(JsonRecord):
             for line in other.lines
         ]
         distance = max(self.distance, other.distance)
-        return _record(self.centre, self.scale, lambda: [*self.lines, *there], distance)
+        lines = [*self.lines, *there]
+        return _record(self.centre, self.scale, lambda: lines, distance)
 
 
 def record_motion(runs: FilteredRuns) -> MotionRecord | None:
@@ -94,29 +97,29 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
         square = square + np.sum(displacement**2, axis=0)
     if not count:
         return None
-    spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0)).reshape(
-        2, n
-    )
+    variance = square / count - (total / count) ** 2
+    spread = np.sqrt(np.maximum(variance, 0.0)).reshape(2, n)
     # A coordinate that stays within that distance of the largest one's is measured in
     # it instead: the noise of a joint that hardly moves is no motion.
-    scale = np.maximum(spread, DISTANCE * spread.max(axis=1, keepdims=True)).ravel()
+    smallest = DISTANCE * spread.max(axis=1, keepdims=True)
+    scale = np.maximum(spread, smallest).ravel()
     centre = first + total / count
     if not np.all(scale > 0.0):
         return None
-    return _record(
-        centre, scale, lambda: ((x - centre) / scale for x in _paths(runs)), DISTANCE
-    )
+
+    def scaled_paths() -> Iterator[Array]:
+        return ((x - centre) / scale for x in _paths(runs))
+
+    return _record(centre, scale, scaled_paths, DISTANCE)
 
 
 def _paths(runs: FilteredRuns) -> Iterator[Array]:
     """Of the runs' filtered rows consecutive ones (M, 2 n), M > 0, of q and dq."""
     for run in runs.runs:
         with suppress(InputError):  # no rows
+            longest_step = 1.5 * run.step * run.filters.dt
             for motion in run.states():
-                gaps = (
-                    np.flatnonzero(np.diff(motion.t) > 1.5 * run.step * run.filters.dt)
-                    + 1
-                )
+                gaps = np.flatnonzero(np.diff(motion.t) > longest_step) + 1
                 yield from np.split(np.hstack([motion.q, motion.dq]), gaps)
 
 
@@ -127,9 +130,8 @@ def _record(
     while distance <= 4.0 * DISTANCE:
         lines = _thinned(paths(), distance)
         if lines is not None:
-            return MotionRecord(
-                centre, scale, tuple(np.round(x, 3) + 0.0 for x in lines), distance
-            )
+            rounded = tuple(np.round(x, 3) + 0.0 for x in lines)
+            return MotionRecord(centre, scale, rounded, distance)
         distance *= 2.0
     return None
 
@@ -153,9 +155,8 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
             if lines:
                 fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
             for first, end in spans(fresh):
-                lines.append(
-                    _straight(rows[max(first - 1, 0) : end + 1], _NEAR * distance)
-                )
+                piece = rows[max(first - 1, 0) : end + 1]
+                lines.append(_straight(piece, _NEAR * distance))
             if sum(line.size for line in lines) > _MOST:
                 return None
     return lines
@@ -168,10 +169,10 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
 
     points = []
     for line in lines:
-        steps = np.abs(np.diff(line, axis=0)).max(axis=1, initial=0.0)
-        ends = np.append(
-            0.0, np.cumsum(np.maximum(np.ceil(steps / (_NEAR * distance)), 1.0))
-        )
+        steps = np.abs(np.diff(line, axis=0))
+        longest = steps.max(axis=1, initial=0.0)
+        n_points = np.maximum(np.ceil(longest / (_NEAR * distance)), 1.0)
+        ends = np.append(0.0, np.cumsum(n_points))
         at = np.arange(ends[-1] + 1.0)
         points.append(interpolated(at, ends, line))
     return cKDTree(np.concatenate(points))
@@ -180,7 +181,8 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
 def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
     """(M,) whether rows (M, d) are less than ``reach`` from some point in every
     coordinate."""
-    return np.isfinite(tree.query(rows, p=np.inf, distance_upper_bound=reach)[0])
+    distance, _ = tree.query(rows, p=np.inf, distance_upper_bound=reach)
+    return np.isfinite(distance)
 
 
 def _straight(rows: Array, tolerance: float) -> Array:
@@ -194,5 +196,6 @@ def _straight(rows: Array, tolerance: float) -> Array:
         if not len(off):
             break
         far = np.unique(np.searchsorted(knots, off))
-        knots = np.sort(np.append(knots, (knots[far - 1] + knots[far] + 1) // 2))
+        middle = (knots[far - 1] + knots[far] + 1) // 2
+        knots = np.sort(np.append(knots, middle))
     return rows[knots]

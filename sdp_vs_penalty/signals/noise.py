@@ -15,7 +15,7 @@ stand in, and what is called noise is a guess.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.effects.effect import smooth_sign
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
-    ORDER,
     RARE,
     Pieces,
     autoregression,
@@ -153,79 +152,129 @@ def _without(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
 
 
 def _from_repetition(runs: SegmentedRuns, shown: SegmentedRuns) -> Noise | None:
-    """The noise of ``runs``, on the rows of ``shown``: theirs, or those of windows of
-    them.
+    """Measure the noise of ``runs`` where they repeat their motion.
 
-    A joint that stands still does so again when the motion repeats, and what friction
-    holds there too: it is no noise, but evidence only as far as a law of friction says
-    it.
+    ``shown`` are the same runs, or windows of them: profile, suspect and repeats are of
+    their rows. Returns None where too little repeats.
     """
     repeats = runs.repeats()
     if sum(len(r.rows) for r in repeats) < _FEWEST:
         return None
-    n = runs.n
-    count = len(runs.t)
-    difference = differences(runs, repeats)
-    both = pairs(repeats)
-    index, later = both.T
-    differences_of_repeats = Pieces(consecutive(repeats))
-    stuck = (
-        runs.unexplained_standstill_torque[1][index]
-        | runs.unexplained_standstill_torque[1][later]
-    )
-    share = min(1.0, new_differences(both, count) / len(index))
-    reach = max(1, round(SAME_PHASE * runs.rate))
-    comes_back = partial(recurring, both, phases(both, count), reach)
-    # What offset and frictions leave of a difference when they drift, ever slower or
-    # faster.
-    t = runs.t[index]
-    speed = runs.dq[index]
-    rates = rate_features(runs)
-    gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
-    since = t - t.mean()
-
-    rates_shown = rates if shown is runs else rate_features(shown)
-    profile = np.ones((rates_shown.shape[1], n))
-    suspect = np.zeros((count, n), bool)
-    floor = np.zeros(n)
-    ar = np.zeros((n, ORDER))
-    sigma = np.zeros(n)
-    degrees = np.zeros(n)
-    for j, dq in enumerate(speed.T):
-        laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
-        drift = gap[:, None] * np.column_stack([laws, since[:, None] * laws])
-        drift /= nonzero_or_one(np.linalg.norm(drift, axis=0))
-        pieces = _without(differences_of_repeats, stuck[:, j])
-        differences_without_drift, good = _without_events(
-            difference[:, j], drift, rates[j][index], pieces, n, comes_back
-        )
-        steady = Pieces(p[good[p]] for p in pieces)
-        ar[j], deviation, free = autoregression(differences_without_drift, steady)
-        used = sum(map(len, steady))
-        rank = int(np.linalg.matrix_rank(drift * good[:, None]))
-        left = max(used - rank, 1)  # slow columns take noise with them
-        floor[j] = np.sqrt(
-            sum(np.sum(differences_without_drift[p] ** 2) for p in steady) / left
-        )
-        sigma[j], degrees[j] = (
-            deviation * np.sqrt(used / left),
-            max(share * free - rank, 1.0),
-        )
-        # Known on the rows that repeat, wanted on all.
-        white = (
-            steady.filter(ar[j], len(differences_without_drift))
-            @ differences_without_drift
-        )
-        swell = noise_profile(white, rates[j][index], rates[j])
-        floor[j] *= np.sqrt(np.mean(swell[runs.keep[:, j]] ** 2))
-        profile[:, j] = noise_profile(white, rates[j][index], rates_shown[j])
-        suspect[both[~good], j] = True  # an event may have happened at either instant
+    repeated = _RepeatedRows(runs, repeats)
+    rates_shown = repeated.rates if shown is runs else rate_features(shown)
+    joints = [repeated.joint(j, rates_shown[j]) for j in range(runs.n)]
+    suspect = np.column_stack([x.suspect for x in joints])
     if shown is not runs:
         suspect = _carried(suspect, runs, shown)
         repeats = shown.repeats()
     held, no_law = shown.unexplained_standstill_torque
     suspect &= ~no_law
-    return Noise(floor, ar, sigma, degrees, REPETITION, suspect, profile, held, repeats)
+    return Noise(
+        floor=np.array([x.floor for x in joints]),
+        ar=np.stack([x.ar for x in joints]),
+        sigma=np.array([x.sigma for x in joints]),
+        degrees=np.array([x.degrees for x in joints]),
+        source=REPETITION,
+        suspect=suspect,
+        profile=np.column_stack([x.profile for x in joints]),
+        held=held,
+        repeats=repeats,
+    )
+
+
+@dataclass(frozen=True)
+class _JointNoise:
+    """What :class:`Noise` holds of one joint."""
+
+    floor: float
+    ar: Array
+    sigma: float
+    degrees: float
+    suspect: NDArray[np.bool_]
+    profile: Array
+
+
+class _RepeatedRows:
+    """The differences between rows with the same motion, of all joints.
+
+    difference (D, n) : of noise, with the variance of one residual. both (D, 2) : the
+    rows at the two instants. pieces : uninterrupted differences. stuck (D, n) : a law
+    of friction does not say what holds the joint there. share : how many of the
+    differences say something new, over all.
+    """
+
+    def __init__(self, runs: SegmentedRuns, repeats: tuple[Repeat, ...]) -> None:
+        self.runs = runs
+        self.n_rows = len(runs.t)
+        self.difference = differences(runs, repeats)
+        self.both = pairs(repeats)
+        self.index, later = self.both.T
+        self.pieces = Pieces(consecutive(repeats))
+        # A joint that stands still does so again when the motion repeats, and what
+        # friction holds there too: it is no noise, but evidence only as far as a law of
+        # friction says it.
+        no_law = runs.unexplained_standstill_torque[1]
+        self.stuck = no_law[self.index] | no_law[later]
+        n_new = new_differences(self.both, self.n_rows)
+        self.share = min(1.0, n_new / len(self.index))
+        self.rates = rate_features(runs)
+        self._gap = np.concatenate([r.later - runs.t[r.rows] for r in repeats])
+        self._phase = phases(self.both, self.n_rows)
+        self._reach = max(1, round(SAME_PHASE * runs.rate))
+
+    def joint(self, j: int, rates_shown: Array) -> _JointNoise:
+        """Measure the noise of one joint (from 0).
+
+        rates_shown : (M, 2) :func:`rate_features` of the rows whose profile is asked
+        for.
+        """
+        rates = self.rates[j][self.index]
+        drift = self._drift(j)
+        pieces = _without(self.pieces, self.stuck[:, j])
+        left, good = _without_events(
+            self.difference[:, j],
+            drift,
+            rates,
+            pieces,
+            self.runs.n,
+            self._comes_back,
+        )
+        steady = Pieces(p[good[p]] for p in pieces)
+        ar, deviation, free = autoregression(left, steady)
+        n_used = sum(map(len, steady))
+        rank = int(np.linalg.matrix_rank(drift * good[:, None]))
+        n_free = max(n_used - rank, 1)  # slow columns take noise with them
+        squares = sum(np.sum(left[p] ** 2) for p in steady)
+        # Known on the rows that repeat, needed on all.
+        white = steady.filter(ar, len(left)) @ left
+        swell = noise_profile(white, rates, self.rates[j])
+        mean_swell = np.sqrt(np.mean(swell[self.runs.keep[:, j]] ** 2))
+        # An event may have happened at either instant.
+        suspect = np.zeros(self.n_rows, bool)
+        suspect[self.both[~good]] = True
+        return _JointNoise(
+            floor=float(np.sqrt(squares / n_free) * mean_swell),
+            ar=ar,
+            sigma=float(deviation * np.sqrt(n_used / n_free)),
+            degrees=float(max(self.share * free - rank, 1.0)),
+            suspect=suspect,
+            profile=noise_profile(white, rates, rates_shown),
+        )
+
+    def _drift(self, j: int) -> Array:
+        """(D, 6) what offset and frictions of a joint leave of a difference when they
+        drift, ever slower or faster; columns of unit norm."""
+        t = self.runs.t[self.index]
+        dq = self.runs.dq[self.index, j]
+        laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
+        since = t - t.mean()
+        growing = np.column_stack([laws, since[:, None] * laws])
+        drift = self._gap[:, None] * growing
+        return np.asarray(drift / nonzero_or_one(np.linalg.norm(drift, axis=0)))
+
+    def _comes_back(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(D,) which of the marked differences are no events, since they recur."""
+        return recurring(self.both, self._phase, self._reach, marked)
 
 
 def _carried(
@@ -247,14 +296,27 @@ def _carried(
 
 
 def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
-    """(D, n) of noise with the variance of one residual: (r(t) - r(t + T)) / sqrt(2)."""
+    """Subtract residuals with the same motion: (r(t) - r(t + T)) / sqrt(2).
+
+    Parameters
+    ----------
+    runs
+        The rows, with their residual.
+    repeats
+        Which rows come back, and when.
+
+    Returns
+    -------
+    Array
+        (D, n) noise [N m or N], with the variance of one residual.
+    """
     from scipy.interpolate import CubicSpline
 
-    left = (
-        (s.t_dense, s.torque_dense - s.dense @ s.motion.modelled) for s in runs.segments
-    )
-    dense = [CubicSpline(*both) for both in left]
-    parts = [runs.residual[r.rows] - dense[r.other](r.later) for r in repeats]
+    residuals = [
+        CubicSpline(s.t_dense, s.torque_dense - s.dense @ s.motion.modelled)
+        for s in runs.segments
+    ]
+    parts = [runs.residual[r.rows] - residuals[r.other](r.later) for r in repeats]
     return np.concatenate(parts) / np.sqrt(2.0)
 
 
@@ -266,14 +328,15 @@ def _without_events(
     tests: int,
     comes_back: Callable[[NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """What the drift leaves of differences x (D,), and which of them are no event's; in
-    turns, because each spoils the other. comes_back : which of marked differences are
-    no events."""
+    """Take drift and events out of differences x (D,), in turns: each spoils the other.
+
+    comes_back : tells which of marked differences are no events. Returns what the drift
+    leaves (D,), and which differences are no event's (D,).
+    """
     good = np.ones(len(x), bool)
     for _ in range(3):
-        without_drift = (
-            x - drift @ np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
-        )
+        size = np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        without_drift = x - drift @ size
         ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
         white = pieces.filter(ar, len(without_drift)) @ without_drift
         white /= noise_profile(white, rates, rates)
@@ -287,29 +350,54 @@ def _without_events(
 
 
 def rate_features(runs: SegmentedRuns) -> Array:
-    """(n, M, 2): for each joint the squares of its modelled torque's rate and of its
-    velocity."""
+    """Square what may swell the noise: the rate of the modelled torque, the velocity.
+
+    Parameters
+    ----------
+    runs
+        The rows.
+
+    Returns
+    -------
+    Array
+        (n, M, 2) both squares, for each joint and row.
+    """
     rates = [
         s.low_pass @ np.gradient(s.motion.modelled, s.motion.t, axis=0)
         for s in runs.segments
     ]
-    return np.swapaxes(np.stack([np.concatenate(rates), runs.dq], axis=2) ** 2, 0, 1)
+    features = np.stack([np.concatenate(rates), runs.dq], axis=2)
+    return np.swapaxes(features**2, 0, 1)
 
 
 def spectral_floor(runs: SegmentedRuns) -> Array | None:
-    """(n,) standard deviation of the noise in the filtered rows [N m or N], the density
-    S of the noise continued below the motion's band through the low-pass H: floor^2 =
-    mean over w of S |H|^2. None where the logs show nothing above the motion, only what
-    a filter has left of it, or what comes and goes with the motion."""
+    """Estimate the noise of the filtered rows from the spectrum above the motion.
+
+    The density S of the noise is continued below the motion's band and passes the
+    low-pass H: floor^2 = mean over w of S |H|^2.
+
+    Parameters
+    ----------
+    runs
+        The rows.
+
+    Returns
+    -------
+    Array or None
+        (n,) standard deviation [N m or N]. None where the logs show nothing above the
+        motion, only what a filter has left of it, or what comes and goes with the
+        motion.
+    """
     stretches = [s.stretch for s in runs.segments]
-    spectrum = torque_spectrum(stretches, runs.cutoff)
-    if spectrum is None or any(spectrum[2:]):
+    noise = torque_spectrum(stretches, runs.cutoff)
+    if noise is None or noise.is_smoothed or noise.is_uneven:
         return None
-    (frequency, density, *_), dt = spectrum, stretches[0].dt
+    dt = stretches[0].dt
+    frequency = noise.frequency
     kernel = Kernel(runs.cutoff, dt).value
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
-    passed = np.interp(
-        frequency, np.fft.rfftfreq(size, dt), np.abs(np.fft.rfft(kernel, size)) ** 2
-    )
-    weight = np.where((frequency > 0.0) & (frequency < 0.5 / dt), 2.0, 1.0)
-    return np.asarray(np.sqrt(density @ (weight * passed) / np.sum(weight)))
+    gain = np.abs(np.fft.rfft(kernel, size))
+    passed = np.interp(frequency, np.fft.rfftfreq(size, dt), gain**2)
+    has_negative = (frequency > 0.0) & (frequency < 0.5 / dt)
+    weight = np.where(has_negative, 2.0, 1.0)
+    return np.asarray(np.sqrt(noise.spectrum @ (weight * passed) / np.sum(weight)))

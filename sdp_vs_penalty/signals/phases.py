@@ -39,11 +39,22 @@ class MotionClock:
     periodic: bool
 
     def at(self, t: ArrayLike) -> Array:
-        """Seconds of the motion's clock, in [0, length], at instants t of the run."""
+        """Read the motion's clock.
+
+        Parameters
+        ----------
+        t
+            Instants of the run [s].
+
+        Returns
+        -------
+        Array
+            Seconds in [0, length].
+        """
         since = np.asarray(t, float) - self.start
-        return np.asarray(
-            since % self.length if self.periodic else np.clip(since, 0.0, self.length)
-        )
+        if self.periodic:
+            return np.asarray(since % self.length)
+        return np.asarray(np.clip(since, 0.0, self.length))
 
 
 def tracks_of(measurements: Measurements) -> list[Track]:
@@ -94,7 +105,8 @@ class PhaseFolds:
     def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
         """The fold that tests on instants t of a run."""
         clock = self.clocks[run]
-        slot = np.floor(clock.at(t) / clock.length * self.count).astype(np.intp)
+        phase = clock.at(t) / clock.length
+        slot = np.floor(phase * self.count).astype(np.intp)
         return np.clip(slot, 0, self.count - 1)
 
     def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
@@ -102,7 +114,8 @@ class PhaseFolds:
         folds or guards."""
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
-        return first + np.searchsorted(edges[1:-1], clock.at(t), side="right")
+        inner = edges[1:-1]
+        return first + np.searchsorted(inner, clock.at(t), side="right")
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
@@ -149,15 +162,17 @@ class PhaseFolds:
         within it."""
         out = list[Array]()
         for _, clock, edges in self._motions.values():
-            at = 0.5 * (edges[:-1] + edges[1:])
+            middle = 0.5 * (edges[:-1] + edges[1:])
             begin = fold * clock.length / self.count
-            ways = np.array([begin - at, at - begin - clock.length / self.count])
-            apart = (
-                np.min(ways % clock.length, axis=0)
-                if clock.periodic
-                else np.max(ways, axis=0)
-            )
-            out.append(np.where(np.all(ways < 0.0, axis=0), -1.0, apart))
+            before = begin - middle
+            after = middle - begin - clock.length / self.count
+            ways = np.array([before, after])
+            if clock.periodic:
+                apart = np.min(ways % clock.length, axis=0)
+            else:
+                apart = np.max(ways, axis=0)
+            is_within = np.all(ways < 0.0, axis=0)
+            out.append(np.where(is_within, -1.0, apart))
         return np.concatenate(out)
 
 

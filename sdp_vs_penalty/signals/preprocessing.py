@@ -134,9 +134,8 @@ class RunFilter:
         reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
         # Nor longer than the grid of a run whose clock leaps: at most so many points a
         # sample.
-        longest = min(
-            float(run.t[-1] - run.t[0]) + self.dt, 2.0 * FINEST * len(run.t) * self.dt
-        )
+        span = float(run.t[-1] - run.t[0]) + self.dt
+        longest = min(span, 2.0 * FINEST * len(run.t) * self.dt)
         if not reach < longest:
             raise no_rows(run, 2.0 * reach)
         self.state = Kernel(settings.state_cutoff, self.dt)
@@ -172,28 +171,55 @@ class RunFilter:
         return Movement(self.run, self.standstill)
 
     def step(self, rate: float) -> int:
-        """One row in so many samples of the log, for ``rate`` rows per period of the
-        cut-off."""
+        """Return how many samples of the log lie from row to row.
+
+        Parameters
+        ----------
+        rate
+            Rows in a period of the cut-off.
+
+        Returns
+        -------
+        int
+            Samples, a multiple of the grid's stride.
+        """
         stride = self.grid_stride
-        return stride * max(
-            1, int(1.0 / (rate * self.column.cutoff * self.dt * stride))
-        )
+        rows_per_sample = rate * self.column.cutoff * self.dt
+        return stride * max(1, int(1.0 / (rows_per_sample * stride)))
 
     def around(self, part: Stretch, at: NDArray[np.int64]) -> tuple[Motion, Motion]:
-        """Motions on the column grid and on that of smooth columns, as far around the
-        samples ``at`` as their low-passes look."""
-        reach = [self.stride * self.coarse.half, self.smooth_stride * self.smooth.half]
-        first = at[0] - max(reach)
-        last = at[-1] + max(reach)
-        states = self._states(part, part.q, first, last)
-        margins = (max(reach) - r for r in reach)
-        samples, smooth = (slice(k, last + 1 - first - k) for k in margins)
-        grid = [x[samples][:: self.stride] for x in states]
-        fine = self.motion(part, at[0] - reach[0], at[-1] + reach[0], grid)
-        q, dq, ddq = (x[smooth][:: self.smooth_stride] for x in states)
-        clock = part.clock(
-            np.arange(at[0] - reach[1], at[-1] + reach[1] + 1, self.smooth_stride)
-        )
+        """Compute the motion as far around samples as the low-passes of columns look.
+
+        Parameters
+        ----------
+        part
+            The log.
+        at
+            (M,) ascending samples.
+
+        Returns
+        -------
+        tuple of Motion
+            On the column grid, and on that of smooth columns.
+        """
+        reach = self.stride * self.coarse.half
+        smooth_reach = self.smooth_stride * self.smooth.half
+        longest = max(reach, smooth_reach)
+        begin = at[0] - longest
+        end = at[-1] + longest
+        states = self._states(part, part.q, begin, end)
+        count = end + 1 - begin
+
+        def on_grid(margin: int, stride: int) -> list[Array]:
+            return [x[margin : count - margin : stride] for x in states]
+
+        first = at[0] - reach
+        last = at[-1] + reach
+        fine = self.motion(part, first, last, on_grid(longest - reach, self.stride))
+        q, dq, ddq = on_grid(longest - smooth_reach, self.smooth_stride)
+        first = at[0] - smooth_reach
+        last = at[-1] + smooth_reach
+        clock = part.clock(np.arange(first, last + 1, self.smooth_stride))
         return fine, Motion(clock, q, dq, ddq)
 
     def _states(
@@ -215,9 +241,10 @@ class RunFilter:
     ) -> Motion:
         """On the column grid from the log's sample ``first`` to ``last``; states :
         there, if known."""
-        q, dq, ddq = states or [
-            x[:: self.stride] for x in self._states(part, part.q, first, last)
-        ]
+        if states is None:
+            at_samples = self._states(part, part.q, first, last)
+            states = [x[:: self.stride] for x in at_samples]
+        q, dq, ddq = states
         clock = part.clock(np.arange(first, last + 1, self.stride))
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
@@ -226,7 +253,8 @@ class RunFilter:
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
         if part.qmot is not None:
-            motors = self._states(part, part.qmot, first, last)[2][:: self.stride]
+            _, _, acceleration = self._states(part, part.qmot, first, last)
+            motors = acceleration[:: self.stride]
         motion = Motion(
             clock,
             q,
@@ -244,18 +272,22 @@ class RunFilter:
         and the integral of the positions from there to ``last``: filtered as the
         positions are."""
         assert part.qcmd is not None
-        on_grid = slice(None, None, self.stride)
+        stride = self.stride
         # Profiles look a little beyond the latest.
-        begin = first - self.stride * -(-int(1.2 * LATEST / self.dt) // self.stride)
+        n_before = int(1.2 * LATEST / self.dt)
+        begin = first - stride * -(-n_before // stride)
         of_command, of_motion = part.integrals
-        commanded = self._states(part, part.qcmd, begin, last)
-        since = self._states(part, of_command, begin, last)
-        states = (x[on_grid] for x in (*commanded, since[0]))
-        path = self._states(part, of_motion, first, last)[0][on_grid]
-        return (
-            Command(part.clock(np.arange(begin, last + 1, self.stride)), *states),
-            path,
+        q, dq, ddq = self._states(part, part.qcmd, begin, last)
+        integral = self._states(part, of_command, begin, last)[0]
+        path = self._states(part, of_motion, first, last)[0]
+        command = Command(
+            part.clock(np.arange(begin, last + 1, stride)),
+            q[::stride],
+            dq[::stride],
+            ddq[::stride],
+            integral[::stride],
         )
+        return command, path[::stride]
 
     def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""

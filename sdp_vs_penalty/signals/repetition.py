@@ -24,69 +24,113 @@ Track: TypeAlias = tuple[Array, Array]
 ALIKE = 0.01
 #: Shortest stretch that is compared [s]: shorter ones say little about slow noise.
 _SHORTEST = 2.0
+#: Fewest rows of a repetition: noise is compared with its own past.
+_FEWEST_ROWS = 2 * ORDER
 
 
 def motion_scale(q: Array) -> Array | None:
-    """(n,) size of each joint's motion, so that a small one counts too, but for what is
-    alike beside the largest; None for no motion at all."""
+    """Measure the size of each joint's motion.
+
+    A small motion counts too, but for what is alike beside the largest.
+
+    Parameters
+    ----------
+    q
+        (N, n) positions.
+
+    Returns
+    -------
+    Array or None
+        (n,) sizes [rad or m]; None of no motion at all.
+    """
     size = q.std(axis=0)
-    return np.maximum(size, ALIKE * size.max()) if size.max() > 0.0 else None
+    largest = size.max()
+    return np.maximum(size, ALIKE * largest) if largest > 0.0 else None
 
 
 def repeat_period(t: Array, q: Array) -> float | None:
-    """The period T [s] after which a run repeats its motion, or None where it does not.
+    """Find the period after which a run repeats its motion.
 
-    t (M,) s and q (M, n) of one run; ``_SHORTEST`` seconds at least must overlap. A
-    stand at either end does not count, and up to ``_SHORTEST`` seconds there may be
-    another motion: the way to where it repeats, a ramp.
+    ``_SHORTEST`` seconds at least must overlap. A stand at either end does not count,
+    and up to ``_SHORTEST`` seconds there may be another motion: the way to where it
+    repeats, a ramp.
+
+    Parameters
+    ----------
+    t
+        (M,) instants of one run [s].
+    q
+        (M, n) positions [rad or m].
+
+    Returns
+    -------
+    float or None
+        The period [s]; None where the motion does not repeat.
     """
     scale = motion_scale(q)
     if scale is None:
         return None
-    is_away = [
-        np.any(np.abs(q - rest_position) > ALIKE * scale, axis=1)
-        for rest_position in (q[0], q[-1])
-    ]
-    moving = slice(
-        int(np.argmax(is_away[0])), len(t) - int(np.argmax(is_away[1][::-1]))
-    )
-    t = t[moving]
-    q = q[moving]
+    has_left = np.any(np.abs(q - q[0]) > ALIKE * scale, axis=1)
+    is_coming = np.any(np.abs(q - q[-1]) > ALIKE * scale, axis=1)
+    begin = int(np.argmax(has_left))
+    end = len(t) - int(np.argmax(is_coming[::-1]))
+    t = t[begin:end]
+    q = q[begin:end]
     for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST) if len(t) > 1 else ():
         inside = (t >= t[0] + cut) & (t <= t[-1] - cut)
-        samples = t[inside], q[inside]
-        if len(samples[0]) < 3 or (scale := motion_scale(samples[1])) is None:
-            continue
-        step = float(np.median(np.diff(samples[0])))
-        last = int((samples[0][-1] - samples[0][0] - _SHORTEST) / step)
-        # The first that is one, not its multiples.
-        for _, lag in _valleys(
-            samples, samples, scale, step, np.arange(max(1, int(0.5 / step)), last)
-        ):
-            if _alike(samples, samples, scale, lag):
-                return lag
+        lag = _first_period((t[inside], q[inside]))
+        if lag is not None:
+            return lag
+    return None
+
+
+def _first_period(track: Track) -> float | None:
+    """The first lag [s] after which a track repeats, not its multiples."""
+    t, q = track
+    scale = motion_scale(q) if len(t) >= 3 else None
+    if scale is None:
+        return None
+    step = float(np.median(np.diff(t)))
+    first = max(1, int(0.5 / step))
+    last = int((t[-1] - t[0] - _SHORTEST) / step)
+    for _, lag in _valleys(track, track, scale, step, np.arange(first, last)):
+        if _alike(track, track, scale, lag):
+            return lag
     return None
 
 
 def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
-    """Clock difference after which b repeats a, from a's beginning on; None where it
-    does not.
+    """Find the difference of clocks after which one track repeats another.
 
-    slip : how far b may begin before or after the motion of a [s].
+    Parameters
+    ----------
+    a
+        Instants (M,) [s] and positions (M, n).
+    b
+        The track that may repeat ``a`` from its beginning on.
+    slip
+        How far ``b`` may begin before or after the motion of ``a`` [s].
+
+    Returns
+    -------
+    float or None
+        The difference [s]; None where ``b`` does not repeat ``a``.
     """
-    scale = motion_scale(a[1])
-    if scale is None or min(len(a[0]), len(b[0])) < 3:
+    t_a, q_a = a
+    t_b = b[0]
+    scale = motion_scale(q_a)
+    if scale is None or min(len(t_a), len(t_b)) < 3:
         return None
-    step = float(np.median(np.diff(a[0])))
-    back, forward = (
-        int(min(slip, float(t[-1] - t[0]) - _SHORTEST) / step) for t, _ in (a, b)
-    )
+    step = float(np.median(np.diff(t_a)))
+    back = int(min(slip, float(t_a[-1] - t_a[0]) - _SHORTEST) / step)
+    forward = int(min(slip, float(t_b[-1] - t_b[0]) - _SHORTEST) / step)
     if min(back, forward) <= 0:
         return None
-    best = min(_valleys(a, b, scale, step, np.arange(-back, forward + 1)), default=None)
+    lags = np.arange(-back, forward + 1)
+    best = min(_valleys(a, b, scale, step, lags), default=None)
     if best is None or not _alike(a, b, scale, best[1]):
         return None
-    return best[1] + float(b[0][0] - a[0][0])
+    return best[1] + float(t_b[0] - t_a[0])
 
 
 def _valleys(
@@ -99,22 +143,25 @@ def _valleys(
     Between two lags the difference grows linearly, its square has the vertex of a
     parabola.
     """
-    x, y = (
-        interpolated(np.arange(t[0], t[-1], step), t, q / scale).T for t, q in (a, b)
-    )
-    middle, (n, M), N = x.mean(axis=1, keepdims=True), x.shape, y.shape[1]
+    x = _evenly(a, step, scale)
+    y = _evenly(b, step, scale)
+    middle = x.mean(axis=1, keepdims=True)
+    x = x - middle
+    y = y - middle
+    n, M = x.shape
+    N = y.shape[1]
     length = fft.next_fast_len(M + N, real=True)
-    spectra = [fft.rfft(z - middle, length) for z in (x, y)]
-    product = fft.irfft(np.sum(np.conj(spectra[0]) * spectra[1], axis=0), length)[lags]
+    spectrum = np.conj(fft.rfft(x, length)) * fft.rfft(y, length)
+    product = fft.irfft(np.sum(spectrum, axis=0), length)[lags]
     first = np.maximum(0, -lags)
     last = np.minimum(M, N - lags)
-    first_samples = np.append(0.0, np.cumsum(np.sum((x - middle) ** 2, axis=0)))
-    other = np.append(0.0, np.cumsum(np.sum((y - middle) ** 2, axis=0)))
+    squares_of_x = np.append(0.0, np.cumsum(np.sum(x**2, axis=0)))
+    squares_of_y = np.append(0.0, np.cumsum(np.sum(y**2, axis=0)))
     total = (
-        first_samples[last]
-        - first_samples[first]
-        + other[last + lags]
-        - other[first + lags]
+        squares_of_x[last]
+        - squares_of_x[first]
+        + squares_of_y[last + lags]
+        - squares_of_y[first + lags]
         - 2.0 * product
     )
     squares = np.maximum(total, 0.0) / ((last - first) * n)
@@ -126,7 +173,14 @@ def _valleys(
     shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
     ground = center - 0.25 * (left - right) * shift
     at = np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2))
-    return list(zip(ground[at], (lags[1 + at] + shift[at]) * step, strict=True))
+    instants = (lags[1 + at] + shift[at]) * step
+    return list(zip(ground[at], instants, strict=True))
+
+
+def _evenly(track: Track, step: float, scale: Array) -> Array:
+    """(n, M) positions in units of the scale (n,), at evenly spaced instants."""
+    t, q = track
+    return interpolated(np.arange(t[0], t[-1], step), t, q / scale).T
 
 
 def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
@@ -140,7 +194,8 @@ def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
 def _difference(q: Array, other: Array, scale: Array) -> float:
     """Root mean square of the difference of two motions (M, n), each joint in units of
     its scale."""
-    return float(np.sqrt(np.mean(((q - other) / scale) ** 2)))
+    relative = (q - other) / scale
+    return float(np.sqrt(np.mean(relative**2)))
 
 
 @dataclass(frozen=True)
@@ -183,62 +238,115 @@ def is_part(window: Filtered, longer: Filtered) -> bool:
 
 
 def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
-    """Every pair of stretches with the same motion, inside segments and between them."""
-    from scipy.interpolate import CubicSpline
+    """Find all pairs of stretches with the same motion, in segments and between them.
 
+    Parameters
+    ----------
+    segments
+        The segments, in the order of their rows.
+
+    Returns
+    -------
+    tuple of Repeat
+        What comes back, and where.
+    """
     out = []
     starts = np.cumsum([0, *(len(s.t) for s in segments)])
     for k, a in enumerate(segments):
-        samples = (a.t_dense, a.q_dense)
-        scale = motion_scale(a.q_dense)
         for m, b in enumerate(segments[k:], k):
-            shift = (
-                repeat_period(*samples)
-                if m == k
-                else repeat_lag(samples, (b.t_dense, b.q_dense))
-            )
-            if shift is None or scale is None:
+            if m == k:
+                shift = repeat_period(a.t_dense, a.q_dense)
+            else:
+                shift = repeat_lag((a.t_dense, a.q_dense), (b.t_dense, b.q_dense))
+            if shift is None:
                 continue
-            later = a.t + shift
-            inside = a.keep & (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
-            fewest = 2 * ORDER  # noise is compared with its own past
-            if inside.sum() < fewest:
-                continue
-            at = a.t[inside]
-            later = later[inside]
-            q = CubicSpline(a.t_dense, a.q_dense)(at)
-            there = CubicSpline(b.t_dense, b.q_dense)(later)
-            is_same = np.all(np.abs(q - there) < ALIKE * scale, axis=1)
-            index = starts[k] + np.flatnonzero(inside)[is_same]
-            later = later[is_same]
-            if len(index) >= fewest:
-                place = np.clip(np.searchsorted(b.t, later), 0, len(b.t) - 1)
-                out.append(Repeat(index, m, later, starts[m] + place))
+            rows, later = _same_positions(a, b, shift)
+            if len(rows) >= _FEWEST_ROWS:
+                place = np.searchsorted(b.t, later)
+                place = np.clip(place, 0, len(b.t) - 1)
+                out.append(Repeat(starts[k] + rows, m, later, starts[m] + place))
     return tuple(out)
 
 
+def _same_positions(
+    a: Filtered, b: Filtered, shift: float
+) -> tuple[NDArray[np.intp], Array]:
+    """The rows of a at which b has the same positions ``shift`` seconds later, and
+    these instants; none where there are too few."""
+    from scipy.interpolate import CubicSpline
+
+    later = a.t + shift
+    is_within = (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
+    rows = np.flatnonzero(a.keep & is_within)
+    scale = motion_scale(a.q_dense)
+    if scale is None or len(rows) < _FEWEST_ROWS:
+        return rows[:0], later[:0]
+    later = later[rows]
+    here = CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
+    there = CubicSpline(b.t_dense, b.q_dense)(later)
+    is_same = np.all(np.abs(here - there) < ALIKE * scale, axis=1)
+    return rows[is_same], later[is_same]
+
+
 def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
-    """(D, 2) of the differences of all repeats the rows at their two instants."""
-    return np.concatenate([np.column_stack([r.rows, r.there]) for r in repeats])
+    """List the two rows of each difference.
+
+    Parameters
+    ----------
+    repeats
+        What comes back.
+
+    Returns
+    -------
+    NDArray
+        (D, 2) rows at the two instants of D differences.
+    """
+    rows = [np.column_stack([r.rows, r.there]) for r in repeats]
+    return np.concatenate(rows)
 
 
 def new_differences(both: NDArray[np.intp], count: int) -> int:
-    """How many of the differences say something new: of K instants with the same
-    motion, K - 1.
+    """Count the differences that say something new.
 
-    both : of :func:`pairs`; count : rows in all. Six equal runs make fifteen pairs, but
+    Of K instants with the same motion, K - 1 do. Six equal runs make fifteen pairs, but
     at most five such differences an instant.
+
+    Parameters
+    ----------
+    both
+        (D, 2) of :func:`pairs`.
+    count
+        Rows in all.
+
+    Returns
+    -------
+    int
+        Their number.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    graph = coo_array((np.ones(len(both)), tuple(both.T)), shape=(count, count))
-    return count - int(connected_components(graph, directed=False, return_labels=False))
+    entries = (np.ones(len(both)), tuple(both.T))
+    graph = coo_array(entries, shape=(count, count))
+    n_motions = connected_components(graph, directed=False, return_labels=False)
+    return count - int(n_motions)
 
 
 def phases(both: NDArray[np.intp], count: int) -> Array:
-    """(D,) the phase of the motion in each difference, in rows: the first row at which
-    it is known."""
+    """Find the phase of the motion in each difference.
+
+    Parameters
+    ----------
+    both
+        (D, 2) of :func:`pairs`.
+    count
+        Rows in all.
+
+    Returns
+    -------
+    Array
+        (D,) the first row at which that motion is known.
+    """
     phase = np.arange(count, dtype=float)
     for first, second in both[np.argsort(both[:, 0], kind="stable")]:
         phase[second] = min(phase[second], phase[first])
@@ -248,23 +356,50 @@ def phases(both: NDArray[np.intp], count: int) -> Array:
 def recurring(
     both: NDArray[np.intp], phase: Array, reach: int, marked: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """(D,) which ``marked`` differences come back within ``reach`` rows of their phase
-    in one of two other instants: noise that the motion swells, of which no one instant
-    is the odd one. both, phase : of :func:`pairs` and :func:`phases`."""
+    """Tell which marked differences come back between two other instants.
+
+    They are noise that the motion swells: no one instant is to blame.
+
+    Parameters
+    ----------
+    both
+        (D, 2) of :func:`pairs`.
+    phase
+        (D,) of :func:`phases`.
+    reach
+        Rows within which phases are the same.
+    marked
+        (D,) the differences in question.
+
+    Returns
+    -------
+    NDArray
+        (D,) those that come back.
+    """
     out = np.zeros(len(phase), bool)
     others = np.flatnonzero(marked)
     for k in others:
         near = others[np.abs(phase[others] - phase[k]) <= reach]
-        apart = np.abs(both[near][:, :, None] - both[k]) > 2 * reach
-        out[k] = apart.all(axis=(1, 2)).any()
+        distance = np.abs(both[near][:, :, None] - both[k])
+        is_elsewhere = (distance > 2 * reach).all(axis=(1, 2))
+        out[k] = is_elsewhere.any()
     return out
 
 
 def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
-    """The differences of all repeats, numbered through, as index arrays of
-    uninterrupted rows."""
+    """Cut the differences of all repeats where rows are not consecutive.
+
+    Parameters
+    ----------
+    repeats
+        What comes back.
+
+    Returns
+    -------
+    list of NDArray
+        Numbers of the differences, piece by piece.
+    """
     rows = np.concatenate([np.arange(0), *(r.rows for r in repeats)])
     ends = np.cumsum([len(r.rows) for r in repeats])[:-1]
-    return np.split(
-        np.arange(len(rows)), np.union1d(ends, np.flatnonzero(np.diff(rows) != 1) + 1)
-    )
+    gaps = np.flatnonzero(np.diff(rows) != 1) + 1
+    return np.split(np.arange(len(rows)), np.union1d(ends, gaps))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,9 +31,14 @@ def sample_rate(run: Measurements) -> float:
     Stamps that come in bursts have a median step of nothing: the grid on which a run is
     resampled never has more than ten points a sample, pauses apart.
     """
-    count, size = (1, len(run.t)) if len(run.t) <= SAMPLES else (SAMPLES // PART, PART)
-    starts = np.linspace(0, len(run.t) - size, count).astype(int)
-    steps = np.concatenate([np.diff(run.t[k : k + size]) for k in starts])
+    n_stretches = 1
+    size = len(run.t)
+    if size > SAMPLES:
+        n_stretches = SAMPLES // PART
+        size = PART
+    starts = np.linspace(0, len(run.t) - size, n_stretches).astype(int)
+    stretches = [run.t[k : k + size] for k in starts]
+    steps = np.concatenate([np.diff(t) for t in stretches])
     middle = float(np.median(steps))
     longest = max(_PAUSE, 20.0 * middle)
     mean = float(np.mean(np.minimum(steps, longest)))
@@ -52,9 +58,11 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
         displacement = q[:, :PART] - run.q[0][:, None]
         total = total + displacement.sum(axis=1)
         square = square + np.sum(displacement**2, axis=1)
-        steps = steps + np.sum(np.diff(q, axis=1) ** 2, axis=1)
+        differences = np.diff(q, axis=1)
+        steps = steps + np.sum(differences**2, axis=1)
     count = len(run.q)
-    spread = np.sqrt(np.maximum(square / count - (total / count) ** 2, 0.0))
+    variance = square / count - (total / count) ** 2
+    spread = np.sqrt(np.maximum(variance, 0.0))
     step = np.sqrt(steps / max(count - 1, 1))
     return np.asarray((spread > 4.0 * step) | (spread > _LARGEST_NOISE))
 
@@ -69,18 +77,36 @@ class Movement:
 
     def __init__(self, run: Measurements, share: float) -> None:
         self.t = run.t
-        ends = ((t + SAME_PHASE, t - SAME_PHASE) for _, t in iter_chunks(run.t))
-        pairs = ([interpolated(t, run.t, run.q) for t in both] for both in ends)
-        far = concatenate_chunks(np.abs(end - start) for end, start in pairs)
-        largest = np.max([x.max(axis=0) for _, x in iter_chunks(far)], axis=0)
+        way = concatenate_chunks(_ways(run))
+        largest = np.max([x.max(axis=0) for _, x in iter_chunks(way)], axis=0)
         limits = np.where(moving_joints(run), share * largest, np.inf)
-        self.moves = np.concatenate(
-            [np.any(x > limits, axis=1) for _, x in iter_chunks(far)]
-        )
+        parts = [np.any(x > limits, axis=1) for _, x in iter_chunks(way)]
+        self.moves = np.concatenate(parts)
 
     def at(self, t: Array) -> NDArray[np.bool_]:
-        """The same at instants t [s]."""
-        return self.moves[np.clip(np.searchsorted(self.t, t), 0, len(self.t) - 1)]
+        """Tell which instants belong to motion.
+
+        Parameters
+        ----------
+        t
+            (M,) instants [s].
+
+        Returns
+        -------
+        NDArray
+            (M,) flags.
+        """
+        sample = np.searchsorted(self.t, t)
+        return self.moves[np.clip(sample, 0, len(self.t) - 1)]
+
+
+def _ways(run: Measurements) -> Iterator[Array]:
+    """How far each joint comes in the half second around each sample (N, n), chunk by
+    chunk."""
+    for _, t in iter_chunks(run.t):
+        end = interpolated(t + SAME_PHASE, run.t, run.q)
+        start = interpolated(t - SAME_PHASE, run.t, run.q)
+        yield np.abs(end - start)
 
 
 def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
@@ -89,8 +115,8 @@ def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """
-    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
-    return np.flatnonzero(edges).reshape(-1, 2)
+    padded = np.concatenate([[0], flags.astype(np.int8), [0]])
+    return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
 @dataclass(frozen=True)
@@ -109,7 +135,9 @@ class Stretch:
 
     @property
     def count(self) -> int:
-        return int((self.t[-1] - self.t[0]) / self.dt) + 1
+        """Number of the grid's samples."""
+        span = self.t[-1] - self.t[0]
+        return int(span / self.dt) + 1
 
     def clock(self, k: NDArray[np.int64]) -> Array:
         return np.asarray(self.t[0] + self.dt * k)
@@ -121,7 +149,8 @@ class Stretch:
         from scipy.integrate import cumulative_trapezoid
 
         integral = partial(cumulative_trapezoid, x=self.t, axis=0, initial=0.0)
-        return integral(self.qcmd), integral(self.q) if self.sum is None else self.sum
+        of_position = integral(self.q) if self.sum is None else self.sum
+        return integral(self.qcmd), of_position
 
     def resampled(self, values: Array, start: int, stop: int) -> Array:
         """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
@@ -135,8 +164,9 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     for start in range(0, len(at), PART):
         instants = at[start : start + PART]
         # Of a long run only what lies around: interpolation copies what it is given.
-        first = max(int(np.searchsorted(t, instants[0], "right")) - 1, 0)
-        samples = slice(first, int(np.searchsorted(t, instants[-1])) + 1)
+        begin = int(np.searchsorted(t, instants[0], "right")) - 1
+        end = int(np.searchsorted(t, instants[-1])) + 1
+        samples = slice(max(begin, 0), end)
         for row, known in zip(out, values[samples].T, strict=True):
             row[start : start + PART] = np.interp(instants, t[samples], known)
     return out.T
@@ -147,15 +177,24 @@ def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
     ms) is a gap."""
     dt = 1.0 / sample_rate(run)
     pause = max(20.0 * dt, _PAUSE)
-    segments = [
+    gaps = [
         k + np.flatnonzero(np.diff(t) > pause) for k, t in iter_chunks(run.t, overlap=1)
     ]
-    breaks = np.concatenate(segments) + 1
-    for start, stop in zip([0, *breaks], [*breaks, len(run.t)], strict=True):
-        if stop - start >= 2:
-            part = run.rows(slice(start, stop))
-            logged = (part.commanded.get(name) for name in ("qcmd", "isum", "qmot"))
-            yield Stretch(part.t, part.q, part.tau, dt, part.temperature, *logged)
+    breaks = np.concatenate(gaps) + 1
+    for start, stop in pairwise([0, *breaks, len(run.t)]):
+        if stop - start < 2:
+            continue
+        part = run.rows(slice(start, stop))
+        yield Stretch(
+            part.t,
+            part.q,
+            part.tau,
+            dt,
+            temperature=part.temperature,
+            qcmd=part.commanded.get("qcmd"),
+            sum=part.commanded.get("isum"),
+            qmot=part.commanded.get("qmot"),
+        )
 
 
 def no_motion(run: Measurements) -> InputError:

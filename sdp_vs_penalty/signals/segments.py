@@ -199,21 +199,33 @@ class SegmentedRuns:
     @cached_property
     def slow(self) -> Array:
         """(M, n) share of each row that comes from instants at which a joint was slow."""
-        usual = np.sqrt(
-            np.mean(np.concatenate([s.motion.dq for s in self.segments]) ** 2, axis=0)
-        )
-        shares = [
-            abs(s.low_pass) @ (np.abs(s.motion.dq) <= SLIDES * usual).astype(float)
-            for s in self.segments
-        ]
+        velocities = np.concatenate([s.motion.dq for s in self.segments])
+        usual = np.sqrt(np.mean(velocities**2, axis=0))
+        shares = []
+        for s in self.segments:
+            is_slow = np.abs(s.motion.dq) <= SLIDES * usual
+            shares.append(abs(s.low_pass) @ is_slow.astype(float))
         return np.concatenate(shares)
 
     def seen(self, joint: int) -> JointCoverage:
-        """What all runs show of a joint."""
+        """Say what all runs show of a joint.
+
+        Parameters
+        ----------
+        joint
+            The joint from 0.
+
+        Returns
+        -------
+        JointCoverage
+            How far it went, how fine its positions are, and the standstill.
+        """
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
-        fine = (resolution(s.stretch.q[:, joint]) for s in self.segments)
+        resolutions = [resolution(s.stretch.q[:, joint]) for s in self.segments]
         return JointCoverage(
-            float(np.ptp(paths)), float(max(fine)), float(np.mean(self.still > STILL))
+            travel=float(np.ptp(paths)),
+            resolution=float(max(resolutions)),
+            stands=float(np.mean(self.still > STILL)),
         )
 
     @cached_property
@@ -228,21 +240,21 @@ class SegmentedRuns:
             s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current
         ]
         friction = self.torque - np.concatenate(links) if links else self.torque
-        square = np.sum(self.keep * friction**2, axis=0) / np.maximum(
-            self.keep.sum(axis=0), 1
-        )
+        n_rows = np.maximum(self.keep.sum(axis=0), 1)
+        square = np.sum(self.keep * friction**2, axis=0) / n_rows
         return np.asarray(np.sqrt(square) * self.still)
 
     @cached_property
     def steps(self) -> Array:
         """(M, n) an example of what the encoders' steps make of the model's torque."""
-        again = {
-            (s.run, s.t[0]): s for s in self.with_shifted_encoders().segments
-        }  # but those that seem to stand then
-        pairs = ((s, again.get((s.run, s.t[0]), s)) for s in self.segments)
-        return np.concatenate([s.residual - a.residual for s, a in pairs]) / np.sqrt(
-            2.0
-        )
+        shifted = self.with_shifted_encoders().segments
+        by_start = {(s.run, s.t[0]): s for s in shifted}
+        differences = []
+        for s in self.segments:
+            # A segment that seems to stand then is not among them.
+            other = by_start.get((s.run, s.t[0]), s)
+            differences.append(s.residual - other.residual)
+        return np.concatenate(differences) / np.sqrt(2.0)
 
     @cached_property
     def unexplained_standstill_torque(self) -> tuple[Array, NDArray[np.bool_]]:
@@ -260,15 +272,15 @@ class SegmentedRuns:
                 std, no_law = unexplained_standstill_torque(
                     self.residual[keep, j], laws[keep], share[keep]
                 )
-                held[:, j], stuck[:, j] = std * share, no_law & (share > STILL)
+                held[:, j] = std * share
+                stuck[:, j] = no_law & (share > STILL)
         return held, stuck
 
     @cached_property
     def keep(self) -> NDArray[np.bool_]:
         """(M, n) which rows count for which joint."""
-        keep = np.repeat(
-            np.concatenate([s.keep for s in self.segments])[:, None], self.n, axis=1
-        )
+        moves = np.concatenate([s.keep for s in self.segments])
+        keep = np.repeat(moves[:, None], self.n, axis=1)
         return keep & ~self.masked if self.masked.size else keep
 
     @cached_property
@@ -278,8 +290,10 @@ class SegmentedRuns:
         out = []
         apart = np.diff(self.segment) != 0
         for keep in self.keep.T:
-            ends = np.flatnonzero(apart | (keep[1:] != keep[:-1])) + 1
-            out.append(Pieces(p for p in np.split(index, ends) if keep[p[0]]))
+            changes = apart | (keep[1:] != keep[:-1])
+            ends = np.flatnonzero(changes) + 1
+            pieces = np.split(index, ends)
+            out.append(Pieces(p for p in pieces if keep[p[0]]))
         return out
 
     def with_model(
@@ -328,13 +342,19 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
             if segment is not None:
                 segments.append(segment)
                 rate = 1.0 / (filters.dt * filters.step(0.5 * OVERSAMPLING))
-    columns = ColumnCache([(s.low_pass, s.motion) for s in segments])
-    repeats = cache(
-        partial(find_repeats, segments)
-    )  # a report whose noise is known never asks
-    again = cache(lambda: segmented(read_again(measurements), settings))
-    who = measurements.n, settings.torque_cutoff, rate, measurements.names
-    return SegmentedRuns(tuple(segments), *who, columns, repeats, again)
+    return SegmentedRuns(
+        segments=tuple(segments),
+        n=measurements.n,
+        cutoff=settings.torque_cutoff,
+        rate=rate,
+        names=measurements.names,
+        columns=ColumnCache([(s.low_pass, s.motion) for s in segments]),
+        # A report whose noise is known never asks for repeats.
+        repeats=cache(partial(find_repeats, segments)),
+        with_shifted_encoders=cache(
+            lambda: segmented(read_again(measurements), settings)
+        ),
+    )
 
 
 def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
@@ -361,22 +381,20 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    still = cache(
-        partial(standstill_leakage, part, (state, column), grid[rows])
-    )  # by most logs never asked
-    torque = filters.torque(part, grid[rows])
-    dense_torque = filters.torque(part, grid[dense])
-    grid_states = motion.t[rows], keep, motion.t[dense], motion.q[dense]
+    leakage = partial(standstill_leakage, part, (state, column), grid[rows])
     return Segment(
-        *grid_states,
-        index,
-        motion,
-        torque,
-        part,
-        still,
-        low_pass,
-        dense_torque,
-        low_dense,
+        t=motion.t[rows],
+        keep=keep,
+        t_dense=motion.t[dense],
+        q_dense=motion.q[dense],
+        run=index,
+        motion=motion,
+        torque=filters.torque(part, grid[rows]),
+        stretch=part,
+        still=cache(leakage),  # most logs never ask for it
+        low_pass=low_pass,
+        torque_dense=filters.torque(part, grid[dense]),
+        dense=low_dense,
     )
 
 
@@ -399,11 +417,13 @@ def window_subsample(
         return measurements
     slots = []
     for run, span in zip(runs, spans, strict=True):
-        edges = np.linspace(0.0, span, max(1, int(span * _WINDOWS / allowed)) + 1)
+        n_slots = max(1, int(span * _WINDOWS / allowed))
+        edges = np.linspace(0.0, span, n_slots + 1)
         slots += [(run, a, b) for a, b in pairwise(edges.tolist())]
     count = max(1, int(len(slots) * allowed / sum(spans)))
+    places = np.linspace(0, len(slots) - 1, count).round().astype(int)
     out = []
-    for k in np.unique(np.linspace(0, len(slots) - 1, count).round().astype(int)):
+    for k in np.unique(places):
         run, start, stop = slots[k]
         name = f"{run.names[0]}, {start:.4g} s to {stop:.4g} s"
         out.append(replace(run.window(start, stop), names=(name,)))
@@ -416,9 +436,12 @@ def subsample_sentence(
     """That ``what`` rests on windows only, and on how many; None where it rests on all."""
     if part is measurements:
         return None
-    looked = sum(float(r.t[-1] - r.t[0]) for r in part.runs())
-    there = sum(float(r.t[-1] - r.t[0]) for r in measurements.runs())
     return (
-        f"Long recording: {what} {looked:.3g} s of its {there:.4g} s, "
-        f"{len(part.names)} windows spread over it."
+        f"Long recording: {what} {_seconds(part):.3g} s of its"
+        f" {_seconds(measurements):.4g} s, {len(part.names)} windows spread over it."
     )
+
+
+def _seconds(measurements: Measurements) -> float:
+    """How long all runs last together [s]."""
+    return sum(float(run.t[-1] - run.t[0]) for run in measurements.runs())

@@ -3,8 +3,10 @@ moved; of torque, what is noise above the band of the motion, and whether it was
 smoothed before it was logged."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -37,154 +39,269 @@ def highest_harmonic(run: Measurements) -> float:
 
 
 def _last_harmonic(part: Stretch, values: Array) -> float:
-    """Highest frequency [Hz] at which one of some signals (N, n) has 1 % of its largest
-    amplitude."""
-    power, f = _power(part, values)
-    return float(f[np.any(power > 1e-4 * power.max(axis=0), axis=1)].max(initial=0.0))
+    """Find the highest frequency at which one of some signals is strong.
+
+    Parameters
+    ----------
+    part
+        The stretch that the signals are from.
+    values
+        (N, n) signals.
+
+    Returns
+    -------
+    float
+        Frequency [Hz] at which a signal has 1 % of its largest amplitude.
+    """
+    power, frequency = _power(part, values)
+    is_strong = np.any(power > 1e-4 * power.max(axis=0), axis=1)
+    return float(frequency[is_strong].max(initial=0.0))
 
 
 def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
-    """(F, n) the periodogram of signals (N, n), of a long stretch the mean over pieces
-    (Welch 1967), and its frequencies [Hz]."""
+    """Estimate the spectra of signals (N, n).
+
+    A long stretch is cut into pieces, whose periodograms are averaged (Welch 1967).
+    Returns (F, n) the spectra and (F,) their frequencies [Hz].
+    """
     length = min(part.count, c.SAMPLES)
-    starts = np.linspace(0, part.count - length, -(-part.count // length)).astype(int)
-    spectra = (
-        periodograms(part.resampled(values, k, k + length), length)[0] for k in starts
-    )
-    frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
-    return np.asarray(np.mean(list(spectra), axis=0)), frequency
+    n_pieces = -(-part.count // length)
+    starts = np.linspace(0, part.count - length, n_pieces).astype(int)
+    pieces = [part.resampled(values, k, k + length) for k in starts]
+    spectra = [periodograms(piece, length)[0] for piece in pieces]
+    frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
+    return np.asarray(np.mean(spectra, axis=0)), frequency
 
 
 def periodograms(x: Array, length: int, degree: int = 0) -> Array:
-    """(W, F, n) of windows of ``length`` samples of x (N, n), without their course of
-    that degree, as what leaks of it hides that a torque was smoothed: of unit mean for
-    white noise of unit variance."""
+    """Compute the periodograms of overlapping windows, of unit mean for white noise.
+
+    Each window goes without its course, a polynomial: what leaks of it would hide that
+    a torque was smoothed. White noise of unit variance has a mean of one.
+
+    Parameters
+    ----------
+    x
+        (N, n) signals.
+    length
+        Samples of a window; windows overlap by half.
+    degree
+        Degree of the polynomial that is taken out.
+
+    Returns
+    -------
+    Array
+        (W, F, n) periodograms of W windows.
+    """
     window = np.hanning(length)[:, None]
-    course = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, length), degree + 1))[0]
-    pieces = np.stack(
-        [x[k : k + length] for k in range(0, len(x) - length + 1, length // 2)]
-    )
+    powers = np.vander(np.linspace(-1.0, 1.0, length), degree + 1)
+    course = np.linalg.qr(powers)[0]
+    starts = range(0, len(x) - length + 1, length // 2)
+    pieces = np.stack([x[k : k + length] for k in starts])
     moves = np.ptp(pieces, axis=1, keepdims=True) > 0.0
-    pieces = np.where(moves, pieces - course @ (course.T @ pieces), 0.0)
-    return np.asarray(
-        np.abs(np.fft.rfft(pieces * window, axis=1)) ** 2 / np.sum(window**2)
-    )
+    rest = pieces - course @ (course.T @ pieces)
+    pieces = np.where(moves, rest, 0.0)
+    spectrum = np.fft.rfft(pieces * window, axis=1)
+    return np.asarray(np.abs(spectrum) ** 2 / np.sum(window**2))
 
 
 def unbent_cutoff(
     runs: Sequence[Measurements], cutoff: float, band: float, highest: float
 ) -> float:
-    """The cut-off [Hz] of a state filter, from ``cutoff`` to ``highest``, that leaves
-    the least error in the acceleration: what it bends of the motion within the ``band``
-    [Hz] of the torque, and the noise of the positions that it lets through.
+    """Choose the cut-off of a state filter that leaves the least error in acceleration.
 
-    A robot that sticks at its reversals moves more sharply than it was told to. The
-    given cut-off stays where it takes away less of the acceleration than motions that
-    are alike differ by, or wider ones are noisy on some joint.
+    The error is what the filter bends of the motion within the band of the torque, and
+    the noise of the positions that it lets through. A robot that sticks at its
+    reversals moves more sharply than it was commanded to. The given cut-off stays where
+    it takes away less of the acceleration than motions that are alike differ by, or
+    where wider ones are noisy on some joint.
+
+    Parameters
+    ----------
+    runs
+        The runs.
+    cutoff
+        The given cut-off [Hz], the lowest that is tried.
+    band
+        Low-pass of the torque [Hz].
+    highest
+        The highest cut-off that is tried [Hz].
+
+    Returns
+    -------
+    float
+        The cut-off [Hz].
     """
-    steps = np.arange(1 + int(2.0 * np.log2(max(highest / cutoff, 1.0))))
-    tried = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
-    bent, noise = np.concatenate([_errors(run, tried, band) for run in runs], axis=1)
+    n_octaves = np.log2(max(highest / cutoff, 1.0))
+    steps = np.arange(1 + int(2.0 * n_octaves))
+    candidates = np.asarray(cutoff * 2.0 ** (0.5 * steps), np.float64)
+    errors = [_errors(run, candidates, band) for run in runs]
+    bent, noise = np.concatenate(errors, axis=1)
     if not len(bent) or bent[:, 0].mean() < ALIKE**2:
         return cutoff
-    noisy = noise.max(axis=0) > c.NOISY**2
-    error = np.where(noisy & (tried > cutoff), np.inf, (bent + noise).mean(axis=0))
-    return float(tried[np.argmin(error)])
+    is_noisy = noise.max(axis=0) > c.NOISY**2
+    error = (bent + noise).mean(axis=0)
+    error = np.where(is_noisy & (candidates > cutoff), np.inf, error)
+    return float(candidates[np.argmin(error)])
 
 
 def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
-    """(2, joints, C) squares of the shares of moving joints' acceleration which filters
-    with these cut-offs take away, and of the noise that they let through."""
+    """Compute what filters with these cut-offs [Hz] do to moving joints' acceleration.
+
+    Returns (2, joints, C): squares of the shares of the acceleration that they take
+    away, and of the noise that they let through.
+    """
     part = max(split_at_gaps(run), key=lambda p: p.count)
     length = min(part.count, c.SAMPLES)
     if length * part.dt * cutoffs[0] < 8.0:  # the kernel is no shorter than the stretch
         return np.zeros((2, 0, len(cutoffs)))
-    powers, f = _power(part, part.q[:, moving_joints(run)])
-    twice = (2.0 * np.pi * f) ** 4
-    transfer = twice * _gain(Kernel(band, part.dt), length) ** 2
+    powers, frequency = _power(part, part.q[:, moving_joints(run)])
+    twice_derived = (2.0 * np.pi * frequency) ** 4
+    transfer = twice_derived * _gain(Kernel(band, part.dt), length) ** 2
     gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])
+    taken = (1.0 - gains.T) ** 2
+    noise_gain = twice_derived @ gains.T**2
     # The spectrum is smoothed over 1 Hz.
-    wide = np.ones(max(1, int(1.0 / f[1])))
+    width = max(1, int(1.0 / frequency[1]))
     errors = []
     for power in powers.T:
-        noise = float(power[f > c.LAST / part.dt].mean())
-        below = np.convolve(power, wide / len(wide), mode="same") < c.ABOVE * noise
-        motion = np.where(f < min(f[below], default=np.inf), power, 0.0) * transfer
+        noise = float(power[frequency > c.LAST / part.dt].mean())
+        smooth = np.convolve(power, np.ones(width) / width, mode="same")
+        is_noise = smooth < c.ABOVE * noise
+        end_of_motion = min(frequency[is_noise], default=np.inf)
+        motion = np.where(frequency < end_of_motion, power, 0.0) * transfer
         if motion.any():
-            passed = noise * (twice @ gains.T**2)
-            errors.append(
-                (motion @ (1.0 - gains.T) ** 2 / motion.sum(), passed / motion.sum())
-            )
+            total = motion.sum()
+            errors.append((motion @ taken / total, noise * noise_gain / total))
     return np.array(errors).reshape(-1, 2, len(cutoffs)).swapaxes(0, 1)
 
 
 def _gain(kernel: Kernel, length: int) -> Array:
-    """(length // 2 + 1,) of a low-pass, at multiples of 1 / (length dt)."""
+    """Gain (length // 2 + 1,) of a low-pass at multiples of 1 / (length dt)."""
     padded = np.pad(kernel.value, (0, length - len(kernel.value)))
-    return np.asarray(np.fft.rfft(np.roll(padded, -kernel.half)).real)
+    centred = np.roll(padded, -kernel.half)
+    return np.asarray(np.fft.rfft(centred).real)
 
 
-def torque_spectrum(
-    parts: Sequence[Stretch], cutoff: float
-) -> tuple[Array, Array, bool, bool] | None:
-    """The noise of the torque of some stretches above a low-pass [Hz]: a first-order
-    autoregression S(w) = c / (1 + a^2 - 2 a cos(w)), fitted to the quantiles QUIET over
-    windows of periodograms (friction that turns round, or a blow, spoils some windows).
+@dataclass(frozen=True)
+class TorqueNoise:
+    """The noise of a torque above a low-pass, as a first-order autoregression.
 
-    Returns frequencies (F,) [Hz] at the first stretch's rate; S (n, F), of unit mean
-    for white noise of unit variance; whether it was smoothed, and whether it is uneven.
-    Unless half of some joint's amplitudes are within a factor NOISE_LIKE of S the
-    torque was smoothed, as drives log currents, which says nothing of the noise below;
-    where loud windows are farther than that above quiet ones it is uneven, and not
-    noise alone. None where stretches are too short, or sampled too slowly, to show any.
+    frequency : (F,) [Hz]. spectrum : (n, F), of unit mean for white noise of unit
+    variance. is_smoothed : the torque was smoothed before it was logged. is_uneven :
+    loud windows are far above quiet ones, so that it is not noise alone.
+    """
+
+    frequency: Array
+    spectrum: Array
+    is_smoothed: bool
+    is_uneven: bool
+
+
+def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | None:
+    """Fit the noise of the torque of some stretches above a low-pass.
+
+    The fit is a first-order autoregression, S(w) = c / (1 + a^2 - 2 a cos(w)). It
+    follows the quantiles QUIET over windows of periodograms: friction that turns round,
+    or a blow, spoils some windows. Unless half of some joint's amplitudes are within a
+    factor NOISE_LIKE of S the torque was smoothed, as drives log currents, which says
+    nothing of the noise below. Where loud windows are farther than that above quiet
+    ones it is uneven.
+
+    Parameters
+    ----------
+    parts
+        The stretches; those of the first one's rate count.
+    cutoff
+        The low-pass [Hz].
+
+    Returns
+    -------
+    TorqueNoise or None
+        None where stretches are too short, or sampled too slowly, to show any.
     """
     if not parts:
         return None
-    part = parts[0]
-    length = 2 * round(1.0 / cutoff / part.dt)  # as far as the low-pass reaches
-    known = [
+    dt = parts[0].dt
+    length = 2 * round(1.0 / cutoff / dt)  # as far as the low-pass reaches
+    windows = [
         periodograms(p.resampled(p.tau, 0, min(p.count, c.SAMPLES)), length, degree=3)
         for p in parts
-        if p.count >= length and p.dt == part.dt
+        if p.count >= length and p.dt == dt
     ]
-    frequency: Array = np.asarray(np.fft.rfftfreq(length, part.dt), float)
-    band = (frequency >= c.STOPS * cutoff) & (frequency <= c.LAST / part.dt)
+    frequency = np.asarray(np.fft.rfftfreq(length, dt), float)
+    band = (frequency >= c.STOPS * cutoff) & (frequency <= c.LAST / dt)
     largest = max(float(np.abs(p.tau).max()) for p in parts)
     # A quantile needs some windows below it, a colour some frequencies.
-    if sum(map(len, known)) * c.QUIET < 2.0 or band.sum() < 4 or largest == 0.0:
+    n_windows = sum(map(len, windows))
+    if n_windows * c.QUIET < 2.0 or band.sum() < 4 or largest == 0.0:
         return None
-    # A periodogram of noise is exponential: so much of its mean is its quantile.
-    quiet, loud = (
-        np.quantile(np.concatenate(known), q, axis=0) / -np.log1p(-q)
-        for q in (c.QUIET, 1.0 - c.QUIET)
-    )
+    joined = np.concatenate(windows)
     # Channels that are stuck have the noise of rounding, beside the others'.
-    powers = np.maximum(quiet, (64.0 * np.finfo(float).eps * largest) ** 2)
-    turns = np.cos(2.0 * np.pi * frequency * part.dt)
+    rounding = (64.0 * np.finfo(float).eps * largest) ** 2
+    quiet = np.maximum(_mean_by_quantile(joined, c.QUIET), rounding)
+    loud = np.maximum(_mean_by_quantile(joined, 1.0 - c.QUIET), quiet)
+    spectrum, deviation = _autoregression(quiet, 2.0 * np.pi * frequency * dt, band)
+    swings = np.sqrt(loud / quiet)[band].mean(axis=0).max()
+    return TorqueNoise(
+        frequency,
+        spectrum,
+        is_smoothed=bool(deviation > 2.0 * np.log(c.NOISE_LIKE)),
+        is_uneven=bool(swings > c.NOISE_LIKE),
+    )
+
+
+def _mean_by_quantile(powers: Array, share: float) -> Array:
+    """Mean (F, n) of periodograms (W, F, n) of noise, by a quantile over the windows.
+
+    A periodogram of noise is exponential: its quantile is -log(1 - share) of its mean.
+    """
+    return np.asarray(np.quantile(powers, share, axis=0) / -np.log1p(-share))
+
+
+def _autoregression(
+    powers: Array, angle: Array, band: NDArray[np.bool_]
+) -> tuple[Array, float]:
+    """Fit c / (1 + a^2 - 2 a cos(w)) to powers (F, n) at angles w (F,), within a band.
+
+    Returns the spectra (n, F), and the largest joint's median deviation from them in
+    natural logarithms.
+    """
     a = np.linspace(-0.9, 0.9, 181)[:, None]  # beyond, its corner is far below the band
-    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * turns)
-    apart = np.log(
-        powers[band].T[:, None] / shapes[:, band]
-    )  # (n, colours, frequencies)
-    best = np.argmin(np.var(apart, axis=2), axis=1)
-    apart = np.take_along_axis(apart, best[:, None, None], axis=1)[:, 0]
-    level = apart.mean(axis=1, keepdims=True)
-    deviation = np.median(np.abs(apart - level), axis=1).max()
-    swings = np.sqrt(np.maximum(loud, powers) / powers)[band].mean(axis=0).max()
-    smoothed = deviation > 2.0 * np.log(c.NOISE_LIKE)
-    uneven = swings > c.NOISE_LIKE
-    return frequency, np.exp(level) * shapes[best], bool(smoothed), bool(uneven)
+    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * np.cos(angle))
+    # (n, colours, frequencies)
+    log_ratio = np.log(powers[band].T[:, None] / shapes[:, band])
+    best = np.argmin(np.var(log_ratio, axis=2), axis=1)
+    log_ratio = np.take_along_axis(log_ratio, best[:, None, None], axis=1)[:, 0]
+    level = log_ratio.mean(axis=1, keepdims=True)
+    deviation = np.median(np.abs(log_ratio - level), axis=1).max()
+    return np.exp(level) * shapes[best], float(deviation)
 
 
 def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
-    """The cut-off [Hz] of a torque filter, at most the one given, below which there is
-    torque: where every run's was smoothed before it was logged, the last frequency at
-    which a joint's has 1 % of its largest amplitude, but a quarter of the one given.
-    Above it columns would hold what torque lost."""
+    """Lower the cut-off of a torque filter to where there is torque.
+
+    Where every run's torque was smoothed before it was logged, it is the last frequency
+    at which a joint's torque has 1 % of its largest amplitude. Above it columns would
+    hold what the torque lost.
+
+    Parameters
+    ----------
+    runs
+        The runs.
+    cutoff
+        The given cut-off [Hz].
+
+    Returns
+    -------
+    float
+        The cut-off [Hz], between a quarter of the given one and the given one.
+    """
     last = 0.0
     for run in runs:
-        spectrum = torque_spectrum(parts := list(split_at_gaps(run)), cutoff)
-        if spectrum is None or not spectrum[2]:
+        parts = list(split_at_gaps(run))
+        noise = torque_spectrum(parts, cutoff)
+        if noise is None or not noise.is_smoothed:
             return cutoff
         longest = max(parts, key=lambda p: p.count)
         last = max(last, _last_harmonic(longest, longest.tau))

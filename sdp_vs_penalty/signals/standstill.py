@@ -30,102 +30,192 @@ SLOW = 0.1
 def standstill_leakage(
     stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]
 ) -> Array:
-    """(M, n) how much of a unit torque, whatever its sign, reaches filtered rows (M,),
-    samples of a stretch, from when a joint stood still, and from when filtered states
-    mistake that for motion.
+    """Measure how much of a standstill reaches filtered rows.
 
-    kernels : the low-passes of states and of torques.
+    It is the share of a unit torque, whatever its sign, from when a joint stood still,
+    and from when filtered states mistake that for motion.
+
+    Parameters
+    ----------
+    stretch
+        The log.
+    kernels
+        The low-passes of states and of torques.
+    rows
+        (M,) samples of the stretch.
+
+    Returns
+    -------
+    Array
+        (M, n) shares.
     """
-    reaching = is_still(stretch.resampled(stretch.q, 0, stretch.count)).astype(float)
-    for kernel in kernels if reaching.any() else ():
-        padded = np.pad(reaching, ((kernel.half, kernel.half), (0, 0)), mode="edge")
+    positions = stretch.resampled(stretch.q, 0, stretch.count)
+    reaching = is_still(positions).astype(float)
+    if not reaching.any():
+        return np.asarray(reaching[rows])
+    for kernel in kernels:
+        margin = ((kernel.half, kernel.half), (0, 0))
+        padded = np.pad(reaching, margin, mode="edge")
         (reaching,) = convolve(padded, np.abs(kernel.value))
     return np.asarray(reaching[rows])
 
 
 def is_still(q: Array) -> NDArray[np.bool_]:
-    """(N, n) whether positions (N, n), sampled uniformly, stand still: for longer than
-    a smooth motion at the same place would stay within the resolution of the positions.
+    """Tell where positions stand still.
+
+    They do where they stay within their resolution for longer than a smooth motion at
+    the same place would.
+
+    Parameters
+    ----------
+    q
+        (N, n) positions, sampled uniformly.
+
+    Returns
+    -------
+    NDArray
+        (N, n) flags.
     """
     out = np.zeros(q.shape[::-1], bool)
     if len(q) < 16:
         return out.T
-    step = resolution(q)
+    step = resolution(q)[:, None]
     half = 1
     joints = np.arange(q.shape[1])
-    positions_by_joint = np.ascontiguousarray(q.T)
+    positions = np.ascontiguousarray(q.T)
     while half < 0.1 * len(q) and len(joints):
-        width = 2 * half + 1
-        near = np.pad(positions_by_joint, ((0, 0), (half, half)), mode="symmetric")
-        spread = sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
-        quiet = spread <= 2.0 * step[joints, None]
+        quiet = _spread(positions, half) <= 2.0 * step[joints]
         some = quiet.any(axis=1)  # the others are not quiet for longer either
         joints = joints[some]
-        positions_by_joint = positions_by_joint[some]
-        quiet = quiet[some]
-        ends = np.pad(positions_by_joint, ((0, 0), (3 * half, 3 * half)), mode="edge")
-        aside = np.maximum(
-            np.abs(ends[:, : -6 * half] - positions_by_joint),
-            np.abs(ends[:, 6 * half :] - positions_by_joint),
-        )
+        positions = positions[some]
         # In three times the time a moving joint comes 9 times as far where it turns
         # round, and 27 times where its velocity passes through zero. Farther: it stood.
-        stood = (quiet & (aside > 3**3 * step[joints, None])).astype(np.uint8)
+        is_far = _way(positions, 3 * half) > 3**3 * step[joints]
+        stood = (quiet[some] & is_far).astype(np.uint8)
         near = np.pad(stood, ((0, 0), (half, half)))
-        out[joints] |= sliding(np.maximum, near, width) > 0
+        out[joints] |= sliding(np.maximum, near, 2 * half + 1) > 0
         half = max(half + 1, 3 * half // 2)
     return out.T
 
 
+def _spread(positions: Array, half: int) -> Array:
+    """How far positions (n, N) spread within ``half`` samples of each (n, N)."""
+    near = np.pad(positions, ((0, 0), (half, half)), mode="symmetric")
+    width = 2 * half + 1
+    return sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
+
+
+def _way(positions: Array, steps: int) -> Array:
+    """How far positions (n, N) are from those so many samples before or after, the
+    farther one (n, N)."""
+    ends = np.pad(positions, ((0, 0), (steps, steps)), mode="edge")
+    before = np.abs(ends[:, : -2 * steps] - positions)
+    after = np.abs(ends[:, 2 * steps :] - positions)
+    return np.maximum(before, after)
+
+
 def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
-    """(n, N - width + 1) the largest or smallest of each ``width`` neighbours in a row
-    of x (n, N), from those of 1, 2, 4, ...; without the import of SciPy's images."""
+    """Find the largest or smallest of neighbours, from those of 1, 2, 4, ...
+
+    SciPy's images do the same, but their import takes longer.
+
+    Parameters
+    ----------
+    extreme
+        numpy.maximum or numpy.minimum.
+    x
+        (n, N) rows.
+    width
+        Number of neighbours.
+
+    Returns
+    -------
+    NDArray
+        (n, N - width + 1) extremes.
+    """
     size = 1
     while 2 * size <= width:
         x = extreme(x[:, :-size], x[:, size:])
         size *= 2
-    return x if size == width else extreme(x[:, : size - width], x[:, width - size :])
+    if size == width:
+        return x
+    return extreme(x[:, : size - width], x[:, width - size :])
 
 
 def resolution(q: Array) -> Array:
-    """(n,) how far positions (N, n), sampled uniformly, have to lie apart to differ for
-    certain."""
+    """Estimate how far positions have to lie apart to differ for certain.
+
+    Parameters
+    ----------
+    q
+        (N, n) positions, sampled uniformly.
+
+    Returns
+    -------
+    Array
+        (n,) distances [rad or m].
+    """
     # Of fourth differences motion is no part, and white noise has 70 times its variance
     # in them.
-    return np.asarray(
-        _ALIKE
-        * np.median(np.abs(np.diff(q, 4, axis=0)), axis=0)
-        / (0.6745 * np.sqrt(70.0))
-    )
+    median = np.median(np.abs(np.diff(q, 4, axis=0)), axis=0)
+    return np.asarray(_ALIKE * median / (0.6745 * np.sqrt(70.0)))
 
 
 def friction_laws(motion: Motion, joint: int) -> Array:
-    """(N, k) a joint's friction of unit size: Dahl's for each travel, Coulomb's,
-    viscous, a constant."""
+    """Compute a joint's friction of unit size by the usual laws.
+
+    Parameters
+    ----------
+    motion
+        The motion at N instants.
+    joint
+        The joint from 0.
+
+    Returns
+    -------
+    Array
+        (N, k) columns: Dahl's for each travel, Coulomb's, viscous, a constant.
+    """
     path = Legs.of(motion.q[:, joint])
     dq = motion.dq[:, joint]
+    start = float(np.sign(dq[0]))
     travels = PreslidingHysteresis.shapes["d"].grid
-    memory = [dahl(path, travel, float(np.sign(dq[0]))) for travel in travels]
+    memory = [dahl(path, travel, start) for travel in travels]
     return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(dq))])
 
 
 def unexplained_standstill_torque(
     left: Array, laws: Array, share: Array
 ) -> tuple[float, bool]:
-    """s of what standing still adds to the rows left (M,) beyond laws (M, k), and
-    whether none says it.
+    """Estimate what standing still adds to rows, beyond laws of friction.
 
-    s^2 = mean of e^2 - m^2 where more than half of a row, whose share (M,) is of
-    standstill, is; e what least squares leave, m the same of rows in which the joint
-    moves. What no law says is one unknown that all standstills may share: together they
-    then weigh as one row, s^2 times their number."""
+    s^2 = mean of e^2 - m^2 over rows of which more than half is standstill. e is what
+    least squares leave, m^2 its mean square over rows in which the joint moves. What no
+    law says is one unknown that all standstills may share: together they then weigh as
+    one row, s^2 times their number.
+
+    Parameters
+    ----------
+    left
+        (M,) torque that is not explained [N m or N].
+    laws
+        (M, k) columns of friction.
+    share
+        (M,) share of each row that is standstill.
+
+    Returns
+    -------
+    tuple
+        s [N m or N], and whether no law explains it.
+    """
     moves = share < STILL
     stands = share > 0.5
     if not moves.any() or not stands.any():
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
     laws = laws / nonzero_or_one(size)
-    squared_residual = (left - laws @ np.linalg.lstsq(laws, left, rcond=1e-10)[0]) ** 2
+    fitted = np.linalg.lstsq(laws, left, rcond=1e-10)[0]
+    squared_residual = (left - laws @ fitted) ** 2
     usual = float(squared_residual[moves].mean())
     variance = max(float(squared_residual[stands].mean()) - usual, 0.0)
     if variance <= 4.0 * usual:  # no more than twice as far off as moving rows

@@ -90,7 +90,12 @@ class Sensor:
         on: 500 before them are thrown away."""
         white = rng.normal(size=(count + 500, len(self.torque_std)))
         out = []
-        for x, std, row in zip(white.T, self.torque_std, self.poles, strict=True):
+        for x, std, row in zip(
+            white.T,
+            self.torque_std,
+            self.poles,
+            strict=True,
+        ):
             innovation = std * np.sqrt(innovation_share(row))
             out.append(signal.lfilter([innovation], row, x)[500:])
         return np.column_stack(out)
@@ -157,7 +162,13 @@ def simulate(
     motion = Motion(t, *trajectory.states(t))
     rng = np.random.default_rng(seed)
     return Measurements(
-        *sensor.log(trajectory.duration, motion.q, torque(motion), rng), names=(name,)
+        *sensor.log(
+            trajectory.duration,
+            motion.q,
+            torque(motion),
+            rng,
+        ),
+        names=(name,),
     )
 
 
@@ -203,7 +214,15 @@ class Experiment:
         for k in range(count):
             path = random_trajectory(self.problem.robot, first + k, duration)
             name = f"validation trajectory {k + 1}"
-            runs.append(simulate(path, self.torque, self.sensor, first + k, name=name))
+            runs.append(
+                simulate(
+                    path,
+                    self.torque,
+                    self.sensor,
+                    first + k,
+                    name=name,
+                )
+            )
         return runs
 
 
@@ -228,7 +247,11 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         over_pi = float(motion["frequency_over_pi"])
         blend = float(motion["blend"])
         drawn = problem.robot, int(motion["seed"]), length
-        trajectory = random_trajectory(*drawn, frequency=np.pi * over_pi, blend=blend)
+        trajectory = random_trajectory(
+            *drawn,
+            frequency=np.pi * over_pi,
+            blend=blend,
+        )
     friction = truth.get("friction")
     sensor = dict[str, Any]()
     for name, value in data["sensor"].items():
@@ -263,4 +286,8 @@ def _assumed(problem: Problem) -> Experiment:
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.
     size = np.where(size > 1e-6 * size.max(), size, 0.01 * size.max())
     phi = np.column_stack([2.0 * 0.02 * size, none + 10.0, none])
-    return replace(bare, friction=phi, sensor=Sensor(1000.0, 0.001 * size, 1e-5))
+    return replace(
+        bare,
+        friction=phi,
+        sensor=Sensor(1000.0, 0.001 * size, 1e-5),
+    )

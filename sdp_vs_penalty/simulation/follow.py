@@ -61,7 +61,12 @@ class Ahead(JsonRecord):
         """From errors (K, n) of K windows so many seconds ahead, and those of standing
         still."""
         band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
-        return cls(seconds, _rms(error), band, _rms(naive))
+        return cls(
+            seconds,
+            _rms(error),
+            band,
+            _rms(naive),
+        )
 
 
 @dataclass(frozen=True)
@@ -373,11 +378,24 @@ def follow(
     courses = [
         c
         for run in runs.runs()
-        for c in courses_of(run, estimate, plant, 2.0 * horizon)
+        for c in courses_of(
+            run,
+            estimate,
+            plant,
+            2.0 * horizon,
+        )
     ]
     loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
-    rides = [_Ride(plant, course, loop, servo) for course in courses]
+    rides = [
+        _Ride(
+            plant,
+            course,
+            loop,
+            servo,
+        )
+        for course in courses
+    ]
     progress("simulating windows")
     windows_by_ride = zip(
         *(_windows(ride, horizon, windows) for ride in rides), strict=True
@@ -391,7 +409,12 @@ def follow(
             None if steps is None else 1 + steps // (len(courses) * ride.substeps)
         )
         free.append(
-            _free_run(estimate, drawn[:1] if servo else drawn, ride, most_steps)
+            _free_run(
+                estimate,
+                drawn[:1] if servo else drawn,
+                ride,
+                most_steps,
+            )
         )
     return Following(
         drive,
@@ -451,9 +474,20 @@ class _Ride:
             damping = None
             torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
             if self.loop is not None:
-                more, damping = self.added(state, k, share, h)
+                more, damping = self.added(
+                    state,
+                    k,
+                    share,
+                    h,
+                )
                 torque = torque + more
-            state = advance(self.plant, state, torque, h, damping)
+            state = advance(
+                self.plant,
+                state,
+                torque,
+                h,
+                damping,
+            )
         return state
 
 
@@ -523,7 +557,14 @@ def _free_run(
     for k in range(start, end):
         at = np.full(size, k)
         if ride.loop is not None:
-            added.append(ride.added(state, at, 0.0, 0.0)[0][0])
+            added.append(
+                ride.added(
+                    state,
+                    at,
+                    0.0,
+                    0.0,
+                )[0][0]
+            )
         state = ride.step(state, at)
         q.append(state.q)
         if not np.all(np.abs(state.q[0] - states.q[k + 1]) <= limit):
@@ -546,7 +587,12 @@ def _free_run(
         spread=spread,
         loop=_rms(np.array(added)) if added else None,
         torque=_rms(torque),
-        simulated=Measurements(t, motion[:, 0], torque, names=(course.name,)),
+        simulated=Measurements(
+            t,
+            motion[:, 0],
+            torque,
+            names=(course.name,),
+        ),
         measured=states.q[start:until],
         cut=not left and bool(states.t[-1] - states.t[end] > 1.0),
     )

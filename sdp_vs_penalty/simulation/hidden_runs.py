@@ -40,7 +40,12 @@ from sdp_vs_penalty.simulation.worlds.world import (
 DURATION = 20.0  # s of each run
 #: The blends into and out of the motion, which the log leaves out.
 _BLEND = 0.7
-_EVERY = {**makers.FRICTION, **makers.MACHINE, **makers.FROZEN, **makers.NUISANCE}
+_EVERY = {
+    **makers.FRICTION,
+    **makers.MACHINE,
+    **makers.FROZEN,
+    **makers.NUISANCE,
+}
 #: Whatever can be hidden, by the name of the library's effect.
 MAKERS: Mapping[str, Maker] = dict(sorted(_EVERY.items()))
 #: The files of a folder of simulated runs; the last run is meant as the test run.
@@ -165,9 +170,22 @@ def true_world(
     chain = robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
     follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
-    arm = Arm(model, rotary, robot.link_joints[-1] + 1, *follows)
+    arm = Arm(
+        model,
+        rotary,
+        robot.link_joints[-1] + 1,
+        *follows,
+    )
     dry = DryFriction(np.full(robot.n, min(problem.model().sign_width)))
-    return World(arm, model, dry, coulomb, viscous, offset, setup.sensor.torque_std)
+    return World(
+        arm,
+        model,
+        dry,
+        coulomb,
+        viscous,
+        offset,
+        setup.sensor.torque_std,
+    )
 
 
 def hidden_runs(
@@ -192,13 +210,28 @@ def hidden_runs(
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
-    world = true_world(problem, setup, seed, without) if world is None else world
+    world = (
+        true_world(
+            problem,
+            setup,
+            seed,
+            without,
+        )
+        if world is None
+        else world
+    )
     # One and a half periods in a run.
     length = DURATION + 2.0 * _BLEND
     frequency = 3.0 * np.pi / DURATION
     drawn = (10 * seed + k for k in range(count))
     trajectories = [
-        random_trajectory(problem.robot, x, length, frequency=frequency) for x in drawn
+        random_trajectory(
+            problem.robot,
+            x,
+            length,
+            frequency=frequency,
+        )
+        for x in drawn
     ]
     inside = np.arange(
         _BLEND, _BLEND + DURATION, 1.0 / 200.0
@@ -225,18 +258,36 @@ def hidden_runs(
                     "hide it elsewhere, or hide another",
                 )
     runs = tuple(
-        _measure(x, world, hidden, setup, seed, k) for k, x in enumerate(trajectories)
+        _measure(
+            x,
+            world,
+            hidden,
+            setup,
+            seed,
+            k,
+        )
+        for k, x in enumerate(trajectories)
     )
     truth = {
         "problem": problem.name,
         "seed": seed,
         "level": level,
         "effects": [
-            {**h.to_dict(), "size": (h.number or 1.0) * h.size} for h in hidden
+            {
+                **h.to_dict(),
+                "size": (h.number or 1.0) * h.size,
+            }
+            for h in hidden
         ],
         "model_effects": [e for e in setup.problem.default_effects if e not in without],
     }
-    return HiddenRuns(problem, world, runs, tuple(hidden), truth)
+    return HiddenRuns(
+        problem,
+        world,
+        runs,
+        tuple(hidden),
+        truth,
+    )
 
 
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
@@ -269,4 +320,8 @@ def _measure(
     run = full_run.window(_BLEND, _BLEND + DURATION)
     clock = run.t + _start(k)
     warm = any(h.effect == "warming_friction" for h in hidden)
-    return replace(run, t=clock, temperature=world.temperature(clock) if warm else None)
+    return replace(
+        run,
+        t=clock,
+        temperature=world.temperature(clock) if warm else None,
+    )

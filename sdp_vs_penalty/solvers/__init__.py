@@ -16,8 +16,23 @@ def solver_types() -> dict[str, type[Solver]]:
 
 
 def solver(name: str) -> Solver:
-    """The solver of a name; InputError where it is unknown or absent, saying what
-    installs it."""
+    """The solver of a name.
+
+    Parameters
+    ----------
+    name : str
+        As `sdp-vs-penalty list solvers` prints it.
+
+    Returns
+    -------
+    Solver
+        Ready to be asked.
+
+    Raises
+    ------
+    InputError
+        Where it is unknown or not installed; it says what installs it.
+    """
     chosen: Solver = load_class(
         "solver", __name__, __path__, Solver, name, solver_types
     )()

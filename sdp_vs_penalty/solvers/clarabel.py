@@ -24,6 +24,20 @@ class Clarabel(Solver):
     }
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        """As :meth:`Solver.run`.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            As this solver takes it.
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        Solution
+            What it answers.
+        """
         import clarabel
 
         settings = clarabel.DefaultSettings()
@@ -56,4 +70,9 @@ class Clarabel(Solver):
         result = solver.solve()
         x = np.array(result.x)
         z = np.array(result.z)
-        return self.make_solution(x, z, str(result.status), result.iterations)
+        return self.make_solution(
+            x,
+            z,
+            str(result.status),
+            result.iterations,
+        )

@@ -69,7 +69,24 @@ class Solution:
         claims: str = "failed",
         iterations: int = 0,
     ) -> Solution:
-        """What a solver that gave up returned."""
+        """What a solver that gave up returned.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            What is to be solved.
+        status : str
+            Its own words.
+        claims : str
+            What these claim of the problem.
+        iterations : int
+            How many it made.
+
+        Returns
+        -------
+        Solution
+            NaN for each number.
+        """
         x = np.full(len(problem.q), np.nan)
         z = np.full(len(problem.b), np.nan)
         return cls(x, z, claims, status, iterations)
@@ -77,32 +94,83 @@ class Solution:
 
 @cache
 def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Rows, columns and weights of svec's entries."""
+    """Rows, columns and weights of svec's entries.
+
+    Parameters
+    ----------
+    d : int
+        Order of the matrix.
+
+    Returns
+    -------
+    tuple
+        (d (d + 1) / 2,) rows, columns, and the factor of each entry: 1 or
+        sqrt(2).
+    """
     j, i = np.tril_indices(d)  # column by column of the upper triangle
     return i, j, np.where(i == j, 1.0, np.sqrt(2.0))
 
 
 def svec(matrix: Array) -> Array:
-    """Upper triangle of symmetric (..., d, d), column by column, off-diagonals times
-    sqrt(2)."""
+    """The upper triangle of a symmetric matrix, off-diagonals times sqrt(2).
+
+    Parameters
+    ----------
+    matrix : (..., d, d)
+        Symmetric.
+
+    Returns
+    -------
+    (..., d (d + 1) / 2)
+        Entries column by column; inner products are those of the matrices.
+    """
     i, j, weight = triangle(matrix.shape[-1])
     return matrix[..., i, j] * weight
 
 
 def unsvec(vector: Array, d: int) -> Array:
-    """Inverse of :func:`svec`."""
+    """Inverse of :func:`svec`.
+
+    Parameters
+    ----------
+    vector : (..., d (d + 1) / 2)
+        Entries column by column.
+    d : int
+        Order of the matrix.
+
+    Returns
+    -------
+    (..., d, d)
+        Symmetric matrices.
+    """
     i, j, weight = triangle(d)
     out = np.zeros((*vector.shape[:-1], d, d))
     out[..., i, j] = out[..., j, i] = vector / weight
     return out
 
 
-CBF_NAMES = {"zero": "L=", "nonnegative": "L+", "soc": "Q", "exp": "EXP"}
+CBF_NAMES = {
+    "zero": "L=",
+    "nonnegative": "L+",
+    "soc": "Q",
+    "exp": "EXP",
+}
 
 
 def sdpa_text(problem: ConicProblem) -> str:
-    """Sparse SDPA: minimise c^T x subject to sum_i x_i F_i - F_0 >= 0, blocks in order
-    of the cones."""
+    """A problem in the sparse SDPA format.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    str
+        Minimise c^T x subject to sum_i x_i F_i - F_0 >= 0, blocks in the order
+        of the cones; 17 digits a number.
+    """
     sizes = [-c.size if c.kind == "nonnegative" else c.size for c in problem.cones]
     lines = [
         '"physically consistent identification of robot dynamics, by sdp-vs-penalty"',
@@ -124,8 +192,19 @@ def sdpa_text(problem: ConicProblem) -> str:
 
 
 def cbf_text(problem: ConicProblem) -> str:
-    """CBF: free variables x, affine cones by rows of (h - G x), psd cones by HCOORD and
-    DCOORD."""
+    """A problem in the conic benchmark format, version 3.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    str
+        Free variables x, affine cones by rows of (h - G x), psd cones by HCOORD
+        and DCOORD; 17 digits a number.
+    """
     m = len(problem.q)
     starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     lines = ["VER", "3", "", "OBJSENSE", "MIN", "", "VAR", f"{m} 1", f"F {m}", ""]
@@ -153,9 +232,21 @@ def cbf_text(problem: ConicProblem) -> str:
     at = matrices[part.row]
     values = part.data * factor[matrices[part.row]]
     lines += _section("OBJACOORD", *_nonzero(problem.q))
-    lines += _section("HCOORD", number[block[at]], part.col, j[at], i[at], values)
+    lines += _section(
+        "HCOORD",
+        number[block[at]],
+        part.col,
+        j[at],
+        i[at],
+        values,
+    )
     entries = matrix[order].tocoo()
-    lines += _section("ACOORD", entries.row, entries.col, entries.data)
+    lines += _section(
+        "ACOORD",
+        entries.row,
+        entries.col,
+        entries.data,
+    )
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
     at = matrices[problem.b[matrices] != 0.0]
     lines += _section(
@@ -180,8 +271,19 @@ def _section(name: str, *columns: Any) -> list[str]:
 
 
 def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
-    """For each row its block, row and column and the factor that turns svec into
-    entries."""
+    """Where each row of a problem stands in the matrix of its cone.
+
+    Parameters
+    ----------
+    cones : sequence of Cone
+        In the order of the rows.
+
+    Returns
+    -------
+    tuple
+        For each row the number of its block, its row and column there, and the
+        factor that turns svec into entries.
+    """
     parts = []
     for number, cone in enumerate(cones):
         i = j = np.arange(cone.size)

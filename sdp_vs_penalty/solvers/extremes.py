@@ -54,7 +54,11 @@ class Slice:
     def __init__(
         self, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array
     ) -> None:
-        rows = equalities / np.linalg.norm(equalities, axis=1, keepdims=True)
+        rows = equalities / np.linalg.norm(
+            equalities,
+            axis=1,
+            keepdims=True,
+        )
         free = scipy.linalg.null_space(rows, rcond=1e-10)
         if free.shape[1] == 0:
             raise InputError(
@@ -85,7 +89,18 @@ class Slice:
         self.limit = np.minimum(self.limit, -np.array(ends).min(axis=1))
 
     def minimum(self, slope: Array) -> Extreme:
-        """min slope^T theta over the slice; slope (p,)."""
+        """The least value of a linear function over the slice.
+
+        Parameters
+        ----------
+        slope : (p,)
+            Of the function slope^T theta.
+
+        Returns
+        -------
+        Extreme
+            Its point, and a bound that no feasible theta is below.
+        """
         g = self.basis.T @ slope
         size = float(np.linalg.norm(g))
         middle = float(slope @ self.interior)
@@ -101,9 +116,24 @@ class Slice:
         return Extreme(float(slope @ theta), middle + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
-        """max slope^T theta: no feasible theta is above its ``bound``."""
+        """The largest value of a linear function over the slice.
+
+        Parameters
+        ----------
+        slope : (p,)
+            Of the function slope^T theta.
+
+        Returns
+        -------
+        Extreme
+            Its point, and a bound that no feasible theta is above.
+        """
         minimum = self.minimum(-slope)
-        return replace(minimum, value=-minimum.value, bound=-minimum.bound)
+        return replace(
+            minimum,
+            value=-minimum.value,
+            bound=-minimum.bound,
+        )
 
     def _solve(self, g: Array) -> tuple[Array, float]:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that
@@ -111,7 +141,13 @@ class Slice:
         solution = solver("clarabel").solve(replace(self.sdp.conic, q=g), 1e-10)
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.stack_multipliers(self.sdp.multipliers(solution))
-        fit = Fit(solution.x, objective, self.reduced, multipliers, bound=self.limit)
+        fit = Fit(
+            solution.x,
+            objective,
+            self.reduced,
+            multipliers,
+            bound=self.limit,
+        )
         evidence = dual_evidence(fit)
         return solution.x, lower_bound(
             objective, self.reduced.entries, evidence, self.limit
@@ -150,7 +186,12 @@ def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
 def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
     """The constraints in x in conic form, F(0) turned into the unit of each matrix."""
     k = len(reduced[0].indices)
-    groups, placed = scaled(reduced, np.zeros(k), np.ones(k), np.zeros(k))
+    groups, placed = scaled(
+        reduced,
+        np.zeros(k),
+        np.ones(k),
+        np.zeros(k),
+    )
     return SdpProblem(
         conic_problem(groups, None, np.zeros(k)), np.zeros(k), np.ones(k), 1.0, placed
     )

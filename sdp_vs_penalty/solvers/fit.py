@@ -74,7 +74,12 @@ class Fit:
             return lower
         return max(
             lower,
-            rigorous_bounds.lower_bound(objective, entries, dual_evidence(self), bound),
+            rigorous_bounds.lower_bound(
+                objective,
+                entries,
+                dual_evidence(self),
+                bound,
+            ),
         )
 
     @cached_property
@@ -84,8 +89,21 @@ class Fit:
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
-    """Multipliers, polished so that little of the slope is left, and the tangent that
-    they go with, at theta: the closer to the optimum, the tighter the bound."""
+    """Multipliers and the tangent that they go with: the closer to the optimum, the
+    tighter the bound.
+
+    Parameters
+    ----------
+    fit : Fit
+        With its multipliers.
+    polished : bool
+        Whether to shift them until little of the slope is left.
+
+    Returns
+    -------
+    DualEvidence
+        What a lower bound of the objective follows from.
+    """
     assert fit.multipliers is not None
     assert fit.bound is not None
     objective = fit.objective
@@ -122,7 +140,14 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
         push,
     )
     return (
-        _polished(evidence, objective, fit.constraints, bound) if polished else evidence
+        _polished(
+            evidence,
+            objective,
+            fit.constraints,
+            bound,
+        )
+        if polished
+        else evidence
     )
 
 
@@ -161,7 +186,12 @@ def _polished(
     for _ in range(_DUAL_ROUNDS):
         dual = [
             t * project(g.cone, s / t)
-            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
+            for g, s, t in zip(
+                entries.groups,
+                dual,
+                sizes,
+                strict=True,
+            )
         ]
         flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
         y = e.y
@@ -187,7 +217,12 @@ def _polished(
                 if g.coefficients.shape[1:] == (10, 4, 4)
                 else s
             )
-            for g, s, t in zip(entries.groups, dual, sizes, strict=True)
+            for g, s, t in zip(
+                entries.groups,
+                dual,
+                sizes,
+                strict=True,
+            )
         ]
     return replace(e, multipliers=multipliers, push=push)
 
@@ -197,7 +232,12 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
     thickness: the one that is active) to E with <T F_i T, E> = e_i; zeros of the
     others."""
     flat = (group.coefficients * t[:, None]).reshape(-1, 10, 16)
-    out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(-1, 10, 4, 4)
+    out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(
+        -1,
+        10,
+        4,
+        4,
+    )
     last = {int(first): k for k, first in enumerate(group.indices[:, 0])}
     out[np.setdiff1d(np.arange(len(out)), list(last.values()))] = 0.0
     return np.asarray(out)
@@ -215,12 +255,24 @@ _WORTHWHILE = 0.02
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """The first feasible point on the way from theta to an interior point; theta itself
-    if feasible.
+    """The first feasible point on the way from theta to an interior point; theta
+    itself if it is feasible.
 
-    Feasible by more than rounding (:func:`safe_depth`): the certificate, which forms
-    F(theta) in another order, finds no violation. An interior point that is no deeper
-    is what comes out.
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        What theta has to satisfy.
+    theta : (p,)
+        Parameters of the model.
+    interior : (p,)
+        A point inside all constraints.
+
+    Returns
+    -------
+    (p,)
+        Feasible by more than rounding (:func:`safe_depth`), so that the
+        certificate, which forms F(theta) in another order, finds no violation;
+        the interior point where that is no deeper.
     """
 
     safe = [safe_depth(group.constant.shape[1]) for group in constraints.groups]

@@ -58,11 +58,33 @@ class SdpProblem:
     entropy_row: int = 0  # where the links' 8x8 blocks start
 
     def theta(self, solution: Solution) -> Array:
+        """The parameters of a solution.
+
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        (p,)
+            theta = centre + scale x.
+        """
         return self.centre + self.theta_scale * solution.x[: len(self.theta_scale)]
 
     def entropy_slopes(self, solution: Solution) -> Array | None:
-        """(links, 4, 4) the dual's own idea of P(theta)^-1, for a tight bound on -log
-        det."""
+        """The dual's own idea of P(theta)^-1, for a tight bound on -log det.
+
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        (links, 4, 4) or None
+            None without an entropic prior.
+        """
         if self.entropy is None:
             return None
         rows = slice(self.entropy_row, self.entropy_row + 36 * len(self.entropy.links))
@@ -75,7 +97,19 @@ class SdpProblem:
         )
 
     def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
-        """The dual matrix or vector of each constraint, in the units of loss per F."""
+        """The multipliers of a solution.
+
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        dict
+            The dual matrix or vector of each constraint, in the units of loss per
+            F.
+        """
         out = {}
         for item in self.placed:
             c = item.constraint
@@ -87,11 +121,19 @@ class SdpProblem:
         return out
 
     def shares(self, solution: Solution) -> Array:
-        """(k,) <z, e> of each constraint's scaled multiplier z: its share of a proof,
-        free of units.
+        """Each constraint's share of a proof, free of units.
 
-        For :func:`largest_margin` they add up to one where no theta satisfies all
-        constraints.
+        Parameters
+        ----------
+        solution : Solution
+            What a solver has answered to this problem.
+
+        Returns
+        -------
+        (k,)
+            <z, e> of each constraint's scaled multiplier z. For
+            :func:`largest_margin` they add up to one where no theta satisfies all
+            constraints.
         """
         loss_parts = (
             (solution.z[item.rows], item.constraint.identity) for item in self.placed
@@ -113,12 +155,30 @@ def least_squares_sdp(
     """Minimise the objective subject to the constraints, centred and scaled for a
     solver.
 
-    reference (p,) : a theta inside the constraints, from where each cone is scaled.
-    bound (p,) : largest plausible |theta|.
-    centre (p,) : theta = centre + scale x; near the optimum nothing cancels.
-    fine : a unit of a parameter makes the torque of the residual instead of the whole torque.
-    least_loss : what the loss at the optimum is at least about, where the constraints cost far more
-        than the unconstrained residual: the objective is a number of size one in that unit.
+    Parameters
+    ----------
+    objective : Objective
+        A sum of squares, with a linear and an entropic term.
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    reference : (p,)
+        A theta inside the constraints, from where each cone is scaled.
+    bound : (p,)
+        The largest plausible |theta_k|.
+    centre : (p,)
+        theta = centre + scale x; near the optimum nothing cancels.
+    fine : bool
+        A unit of a parameter makes the torque of the residual instead of the
+        whole torque.
+    least_loss : float
+        What the loss at the optimum is at least about, where the constraints
+        cost far more than the unconstrained residual: the objective is a number
+        of size one in that unit.
+
+    Returns
+    -------
+    SdpProblem
+        The conic problem, and the way back to theta.
     """
     data = objective.least_squares
     entropy = objective.entropy
@@ -143,14 +203,25 @@ def least_squares_sdp(
     scale = np.where(is_seen, np.minimum(bound, finer * unit), unit)
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
     residual = np.hstack([rows * (scale / unit) / loss_scale, -np.eye(r)])
-    scaled_constraints, placed = scaled(constraints, centre, scale, reference, first=r)
+    scaled_constraints, placed = scaled(
+        constraints,
+        centre,
+        scale,
+        reference,
+        first=r,
+    )
     groups = [plain_rows("zero", residual, -rho / loss_scale), *scaled_constraints]
     quadratic = np.repeat([0.0, 2.0], [p, r])
     linear = np.zeros(p + r)
     start = 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
-        more, logs, links = _log_det(entropy, centre, scale, p + r)
+        more, logs, links = _log_det(
+            entropy,
+            centre,
+            scale,
+            p + r,
+        )
         groups += more
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
@@ -161,35 +232,85 @@ def least_squares_sdp(
         # Of the divergence the conic problem leaves out the trace at the centre, log
         # det and scaling.
         left = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)
-        sizes = np.diagonal(entropy.nominal, axis1=1, axis2=2)
+        sizes = np.diagonal(
+            entropy.nominal,
+            axis1=1,
+            axis2=2,
+        )
         offset += entropy.weight * float(left - np.sum(np.log(sizes)))
     conic = conic_problem(groups, sparse.diags(quadratic).tocsc(), linear)
-    return SdpProblem(conic, centre, scale, loss_scale, placed, offset, entropy, start)
+    return SdpProblem(
+        conic,
+        centre,
+        scale,
+        loss_scale,
+        placed,
+        offset,
+        entropy,
+        start,
+    )
 
 
 def largest_margin(
     constraints: Sequence[Constraint], reference: Array, scale: Array
 ) -> SdpProblem:
-    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone: an interior point
-    if t > 0.
+    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone.
 
-    x = (theta / scale, t); t < 0 at the optimum proves that no theta satisfies all
-    constraints.
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    reference : (p,)
+        Where the search is centred.
+    scale : (p,)
+        The unit of each parameter.
+
+    Returns
+    -------
+    SdpProblem
+        In x = (theta / scale, t). t > 0 at the optimum shows an interior point;
+        t < 0 proves that no theta satisfies all constraints.
     """
     p = len(scale)
-    groups, placed = scaled(constraints, np.zeros(p), scale, reference, slack=True)
+    groups, placed = scaled(
+        constraints,
+        np.zeros(p),
+        scale,
+        reference,
+        slack=True,
+    )
     top = -np.eye(p + 1)[p:]
     conic = conic_problem(
         [*groups, plain_rows("nonnegative", top, np.ones(1))], None, top[0]
     )
-    return SdpProblem(conic, np.zeros(p), scale, 1.0, placed)
+    return SdpProblem(
+        conic,
+        np.zeros(p),
+        scale,
+        1.0,
+        placed,
+    )
 
 
 def conic_problem(
     groups: Sequence[ConeGroup], quadratic: sparse.csc_matrix | None, linear: Array
 ) -> ConicProblem:
-    """minimise 1/2 x^T quadratic x + linear^T x (m,), every F(x) of the groups in its
-    cone; matrices are svec's there, constant (g, rows), coefficients (g, k, rows)."""
+    """Minimise 1/2 x^T quadratic x + linear^T x, every F(x) of the groups in its cone.
+
+    Parameters
+    ----------
+    groups : sequence of ConeGroup
+        Matrices by their svec: constant (g, rows), coefficients (g, k, rows).
+    quadratic : (m, m) sparse, or None
+        Upper triangle.
+    linear : (m,)
+        Slope.
+
+    Returns
+    -------
+    ConicProblem
+        As a solver takes it.
+    """
     stacked = StackedCones.from_groups(groups)
     m = len(linear)
     A = sparse.csc_matrix(
@@ -202,11 +323,32 @@ def conic_problem(
             Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)
         ] * count
     P = sparse.csc_matrix((m, m)) if quadratic is None else quadratic
-    return ConicProblem(P, linear, A, stacked.constant, tuple(cones))
+    return ConicProblem(
+        P,
+        linear,
+        A,
+        stacked.constant,
+        tuple(cones),
+    )
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
-    """matrix (r, w) x[:w] + constant (r,) in one cone."""
+    """Rows of one cone.
+
+    Parameters
+    ----------
+    kind : str
+        Of the cone.
+    matrix : (r, w)
+        Of the first w entries of x.
+    constant : (r,)
+        What is added.
+
+    Returns
+    -------
+    ConeGroup
+        matrix x[:w] + constant.
+    """
     return ConeGroup(
         kind,
         np.arange(1),
@@ -224,11 +366,28 @@ def scaled(
     first: int = 0,
     slack: bool = False,
 ) -> tuple[list[ConeGroup], tuple[Placed, ...]]:
-    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`,
-    and where they stand from row ``first`` on.
+    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`.
 
-    reference (p,) : from where matrices are seen; None: cones as they are. slack : of F
-    - t e, t the entry of x behind theta's; matrices are not turned then.
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    centre : (p,)
+        theta at x = 0.
+    theta_scale : (p,)
+        The unit of each parameter.
+    reference : (p,) or None
+        From where matrices are seen; None: cones as they are.
+    first : int
+        The row that the first one stands in.
+    slack : bool
+        Of F - t e, t the entry of x behind theta's; matrices are not turned
+        then.
+
+    Returns
+    -------
+    tuple
+        The groups of cones, and where each constraint stands.
     """
     groups = list[ConeGroup]()
     placed = dict[int, Placed]()
@@ -255,7 +414,15 @@ def scaled(
                 )
                 soc = group.cone == "soc"
                 scale = 1.0 / nonzero_or_one(
-                    np.maximum(size, size.max(axis=1, keepdims=True)) if soc else size
+                    np.maximum(
+                        size,
+                        size.max(
+                            axis=1,
+                            keepdims=True,
+                        ),
+                    )
+                    if soc
+                    else size
                 )
             constant = middle * scale
             columns = group.coefficients * scale[:, None] * local
@@ -266,7 +433,15 @@ def scaled(
             indices = np.column_stack(
                 [indices, np.full(len(indices), len(theta_scale))]
             )
-        groups.append(ConeGroup(group.cone, group.places, indices, constant, columns))
+        groups.append(
+            ConeGroup(
+                group.cone,
+                group.places,
+                indices,
+                constant,
+                columns,
+            )
+        )
         for place, member_scale in zip(group.places.tolist(), scale, strict=True):
             placed[place] = Placed(
                 constraints[place],
@@ -301,17 +476,46 @@ def _log_det(
     new = width + np.arange(14 * n).reshape(n, 14)
     indices = np.column_stack([links.indices, new[:, :10]])
     logs = new[:, 10:].ravel()
-    matrices = ConeGroup("psd", links.places, indices, svec(constant), svec(blocks))
+    matrices = ConeGroup(
+        "psd",
+        links.places,
+        indices,
+        svec(constant),
+        svec(blocks),
+    )
     # exp(t) <= Z_dd
     pairs = np.column_stack([logs, new[:, diagonal].ravel()])
     one = np.tile(np.eye(3)[1], (4 * n, 1))
     both = np.tile(np.eye(3)[::2], (4 * n, 1, 1))
-    return [matrices, ConeGroup("exp", np.arange(4 * n), pairs, one, both)], logs, links
+    return (
+        [
+            matrices,
+            ConeGroup(
+                "exp",
+                np.arange(4 * n),
+                pairs,
+                one,
+                both,
+            ),
+        ],
+        logs,
+        links,
+    )
 
 
 def unit_diagonals(values: Array) -> Array:
-    """(g, d, d) by which matrices are multiplied, so that these (g, d, d) have
-    diagonals of one."""
+    """What matrices are multiplied by, entry by entry, to have diagonals of one.
+
+    Parameters
+    ----------
+    values : (g, d, d)
+        The matrices.
+
+    Returns
+    -------
+    (g, d, d)
+        Factors.
+    """
     size = _sizes(values)
     return np.asarray(size[:, :, None] * size[:, None])
 
@@ -319,8 +523,22 @@ def unit_diagonals(values: Array) -> Array:
 def moving_scale(
     constraints: Sequence[Constraint], reference: Array, bound: Array
 ) -> Array:
-    """(p,) units of theta, at most ``bound``, that move no matrix far in its size at
-    the reference."""
+    """Units of theta that move no matrix far in its size at the reference.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    reference : (p,)
+        Where the matrices are looked at.
+    bound : (p,)
+        The largest unit.
+
+    Returns
+    -------
+    (p,)
+        A unit for each parameter.
+    """
     moves = np.zeros(len(bound))
     for group in group_cones([c for c in constraints if c.cone == "psd"]):
         t = _whitening(group.values(reference))[:, None]
@@ -353,7 +571,13 @@ def _whitening(values: Array) -> Array:
 def _sizes(values: Array) -> Array:
     """(g, d) the scaling that brings diagonals to one; for matrices that need not be
     definite."""
-    diagonal = np.abs(np.diagonal(values, axis1=1, axis2=2))
+    diagonal = np.abs(
+        np.diagonal(
+            values,
+            axis1=1,
+            axis2=2,
+        )
+    )
     return np.asarray(1.0 / np.sqrt(nonzero_or_one(diagonal)))
 
 

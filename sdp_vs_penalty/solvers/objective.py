@@ -44,7 +44,18 @@ class Entropy:
         return StackedCones.from_groups(group_cones(self.links))
 
     def value(self, theta: Array) -> float:
-        """At theta (p,); infinite outside of its domain."""
+        """The prior's value.
+
+        Parameters
+        ----------
+        theta : (p,)
+            Parameters of the model.
+
+        Returns
+        -------
+        float
+            Infinite outside of its domain.
+        """
         matrices = self.entries.at(theta)[0].reshape(-1, 4, 4)
         roots = self._roots
         ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
@@ -55,7 +66,18 @@ class Entropy:
         return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))
 
     def gradient(self, theta: Array) -> Array:
-        """(p,) at theta (p,)."""
+        """The prior's slope.
+
+        Parameters
+        ----------
+        theta : (p,)
+            Parameters of the model.
+
+        Returns
+        -------
+        (p,)
+            By each parameter.
+        """
         slope = self.nominal_terms[0] - np.linalg.inv(
             self.entries.at(theta)[0].reshape(-1, 4, 4)
         )
@@ -73,20 +95,62 @@ class Objective:
 
     @classmethod
     def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
-        """linear @ theta alone, theta (p,); zero: what infeasibility is proved of."""
+        """A linear objective alone; zero is what infeasibility is proved of.
+
+        Parameters
+        ----------
+        p : int
+            Number of parameters.
+        linear : (p,) or float
+            Its slope.
+
+        Returns
+        -------
+        Objective
+            linear @ theta.
+        """
         return cls(
-            LeastSquares(np.zeros((0, p)), np.zeros(0), 0.0, 0.0, 0), linear=linear
+            LeastSquares(
+                np.zeros((0, p)),
+                np.zeros(0),
+                0.0,
+                0.0,
+                0,
+            ),
+            linear=linear,
         )
 
     def value(self, theta: Array) -> float:
-        """At theta (p,)."""
+        """The objective's value.
+
+        Parameters
+        ----------
+        theta : (p,)
+            Parameters of the model.
+
+        Returns
+        -------
+        float
+            Infinite outside of the prior's domain.
+        """
         extra = 0.0 if self.entropy is None else self.entropy.value(theta)
         return (
             self.least_squares.loss(theta) + extra + float(np.sum(self.linear * theta))
         )
 
     def gradient(self, theta: Array) -> Array:
-        """(p,) at theta (p,)."""
+        """The objective's slope.
+
+        Parameters
+        ----------
+        theta : (p,)
+            Parameters of the model.
+
+        Returns
+        -------
+        (p,)
+            By each parameter.
+        """
         gradient = self.least_squares.gradient(theta) + self.linear
         return (
             gradient

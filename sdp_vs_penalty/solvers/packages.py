@@ -40,6 +40,20 @@ class Cvxopt(Solver):
     }
 
     def run(self, problem: ConicProblem, settings: Mapping[str, Any]) -> Solution:
+        """As :meth:`Solver.run`.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            As this solver takes it.
+        settings : mapping
+            Its options.
+
+        Returns
+        -------
+        Solution
+            What it answers.
+        """
         import cvxopt
         from cvxopt import solvers
 
@@ -48,7 +62,12 @@ class Cvxopt(Solver):
         equal = dims["z"]
         rows = coo.row.astype(int)
         columns = coo.col.astype(int)
-        A = cvxopt.spmatrix(coo.data, rows, columns, coo.shape)
+        A = cvxopt.spmatrix(
+            coo.data,
+            rows,
+            columns,
+            coo.shape,
+        )
         b = cvxopt.matrix(problem.b)
         parts = (
             A[equal:, :],
@@ -83,7 +102,11 @@ class Qics(Solver):
     full_matrices = True
     # Iterative refinement and third-order adjustments are on by default, as its manual
     # recommends.
-    default_options = {"tol_gap": ACCURACY, "tol_feas": ACCURACY, "max_iter": 200}
+    default_options = {
+        "tol_gap": ACCURACY,
+        "tol_feas": ACCURACY,
+        "max_iter": 200,
+    }
     status_meaning = (
         {"optimal": "optimal", "near_optimal": "inaccurate"}
         | dict.fromkeys(("pinfeas", "near_pinfeas"), "infeasible")
@@ -91,6 +114,20 @@ class Qics(Solver):
     )
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        """As :meth:`Solver.run`.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            As this solver takes it.
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        Solution
+            What it answers.
+        """
         import qics
 
         answer = {
@@ -113,9 +150,22 @@ class Qics(Solver):
         signs[rows - 3 * dims["ep"] :: 3] = -1.0
         A = sparse.csr_matrix(sparse.diags(signs) @ problem.A)
         b = (signs * problem.b)[:, None]
-        parts = {"A": A[:equal], "b": b[:equal], "G": A[equal:], "h": b[equal:]}
-        model = qics.Model(problem.q[:, None], **parts, cones=cones)
-        info = qics.Solver(model, verbose=0, **options).solve()
+        parts = {
+            "A": A[:equal],
+            "b": b[:equal],
+            "G": A[equal:],
+            "h": b[equal:],
+        }
+        model = qics.Model(
+            problem.q[:, None],
+            **parts,
+            cones=cones,
+        )
+        info = qics.Solver(
+            model,
+            verbose=0,
+            **options,
+        ).solve()
         duals = (
             info["y_opt"],
             getattr(info["z_opt"], "vec", info["z_opt"]),
@@ -123,7 +173,13 @@ class Qics(Solver):
         z = signs * np.concatenate([np.asarray(dual, float).ravel() for dual in duals])
         x = np.asarray(info["x_opt"]).ravel()
         more = f"({info['exit_status']})"
-        return self.make_solution(x, z, info["sol_status"], info["num_iter"], more)
+        return self.make_solution(
+            x,
+            z,
+            info["sol_status"],
+            info["num_iter"],
+            more,
+        )
 
     def warm_up(self) -> None:
         """It compiles its code for each cone on first use: a tiny problem that has them
@@ -135,7 +191,16 @@ class Qics(Solver):
         A = sparse.csc_matrix(-np.vstack([rows, *below]))
         b = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 9.0])
         empty = sparse.csc_matrix((2, 2))
-        self.solve(ConicProblem(empty, np.ones(2), A, b, cones), 1e-4)
+        self.solve(
+            ConicProblem(
+                empty,
+                np.ones(2),
+                A,
+                b,
+                cones,
+            ),
+            1e-4,
+        )
 
 
 class Scs(Solver):
@@ -149,7 +214,11 @@ class Scs(Solver):
     finest = 1e-7
     # The rest are its defaults, which its documentation recommends (adaptive scale,
     # normalisation, Anderson acceleration over 10 steps).
-    default_options = {"eps_abs": ACCURACY, "eps_rel": ACCURACY, "max_iters": 100_000}
+    default_options = {
+        "eps_abs": ACCURACY,
+        "eps_rel": ACCURACY,
+        "max_iters": 100_000,
+    }
     status_meaning = {
         "solved": "optimal",
         "infeasible": "infeasible",
@@ -157,6 +226,20 @@ class Scs(Solver):
     }
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        """As :meth:`Solver.run`.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            As this solver takes it.
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        Solution
+            What it answers.
+        """
         import scs
 
         rows = [np.zeros(0, np.intp)]
@@ -172,8 +255,18 @@ class Scs(Solver):
             start += cone.rows
         lower = np.concatenate(rows)
         A = problem.A.tocsr()[lower].tocsc()
-        data = {"P": problem.P, "A": A, "b": problem.b[lower], "c": problem.q}
-        result = scs.SCS(data, sizes(problem.cones), verbose=False, **options).solve()
+        data = {
+            "P": problem.P,
+            "A": A,
+            "b": problem.b[lower],
+            "c": problem.q,
+        }
+        result = scs.SCS(
+            data,
+            sizes(problem.cones),
+            verbose=False,
+            **options,
+        ).solve()
         z = np.empty(len(lower))
         info = result["info"]
         z[lower] = result["y"]
@@ -206,12 +299,29 @@ class Sdpa(Solver):
     status_meaning = SDPA_CLAIMS
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        """As :meth:`Solver.run`.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            As this solver takes it.
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        Solution
+            What it answers.
+        """
         import sdpap
 
         dims = sizes(problem.cones)
         # minimise c^T x subject to (-A) x - (-b) in J, x free
         free = sdpap.SymCone(f=len(problem.q))
-        cones = sdpap.SymCone(l=dims["l"], s=tuple(dims["s"]))
+        cones = sdpap.SymCone(
+            l=dims["l"],
+            s=tuple(dims["s"]),
+        )
         settings = {**options, "print": "no", "numThreads": 1}
         x, y, info, _, more = sdpap.solve(
             -problem.A, -problem.b, problem.q, free, cones, settings

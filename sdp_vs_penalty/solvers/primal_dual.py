@@ -65,9 +65,26 @@ def minimise(
     starts: Sequence[Array | Iterate],
     accuracy: float,
 ) -> Optimum | None:
-    """From the first of the starts that lies inside, until gap and leftover slope cost
-    no more than ``accuracy`` of the loss, or no step helps any more; None where nothing
-    could be factorised."""
+    """Minimise a sum of squares over small cones from the first of the starts that
+    lies inside.
+
+    Parameters
+    ----------
+    cones : SmallCones
+        The constraints, and the prior.
+    data : LeastSquares
+        The sum of squares.
+    starts : sequence
+        Points (p,), or iterates of an earlier run.
+    accuracy : float
+        Share of the loss that gap and leftover slope may cost.
+
+    Returns
+    -------
+    Optimum or None
+        The best iterate, also where no step helped any more; None where nothing
+        could be factorised.
+    """
     for start in starts:
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
             return _InteriorPoint(cones, data, start).solve(accuracy)
@@ -91,9 +108,9 @@ class _InteriorPoint:
         self.change = np.empty_like(self.both)
         self.change_rows, self.change_mats = self._views(self.change)
         self.target = np.empty(self.both.shape[1])
-        self.target_rows, self.target_mats = (
-            view[0] for view in self._views(self.target[None])
-        )
+        target_rows, target_mats = self._views(self.target[None])
+        self.target_rows = target_rows[0]
+        self.target_mats = target_mats[0]
         self.weight = cones.weight[:, None, None]
         self.degree = max(cones.rows + ORDER * len(cones.weight), 1)
         self.logs = float(cones.weight @ np.log(nonzero_or_one(cones.weight)))
@@ -107,13 +124,17 @@ class _InteriorPoint:
             self.evaluate()
             mu = _COLD * abs(self.value) / self.degree or 1.0
             self.rows[1] = mu / self.rows[0]
-            self.mats[1] = np.maximum(self.weight, mu) * np.linalg.inv(self.mats[0])
-        if not (np.all(self.rows[0] > 0.0) and np.all(np.isfinite(self.both))):
+            inverse = np.linalg.inv(self.mats[0])
+            self.mats[1] = np.maximum(self.weight, mu) * inverse
+        is_inside = bool(np.all(self.rows[0] > 0.0))
+        if not is_inside or not np.all(np.isfinite(self.both)):
             raise np.linalg.LinAlgError
 
     def _views(self, flat: Array) -> tuple[Array, Array]:
+        """The rows (k, rows) and blocks (k, blocks, 4, 4) of k slacks or multipliers."""
         split = self.cones.rows
-        return flat[:, :split], flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
+        blocks = flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
+        return flat[:, :split], blocks
 
     def evaluate(self) -> None:
         """Loss, value and slope of the part without logarithms."""
@@ -125,6 +146,8 @@ class _InteriorPoint:
         self.gradient = 2.0 * (residual @ data.R) + linear
 
     def solve(self, accuracy: float) -> Optimum | None:
+        """The best iterate, and the last central one; None where nothing could be
+        factorised."""
         best: Optimum | None = None
         central = self.iterate()
         for k in range(60):  # twice what the slowest of the shootout's instances needs
@@ -143,6 +166,7 @@ class _InteriorPoint:
         return best
 
     def iterate(self) -> Iterate:
+        """Where the iterate is now."""
         return Iterate(self.theta, self.both[1].copy())
 
     def factorize(self) -> float:
@@ -154,7 +178,8 @@ class _InteriorPoint:
         self.turned = np.swapaxes(self.roots, -1, -2)
         self.inverse = self.turned[0] @ self.roots[0]
         self.evaluate()
-        np.divide(self.rows[1], self.rows[0], out=self.products[: cones.rows])
+        ratios = self.products[: cones.rows]
+        np.divide(self.rows[1], self.rows[0], out=ratios)
         inverse = self.inverse[:, :, :, None, None]
         Z = self.mats[1][:, None, None]
         np.multiply(inverse, Z, out=self.kronecker)
@@ -169,10 +194,14 @@ class _InteriorPoint:
         # solves.
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
         self.set_target(0.0)
-        both = np.array([cones.adjoint @ self.target - self.gradient, self.leftover])
-        self.step, self.correction = dpotrs(self.cholesky, both.T, lower=1)[0].T
-        gap = float(self.both[0] @ self.both[1]) - ORDER * float(cones.weight.sum())
-        logs = np.log(np.diagonal(self.factors, axis1=-2, axis2=-1)).sum(axis=(0, 2))
+        towards_target = cones.adjoint @ self.target - self.gradient
+        both = np.array([towards_target, self.leftover])
+        solutions, _ = dpotrs(self.cholesky, both.T, lower=1)
+        self.step, self.correction = solutions.T
+        products = float(self.both[0] @ self.both[1])
+        gap = products - ORDER * float(cones.weight.sum())
+        diagonals = np.diagonal(self.factors, axis1=-2, axis2=-1)
+        logs = np.log(diagonals).sum(axis=(0, 2))
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
         # Half the square of Newton's decrement: what the leftover slope costs.
         cost = 0.5 * float(self.leftover @ self.correction)
@@ -183,15 +212,16 @@ class _InteriorPoint:
     def set_target(self, mu: float) -> None:
         """target : max(w, mu) S^-1, to which Z is to move."""
         np.divide(mu, self.rows[0], out=self.target_rows)
-        np.multiply(np.maximum(self.weight, mu), self.inverse, out=self.target_mats)
+        weight = np.maximum(self.weight, mu)
+        np.multiply(weight, self.inverse, out=self.target_mats)
 
     def scaled(self, change: Array, by: Array, mats: Array, row: Array) -> Array:
         """sym(S^-1 . change . by) of the matrices and change * by / s of the rows."""
         out = np.empty_like(self.target)
-        rows, blocks = (view[0] for view in self._views(out[None]))
-        np.divide(change * row, self.rows[0], out=rows)
+        rows, blocks = self._views(out[None])
+        np.divide(change * row, self.rows[0], out=rows[0])
         product = self.inverse @ mats @ by
-        np.add(product, np.swapaxes(product, -1, -2), out=blocks)
+        np.add(product, np.swapaxes(product, -1, -2), out=blocks[0])
         blocks *= 0.5
         return out
 
@@ -207,14 +237,18 @@ class _InteriorPoint:
         turned = self.roots @ self.change_mats @ self.turned
         # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be
         # taken.
-        blocks = np.einsum("kbij,kbij->kb", turned, turned) > max(-inward, _SHARE) ** 2
+        squares = np.einsum("kbij,kbij->kb", turned, turned)
+        blocks = squares > max(-inward, _SHARE) ** 2
         if blocks.any():
-            inward = min(inward, float(np.linalg.eigvalsh(turned[blocks])[:, 0].min()))
+            eigenvalues = np.linalg.eigvalsh(turned[blocks])
+            inward = min(inward, float(eigenvalues[:, 0].min()))
         return -1.0 / inward
 
     def complementarity(self, both: Array) -> float:
+        """<S, Z> over all cones, without what the weights ask for; both (2, ...)."""
         rows, mats = self._views(both)
-        by_block = np.einsum("bij,bij->b", mats[0], mats[1]) - ORDER * self.cones.weight
+        products = np.einsum("bij,bij->b", mats[0], mats[1])
+        by_block = products - ORDER * self.cones.weight
         return float(rows[0] @ rows[1] + np.abs(by_block).sum())
 
     def advance(self) -> bool:
@@ -246,7 +280,12 @@ class _InteriorPoint:
         """After a Newton step that leaves no slope, where that stays inside."""
         change = self.cones.slack_map @ -self.correction
         rows, mats = (view[0] for view in self._views(change[None]))
-        multipliers = self.both[1] - self.scaled(rows, self.mats[1], mats, self.rows[1])
+        multipliers = self.both[1] - self.scaled(
+            rows,
+            self.mats[1],
+            mats,
+            self.rows[1],
+        )
         moved = np.array([self.both[0] + change, multipliers])
         with suppress(np.linalg.LinAlgError):
             np.linalg.cholesky(self._views(moved)[1])

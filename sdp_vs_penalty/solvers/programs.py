@@ -33,18 +33,56 @@ class Program(Solver):
 
     @abstractmethod
     def command(self, options: Mapping[str, Any]) -> list[str]:
-        """What is run."""
+        """The command line of the program.
+
+        Parameters
+        ----------
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        list of str
+            Its words.
+        """
 
     @abstractmethod
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        """Claims, its own words and iterations, from what it printed and its exit code."""
+        """What the program says of its answer.
+
+        Parameters
+        ----------
+        text : str
+            What it printed.
+        code : int
+            Its exit code.
+
+        Returns
+        -------
+        tuple
+            What it claims, its own words, and how many iterations it made.
+        """
 
     def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
-        """x and z of "solution" in the format of CSDP, which DSDP shares: matrix 1 is
-        Z, matrix 2 X.
+        """x and z of the file "solution" in the format of CSDP, which DSDP shares: matrix
+        1 is Z, matrix 2 X.
 
-        Raises ArithmeticError, LookupError, OSError or ValueError where there is no
-        answer.
+        Parameters
+        ----------
+        folder : Path
+            Where the program ran.
+        problem : ConicProblem
+            What it was asked.
+
+        Returns
+        -------
+        tuple
+            x (m,) and z (r,).
+
+        Raises
+        ------
+        ArithmeticError, LookupError, OSError, ValueError
+            Where there is no answer.
         """
         lines = (folder / "solution").read_text().splitlines()
         x = np.array([float(word) for word in lines[0].split()])
@@ -64,7 +102,20 @@ class Program(Solver):
         return x, z
 
     def answer(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array] | None:
-        """x and z that the program has written; None where its file is broken."""
+        """x and z that the program has written.
+
+        Parameters
+        ----------
+        folder : Path
+            Where the program ran.
+        problem : ConicProblem
+            What it was asked.
+
+        Returns
+        -------
+        tuple or None
+            None where its file is broken.
+        """
         try:
             x, z = self.read(folder, problem)
         except (ArithmeticError, LookupError, OSError, ValueError):
@@ -73,6 +124,20 @@ class Program(Solver):
         return (x, z) if has_all else None
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        """As :meth:`Solver.run`.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            As this solver takes it.
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        Solution
+            What it answers.
+        """
         command = self.command(options)
         program = command[0]
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
@@ -128,9 +193,35 @@ class Csdp(Program):
     }
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
+        """The command line of the program.
+
+        Parameters
+        ----------
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        list of str
+            Its words.
+        """
         return ["csdp", "problem.dat-s", "solution"]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
+        """What the program says of its answer.
+
+        Parameters
+        ----------
+        text : str
+            What it printed.
+        code : int
+            Its exit code.
+
+        Returns
+        -------
+        tuple
+            What it claims, its own words, and how many iterations it made.
+        """
         words = re.findall(
             r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M
         )
@@ -162,12 +253,38 @@ class Dsdp(Program):
     }
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
+        """The command line of the program.
+
+        Parameters
+        ----------
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        list of str
+            Its words.
+        """
         words = [
             word for key, value in options.items() for word in (f"-{key}", str(value))
         ]
         return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
+        """What the program says of its answer.
+
+        Parameters
+        ----------
+        text : str
+            What it printed.
+        code : int
+            Its exit code.
+
+        Returns
+        -------
+        tuple
+            What it claims, its own words, and how many iterations it made.
+        """
         status = next(
             (p for p in reversed(self.status_meaning) if p in text), f"exit code {code}"
         )
@@ -186,16 +303,51 @@ class SdpaProgram(Program):
     requires = "program", "sdpa"
     finest = 1e-7
     default_options = {
-        **{"maxIteration": 200, "epsilonStar": ACCURACY, "epsilonDash": ACCURACY},
-        **{"lambdaStar": 1e2, "betaStar": 0.1, "betaBar": 0.2, "gammaStar": 0.9},
+        **{
+            "maxIteration": 200,
+            "epsilonStar": ACCURACY,
+            "epsilonDash": ACCURACY,
+        },
+        **{
+            "lambdaStar": 1e2,
+            "betaStar": 0.1,
+            "betaBar": 0.2,
+            "gammaStar": 0.9,
+        },
     }
     status_meaning = SDPA_CLAIMS
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
+        """The command line of the program.
+
+        Parameters
+        ----------
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        list of str
+            Its words.
+        """
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
         return ["sdpa", *files, "-numThreads", "1"]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
+        """What the program says of its answer.
+
+        Parameters
+        ----------
+        text : str
+            What it printed.
+        code : int
+            Its exit code.
+
+        Returns
+        -------
+        tuple
+            What it claims, its own words, and how many iterations it made.
+        """
         phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
         steps = re.search(r"Iteration\s*=\s*(\d+)", text)
         status = phase.group(1) if phase else f"exit code {code}"
@@ -206,6 +358,20 @@ class SdpaProgram(Program):
         )
 
     def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
+        """x and z of the file "answer".
+
+        Parameters
+        ----------
+        folder : Path
+            Where the program ran.
+        problem : ConicProblem
+            What it was asked.
+
+        Returns
+        -------
+        tuple
+            x (m,) and z (r,).
+        """
         text = (folder / "answer").read_text()
         x = _numbers(text.split("xVec =")[1].split("xMat =")[0])
         values = _numbers(text.split("yMat =")[1].split("main loop time")[0])

@@ -47,15 +47,42 @@ def optimum_proof(
     """The proof that the least objective lies between a lower bound and that of the
     fit's theta.
 
-    fit : with its multipliers and bound, theta feasible exactly, as its decimal text
-    says (:func:`verified.certainly_feasible`); made_of : hashes of the "model" and the
-    "data". Raises ValueError where it is not, or the multipliers prove nothing.
+    Parameters
+    ----------
+    fit : Fit
+        With its multipliers and bound, theta feasible exactly, as its decimal
+        text says (:func:`rigorous_bounds.certainly_feasible`).
+    parameters : sequence of str
+        Names.
+    made_of : mapping of str
+        Hashes of the "model" and the "data".
+
+    Returns
+    -------
+    Proof
+        The content of a proof.json.
+
+    Raises
+    ------
+    ValueError
+        Where theta is not feasible, or the multipliers prove nothing.
     """
     assert fit.bound is not None
     evidence = dual_evidence(fit)
-    problem = stated(fit.objective, fit.constraints.convex, fit.bound, parameters)
+    problem = stated(
+        fit.objective,
+        fit.constraints.convex,
+        fit.bound,
+        parameters,
+    )
     proof: Proof = {
-        **_proof("optimum", problem, fit.constraints, evidence, fit.objective.entropy),
+        **_proof(
+            "optimum",
+            problem,
+            fit.constraints,
+            evidence,
+            fit.objective.entropy,
+        ),
         "theta": [repr(float(x)) for x in fit.theta],
         "y": _texts(evidence.y),
         "lower": "0",
@@ -74,19 +101,68 @@ def infeasibility_proof(
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex constraints;
-    multipliers (e,) of their entries."""
+    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex
+    constraints.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        Which contradict each other.
+    multipliers : (e,)
+        Of the entries of the constraints.
+    bound : (p,)
+        The largest plausible |theta_k|.
+    parameters : sequence of str
+        Names.
+
+    Returns
+    -------
+    Proof
+        The content of a proof.json.
+    """
     nothing = Objective.without_data(len(bound))
     evidence = dual_evidence(
-        Fit(np.zeros(len(bound)), nothing, constraints, multipliers, bound=bound)
+        Fit(
+            np.zeros(len(bound)),
+            nothing,
+            constraints,
+            multipliers,
+            bound=bound,
+        )
     )
     problem = stated(nothing, constraints.convex, bound, parameters)
-    return _checked({**_proof("infeasible", problem, constraints, evidence), "y": []})
+    return _checked(
+        {
+            **_proof("infeasible", problem, constraints, evidence),
+            "y": [],
+        }
+    )
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
-    """Write proof.json, whole or not at all."""
-    write_text(path, json.dumps(proof, indent=0, sort_keys=True) + "\n")
+    """Write proof.json, whole or not at all.
+
+    Parameters
+    ----------
+    proof : Proof
+        Its content.
+    path : path
+        The file.
+
+    Returns
+    -------
+    None
+        Nothing.
+    """
+    write_text(
+        path,
+        json.dumps(
+            proof,
+            indent=0,
+            sort_keys=True,
+        )
+        + "\n",
+    )
 
 
 def stated(
@@ -95,8 +171,24 @@ def stated(
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """The problem as a proof states it: every field but multipliers, interval and
-    hashes."""
+    """The problem as a proof states it.
+
+    Parameters
+    ----------
+    objective : Objective
+        A sum of squares with a prior.
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    bound : (p,)
+        The largest plausible |theta_k|.
+    parameters : sequence of str
+        Names.
+
+    Returns
+    -------
+    Proof
+        Every field but multipliers, interval and hashes.
+    """
     data = objective.least_squares
     entropy = objective.entropy
     weight = 0.0
@@ -134,13 +226,24 @@ def stated(
 
 
 def difference(proof: Proof, recomputed: Proof) -> str:
-    """The first thing in which a proof states another problem than ``recomputed``
-    (:func:`stated`), in words; "" where they are the same.
+    """The first thing in which a proof states another problem.
 
     Names, their order, cones and indices are compared exactly, numbers to the promised
     gap (TIGHT) of themselves or of their columns' norms, far above two machines'
     rounding and far below any option's change; R, rho and floor by the loss that they
     make, since another triangle R may make the same one.
+
+    Parameters
+    ----------
+    proof : Proof
+        What was written.
+    recomputed : Proof
+        The problem as it is (:func:`stated`).
+
+    Returns
+    -------
+    str
+        In words; "" where they are the same.
     """
     titles = [
         [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]]
@@ -229,8 +332,19 @@ def _proof(
             {**e, "dual": _gram(root)}
             for e, root in zip(name["entropy"], roots, strict=True)
         ]
-        proved.append({**name, "dual": dual, "entropy": pulls})
-    about = {"format": verify_proof.FORMAT, "kind": kind, "model": "", "data": ""}
+        proved.append(
+            {
+                **name,
+                "dual": dual,
+                "entropy": pulls,
+            }
+        )
+    about = {
+        "format": verify_proof.FORMAT,
+        "kind": kind,
+        "model": "",
+        "data": "",
+    }
     return {**about, **problem, "constraints": proved}
 
 
@@ -293,7 +407,10 @@ def _outward(x: Fraction, towards: float) -> str:
 def _signed(proof: Proof) -> Proof:
     body = {name: value for name, value in proof.items() if name != "sha256"}
     text = json.dumps(body, sort_keys=True)
-    return {**body, "sha256": hashlib.sha256(text.encode()).hexdigest()}
+    return {
+        **body,
+        "sha256": hashlib.sha256(text.encode()).hexdigest(),
+    }
 
 
 def _checked(proof: Proof) -> Proof:

@@ -43,6 +43,18 @@ class Rewritten:
     constant: float = 0.0
 
     def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
+        """One more step.
+
+        Parameters
+        ----------
+        step : callable
+            What rewrites this problem.
+
+        Returns
+        -------
+        Rewritten
+            The problem after both, with the way back through both.
+        """
         following = step(self.problem)
 
         def back(x: Array, z: Array) -> tuple[Array, Array]:
@@ -52,16 +64,44 @@ class Rewritten:
 
 
 def unchanged(problem: ConicProblem) -> Rewritten:
+    """A problem that needs no rewriting.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    Rewritten
+        The same problem.
+    """
     return Rewritten(problem, lambda x, z: (x, z))
 
 
 def suited(
     problem: ConicProblem, kinds: Collection[str], order: Sequence[str] = ()
 ) -> Rewritten:
-    """For a solver that takes a "quadratic" objective and cones of these ``kinds``, or
-    not, in an order.
+    """A problem as a solver can take it.
 
-    Raises NotApplicableError where a cone is left that it lacks.
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+    kinds : collection of str
+        Cones of the solver, and "quadratic" where it takes such an objective.
+    order : sequence of str
+        In which it wants the cones; none: any.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+
+    Raises
+    ------
+    NotApplicableError
+        Where a cone is left that the solver lacks.
     """
     form = unchanged(problem)
     if "quadratic" not in kinds:
@@ -72,32 +112,55 @@ def suited(
         form = form.then(without_equalities)
     if "soc" not in kinds:
         form = form.then(arrows)
-    if lacking := sorted({c.kind for c in form.problem.cones} - set(kinds)):
+    kinds_left = {cone.kind for cone in form.problem.cones}
+    if lacking := sorted(kinds_left - set(kinds)):
         raise NotApplicableError(f"the solver has no {', '.join(lacking)} cone")
     return form.then(lambda p: reorder(p, order)) if order else form
 
 
 def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
-    """G (k, m) with 1/2 x^T P x = 1/2 |G x|^2; P holds the upper triangle only."""
+    """A factor of the quadratic objective.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        P holds the upper triangle only.
+
+    Returns
+    -------
+    (k, m) sparse
+        G with 1/2 x^T P x = 1/2 |G x|^2.
+    """
     P = sparse.csc_matrix(problem.P)
     diagonal = P.diagonal()
     if P.nnz == np.count_nonzero(diagonal):
         nonzero = np.flatnonzero(diagonal)
         ones = np.arange(len(nonzero))
-        return sparse.csr_matrix(
-            (np.sqrt(diagonal[nonzero]), (ones, nonzero)), (len(nonzero), P.shape[0])
-        )
+        shape = (len(nonzero), P.shape[0])
+        entries = (np.sqrt(diagonal[nonzero]), (ones, nonzero))
+        return sparse.csr_matrix(entries, shape)
     full = P.toarray()
     values, vectors = np.linalg.eigh(full + np.triu(full, 1).T)
     significant = values > 1e-15 * values[-1]
-    return sparse.csr_matrix(
-        np.sqrt(values[significant])[:, None] * vectors[:, significant].T
-    )
+    roots = np.sqrt(values[significant])
+    return sparse.csr_matrix(roots[:, None] * vectors[:, significant].T)
 
 
 def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
-    """The quadratic part bounded by new variables t, one for each group of its rows
-    (None: one)."""
+    """Bound the quadratic part by new variables, so that the objective is linear.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+    group : int or None
+        Rows of the factor that share one variable; None: all.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+    """
     if problem.P.nnz == 0:
         return unchanged(problem)
     factor = quadratic_factor(problem)
@@ -110,10 +173,15 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     cones = list(problem.cones)
     for k, start in enumerate(starts):
         part = factor[start : start + size]
-        top = sparse.csr_matrix(([-1.0], ([0], [k])), (1, columns))
-        blocks += [[None, top], [None, top], [-np.sqrt(2.0) * part, None]]
-        constants += [np.array([1.0, -1.0]), np.zeros(part.shape[0])]
-        cones.append(Cone("soc", 2 + part.shape[0]))
+        size_of_part = part.shape[0]
+        place = ([0], [k])
+        top = sparse.csr_matrix(([-1.0], place), (1, columns))
+        blocks.append([None, top])
+        blocks.append([None, top])
+        blocks.append([-np.sqrt(2.0) * part, None])
+        constants.append(np.array([1.0, -1.0]))
+        constants.append(np.zeros(size_of_part))
+        cones.append(Cone("soc", 2 + size_of_part))
     rewritten = ConicProblem(
         sparse.csc_matrix((m + columns, m + columns)),
         np.concatenate([problem.q, np.ones(columns)]),
@@ -121,20 +189,34 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
         np.concatenate(constants),
         tuple(cones),
     )
-    return Rewritten(rewritten, lambda x, z: (x[:m], z[: len(problem.b)]))
+
+    def back(x: Array, z: Array) -> tuple[Array, Array]:
+        return x[:m], z[: len(problem.b)]
+
+    return Rewritten(rewritten, back)
 
 
 def without_equalities(problem: ConicProblem) -> Rewritten:
-    """Each equality solved for a variable that occurs in no other equality, and
-    substituted.
+    """Solve each equality for a variable that occurs in no other one, and substitute
+    it.
 
-    Raises NotApplicableError where an equality has no such variable. The objective is
-    linear.
+    Parameters
+    ----------
+    problem : ConicProblem
+        With a linear objective.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+
+    Raises
+    ------
+    NotApplicableError
+        Where an equality has no such variable.
     """
-    equal = np.concatenate(
-        [np.full(c.rows, c.kind == "zero") for c in problem.cones]
-        or [np.zeros(0, bool)]
-    )
+    are_equalities = [np.full(c.rows, c.kind == "zero") for c in problem.cones]
+    equal = np.concatenate([np.zeros(0, bool), *are_equalities])
     if not equal.any():
         return unchanged(problem)
     A = sparse.csr_matrix(problem.A)
@@ -156,13 +238,12 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     slope = sparse.diags(1.0 / size) @ E[:, free_columns]
     offset = e / size
     inequalities = sparse.csc_matrix(inequalities)
+    of_pivots = inequalities[:, pivots]
     rewritten = ConicProblem(
         sparse.csc_matrix((len(free_columns), len(free_columns))),
         problem.q[free_columns] - slope.T @ problem.q[pivots],
-        sparse.csc_matrix(
-            inequalities[:, free_columns] - inequalities[:, pivots] @ slope
-        ),
-        problem.b[~equal] - inequalities[:, pivots] @ offset,
+        sparse.csc_matrix(inequalities[:, free_columns] - of_pivots @ slope),
+        problem.b[~equal] - of_pivots @ offset,
         tuple(c for c in problem.cones if c.kind != "zero"),
     )
 
@@ -173,15 +254,25 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
         full_x[pivots] = offset - slope @ x
         full_z[~equal] = z
         # Stationarity in the pivots: q + A^T z = 0.
-        full_z[equal] = -(problem.q[pivots] + inequalities[:, pivots].T @ z) / size
+        full_z[equal] = -(problem.q[pivots] + of_pivots.T @ z) / size
         return full_x, full_z
 
     return Rewritten(rewritten, back, float(problem.q[pivots] @ offset))
 
 
 def arrows(problem: ConicProblem) -> Rewritten:
-    """Second-order cones as arrow matrices; the adjoint of the map brings multipliers
-    back."""
+    """Second-order cones as arrow matrices.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    Rewritten
+        The other problem; the adjoint of the map brings multipliers back.
+    """
     if not any(c.kind == "soc" for c in problem.cones):
         return unchanged(problem)
     maps = []
@@ -198,7 +289,8 @@ def arrows(problem: ConicProblem) -> Rewritten:
         rows = np.concatenate([diagonal, border])
         columns = np.concatenate([np.zeros(d, int), j[1:]])
         values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
-        maps.append(sparse.csr_matrix((values, (rows, columns)), (d * (d + 1) // 2, d)))
+        shape = (d * (d + 1) // 2, d)
+        maps.append(sparse.csr_matrix((values, (rows, columns)), shape))
         cones.append(Cone("psd", d))
     change = sparse.block_diag(maps, format="csr")
     return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
@@ -215,8 +307,20 @@ def _mapped(
 
 
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
-    """The cones sorted by kind, in the order given; nonnegative and zero cones are
-    merged."""
+    """Sort the cones by kind; nonnegative and zero cones are merged.
+
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+    kinds : sequence of str
+        The order.
+
+    Returns
+    -------
+    Rewritten
+        The other problem, with the way back from its solutions.
+    """
     starts = np.cumsum([0, *(c.rows for c in problem.cones)])
     order = [np.zeros(0, np.intp)]
     cones = []
@@ -224,34 +328,56 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
         mine = [k for k, c in enumerate(problem.cones) if c.kind == kind]
         order += [np.arange(starts[k], starts[k + 1]) for k in mine]
         if kind in ("zero", "nonnegative"):
-            cones += (
-                [Cone(kind, sum(problem.cones[k].size for k in mine))] if mine else []
-            )
+            size = sum(problem.cones[k].size for k in mine)
+            cones += [Cone(kind, size)] if mine else []
         else:
             cones += [problem.cones[k] for k in mine]
-    change = sparse.identity(len(problem.b), format="csr")[np.concatenate(order)]
+    same = sparse.identity(len(problem.b), format="csr")
+    change = same[np.concatenate(order)]
     return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
 
 
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
-    """How large the cones are, under the names that SCS and CVXOPT share."""
-    of = {kind: [c.size for c in cones if c.kind == kind] for kind in KINDS}
-    cone_sizes = {
-        "z": sum(of["zero"]),
-        "l": sum(of["nonnegative"]),
-        "ep": len(of["exp"]),
+    """How large the cones are.
+
+    Parameters
+    ----------
+    cones : sequence of Cone
+        Of a problem.
+
+    Returns
+    -------
+    dict
+        Under the names that SCS and CVXOPT share.
+    """
+    sizes_by_kind: dict[str, list[int]] = {kind: [] for kind in KINDS}
+    for cone in cones:
+        sizes_by_kind[cone.kind].append(cone.size)
+    return {
+        "z": sum(sizes_by_kind["zero"]),
+        "l": sum(sizes_by_kind["nonnegative"]),
+        "ep": len(sizes_by_kind["exp"]),
+        "q": sizes_by_kind["soc"],
+        "s": sizes_by_kind["psd"],
     }
-    return cone_sizes | {"q": of["soc"], "s": of["psd"]}
 
 
 def full_matrices(problem: ConicProblem) -> Rewritten:
     """Rows of psd cones become d^2 entries.
 
-    The rewritten problem keeps the cones of the original: its rows no longer match
-    Cone.rows. A solver may return any matrix; back takes its lower triangle, which is
-    what CVXOPT fills.
+    Parameters
+    ----------
+    problem : ConicProblem
+        What is to be solved.
+
+    Returns
+    -------
+    Rewritten
+        Its rows no longer match Cone.rows. A solver may return any matrix; the
+        way back takes its lower triangle, which is what CVXOPT fills.
     """
-    both = []
+    outward = []
+    homeward = []
     for cone in problem.cones:
         d = cone.size
         rows = cone.rows
@@ -260,12 +386,14 @@ def full_matrices(problem: ConicProblem) -> Rewritten:
             # Entries stand column by column: (row j, column i) of the lower triangle at
             # i * d + j.
             i, j, weight = triangle(d)
-            out = sparse.csr_matrix(unsvec(np.eye(rows), d).reshape(rows, -1).T)
-            home = sparse.csr_matrix(
-                (weight, (np.arange(rows), i * d + j)), (rows, d * d)
-            )
-        both.append((out, home))
+            matrices = unsvec(np.eye(rows), d)
+            out = sparse.csr_matrix(matrices.reshape(rows, -1).T)
+            places = (np.arange(rows), i * d + j)
+            home = sparse.csr_matrix((weight, places), (rows, d * d))
+        outward.append(out)
+        homeward.append(home)
     return _mapped(
         problem,
-        *(sparse.block_diag(maps, format="csr") for maps in zip(*both, strict=True)),
+        sparse.block_diag(outward, format="csr"),
+        sparse.block_diag(homeward, format="csr"),
     )

@@ -17,6 +17,7 @@ rational arithmetic and factorised exactly: feasible is then a fact.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -49,9 +50,21 @@ _TINY = Long(np.finfo(float).tiny)
 
 
 def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array]:
-    """Multipliers (e,) that lie in their (self-dual) cones, near those given; their
-    sums' absolute values. A matrix is V V^T, formed with rounding; the others are
-    exact."""
+    """Multipliers that lie in their (self-dual) cones, near those given.
+
+    Parameters
+    ----------
+    entries : StackedCones
+        The cones.
+    multipliers : (e,)
+        Near them.
+
+    Returns
+    -------
+    tuple
+        (e,) the multipliers, and their sums' absolute values. A matrix is V
+        V^T, formed with rounding; the others are exact.
+    """
     size = np.maximum(multipliers, 0.0)
     exact = np.asarray(size, Long)
     parts = [entries.split(x) for x in (multipliers, exact, size)]
@@ -77,24 +90,44 @@ def _square(v: Array) -> tuple[Extended, Array]:
     """V V^T (g, d, d) and |V| |V|^T, whose own rounding gamma holds as well."""
     exact = np.asarray(v, Long)
     size = np.abs(v)
-    return exact @ np.swapaxes(exact, 1, 2), size @ np.swapaxes(size, 1, 2)
+    return exact @ _transposed(exact), size @ _transposed(size)
+
+
+def _transposed(matrices: Any) -> Any:
+    """(g, d, d) each matrix transposed."""
+    return np.swapaxes(matrices, 1, 2)
+
+
+def _diagonals(matrices: Array) -> Array:
+    """(g, d) of each matrix."""
+    return np.diagonal(matrices, axis1=1, axis2=2)
 
 
 def factor(matrices: Array) -> Array:
-    """V (g, d, d) with V V^T near symmetric matrices; near their projections where one
-    is indefinite, seen with a diagonal of size one: what is near does not depend on
-    units."""
+    """V with V V^T near symmetric matrices, or near their projections where one is
+    indefinite.
+
+    Parameters
+    ----------
+    matrices : (g, d, d)
+        Symmetric.
+
+    Returns
+    -------
+    (g, d, d)
+        Seen with a diagonal of size one: what is near does not depend on units.
+    """
     out = np.zeros_like(matrices)
     used = matrices.any(axis=(1, 2))
     try:
-        out[used] = np.linalg.cholesky(
-            matrices[used]
-        )  # near entry by entry, in any system of units
+        # Near entry by entry, in any system of units.
+        out[used] = np.linalg.cholesky(matrices[used])
     except np.linalg.LinAlgError:
-        size = np.sqrt(np.abs(np.diagonal(matrices, axis1=1, axis2=2)))
+        size = np.sqrt(np.abs(_diagonals(matrices)))
         size = nonzero_or_one(size)[:, :, None]
-        eigenvalues, vectors = np.linalg.eigh(matrices / size / np.swapaxes(size, 1, 2))
-        out = size * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))[:, None]
+        eigenvalues, vectors = np.linalg.eigh(matrices / size / _transposed(size))
+        roots = np.sqrt(np.maximum(eigenvalues, 0.0))
+        out = size * vectors * roots[:, None]
     return out
 
 
@@ -104,13 +137,13 @@ def _against(
     """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of
     absolute values; dual, sizes (e,)."""
     slope = np.zeros((2, p), Long)
-    np.add.at(slope[0], entries.column, entries.value * dual[entries.row])
-    slope[1] = np.bincount(
-        entries.column, np.abs(entries.value) * sizes[entries.row], p
-    )
-    return slope, np.array(
-        [entries.constant @ dual, np.abs(entries.constant) @ sizes], Long
-    )
+    terms = entries.value * dual[entries.row]
+    np.add.at(slope[0], entries.column, terms)
+    sizes_of_terms = np.abs(entries.value) * sizes[entries.row]
+    slope[1] = np.bincount(entries.column, sizes_of_terms, p)
+    constant = entries.constant @ dual
+    size = np.abs(entries.constant) @ sizes
+    return slope, np.array([constant, size], Long)
 
 
 def _entropy_tangent(
@@ -118,20 +151,20 @@ def _entropy_tangent(
 ) -> tuple[Extended, Extended]:
     """The same of -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T
     exactly."""
-    v = np.asarray(
-        np.linalg.cholesky(0.5 * (slopes + np.swapaxes(slopes, 1, 2))), float
-    )
-    logs = np.log(np.asarray(np.diagonal(v, axis1=1, axis2=2), Long))
-    (inverse, log_det), (exact, size) = entropy.nominal_terms, _square(v)
-    both = (inverse - exact).ravel(), (np.abs(inverse) + size).ravel()
-    slope, constant = _against(entropy.entries, *both, p)
+    symmetric = 0.5 * (slopes + _transposed(slopes))
+    v = np.asarray(np.linalg.cholesky(symmetric), float)
+    logs = np.log(np.asarray(_diagonals(v), Long))
+    inverse, log_det = entropy.nominal_terms
+    exact, size = _square(v)
+    dual = (inverse - exact).ravel()
+    sizes = (np.abs(inverse) + size).ravel()
+    slope, constant = _against(entropy.entries, dual, sizes, p)
     # A logarithm is right to a few units of its last place, or of one.
-    more = (
-        2 * logs.sum() + log_det.sum(),
-        16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum(),
-    )
+    more = 2 * logs.sum() + log_det.sum()
+    size_of_more = 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
     weight = Long(entropy.weight)
-    return weight * slope, weight * (constant + np.array(more, Long))
+    constant = constant + np.array([more, size_of_more], Long)
+    return weight * slope, weight * constant
 
 
 @dataclass(frozen=True)
@@ -157,22 +190,38 @@ def lower_bound(
     evidence: DualEvidence,
     bound: Array,
 ) -> float:
-    """A number that is certainly <= min objective over the constraints and |theta_k| <=
-    bound_k; -inf where slopes of the entropy are not definite.
+    """A number that is certainly at most the least objective over the constraints and
+    |theta_k| <= bound_k.
 
     f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)>
     for every y and all S_i in their cones; what is left of the slope, e, costs |e|^T
     bound. y is shifted, in extended precision from the second time on, until that no
     longer matters.
+
+    Parameters
+    ----------
+    objective : Objective
+        A sum of squares with a linear and an entropic term.
+    constraints : StackedCones
+        What theta has to satisfy.
+    evidence : DualEvidence
+        Multipliers near their cones, and y near the residual.
+    bound : (p,)
+        The largest plausible |theta_k|.
+
+    Returns
+    -------
+    float
+        -inf where slopes of the entropy are not definite.
     """
     data = objective.least_squares
     signs = np.array([-1, 1])
-    slope, constant = _against(
-        constraints, *in_cones(constraints, evidence.multipliers), len(bound)
-    )
+    dual, dual_sizes = in_cones(constraints, evidence.multipliers)
+    slope, constant = _against(constraints, dual, dual_sizes, len(bound))
     slope = signs[:, None] * slope
     constant = signs * constant
-    slope += np.array([objective.linear, np.abs(objective.linear)]).reshape(2, -1)
+    linear = np.array([objective.linear, np.abs(objective.linear)])
+    slope += linear.reshape(2, -1)
     operations = len(evidence.y) + len(constraints.constant)
     if objective.entropy is not None:
         operations += len(objective.entropy.entries.constant)
@@ -184,9 +233,9 @@ def lower_bound(
             return -np.inf
         slope = slope + tangent[0]
         constant = constant + tangent[1]
-    near = evidence.y
     push = evidence.push
-    near = near - push(bound * (np.asarray(slope[0], float) + 2.0 * (near @ data.R)))
+    left_near = np.asarray(slope[0], float) + 2.0 * (evidence.y @ data.R)
+    near = evidence.y - push(bound * left_near)
     R = np.asarray(data.R, Long)
     rho = np.asarray(data.rho, Long)
     limit = np.asarray(bound, Long)
@@ -195,18 +244,19 @@ def lower_bound(
     left = slope[0] + 2 * (y @ R)
     for _ in range(CORRECTIONS):
         leftover = np.asarray(limit * left, float)
-        if np.abs(leftover).sum() <= 1e-3 * TIGHT * float(y @ y + floor):
+        loss = float(y @ y + floor)
+        if np.abs(leftover).sum() <= 1e-3 * TIGHT * loss:
             break
         y = y - push(leftover)
         left = slope[0] + 2 * (y @ R)
     gamma = _gamma(operations)
-    sizes = 2 * (
-        np.abs(data.R).T @ np.abs(np.asarray(y, float))
-    )  # whose own rounding gamma holds
+    # Whose own rounding gamma holds.
+    sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))
     left_at_most = np.abs(left) + gamma * (slope[1] + sizes) + _TINY
     cost = left_at_most @ limit
     size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
-    lowest = constant[0] + floor - 2 * (y @ rho) - y @ y - cost - gamma * size - _TINY
+    exact_bound = constant[0] + floor - 2 * (y @ rho) - y @ y - cost
+    lowest = exact_bound - gamma * size - _TINY
     double = float(lowest)  # the largest that is not above it
     return double if double <= lowest else float(np.nextafter(double, -np.inf))
 
@@ -222,31 +272,74 @@ CORRECTIONS = 3
 def proves_infeasible(
     constraints: ConstraintSet, multipliers: Array, bound: Array
 ) -> bool:
-    """Whether the multipliers prove that no |theta_k| <= bound_k satisfies all
+    """Whether multipliers prove that no |theta_k| <= bound_k satisfies all
     constraints.
 
-    0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0 cannot be (Farkas).
     It is the lower bound of the objective zero: positive exactly if the set is empty.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        What theta has to satisfy.
+    multipliers : (e,)
+        Of the constraints' entries.
+    bound : (p,)
+        The largest plausible |theta_k|.
+
+    Returns
+    -------
+    bool
+        By Farkas: 0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound <
+        0 cannot be.
     """
     evidence = DualEvidence(multipliers, np.zeros(0))
     nothing = Objective.without_data(len(bound))
-    return lower_bound(nothing, constraints.entries, evidence, bound) > 0.0
+    lowest = lower_bound(nothing, constraints.entries, evidence, bound)
+    return lowest > 0.0
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
-    """Whether theta satisfies all constraints, decided in rational arithmetic."""
-    margin, size = StackedCones.from_groups(group_cones(constraints)).margins(theta)
-    exact = {int(k): Fraction(float(theta[k])) for c in constraints for k in c.indices}
-    return all(
-        verify_proof.inside(c.cone, _exact_value(c, exact))
-        for c, well in zip(constraints, margin > _WELL_INSIDE * size, strict=True)
-        if not well
-    )
+    """Whether theta satisfies all constraints, decided in rational arithmetic.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        What theta has to satisfy.
+    theta : (p,)
+        Parameters of the model.
+
+    Returns
+    -------
+    bool
+        No rounding is in it.
+    """
+    cones = StackedCones.from_groups(group_cones(constraints))
+    margin, size = cones.margins(theta)
+    is_well_inside = margin > _WELL_INSIDE * size
+    used = {int(k) for constraint in constraints for k in constraint.indices}
+    exact = {k: Fraction(float(theta[k])) for k in used}
+    close = [
+        c for c, is_well in zip(constraints, is_well_inside, strict=True) if not is_well
+    ]
+    return all(verify_proof.inside(c.cone, _exact_value(c, exact)) for c in close)
 
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
-    """Worst violation of each family; one that only rounding in its evaluation sees is
-    none."""
+    """The worst violation of each family.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        What theta has to satisfy.
+    theta : (p,)
+        Parameters of the model.
+
+    Returns
+    -------
+    dict
+        By the family's name; zero where only rounding in the evaluation sees
+        one.
+    """
     out = constraints.worst(theta)
     for family in [family for family, violation in out.items() if violation > 0.0]:
         convex = [c for c in constraints.convex if c.family == family]
@@ -272,4 +365,5 @@ def _exact_value(
     if constraint.cone != "psd":
         return out
     d = len(constraint.constant)
-    return [(out[i * d + j] + out[j * d + i]) / 2 for i in range(d) for j in range(d)]
+    places = product(range(d), range(d))
+    return [(out[i * d + j] + out[j * d + i]) / 2 for i, j in places]

@@ -2,14 +2,23 @@
 cones together."""
 
 import math
+from collections.abc import Sequence
 from copy import copy
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.robot.constraint import ConstraintSet, StackedCones, group_cones
+from sdp_vs_penalty.robot.constraint import (
+    ConeGroup,
+    Constraint,
+    ConstraintSet,
+    StackedCones,
+    group_cones,
+)
 from sdp_vs_penalty.solvers.objective import Entropy
 from sdp_vs_penalty.solvers.rewrite import NotApplicableError
 
@@ -18,6 +27,26 @@ ORDER = 4
 #: Up to so many entries a product with the whole matrix takes less than the call of a
 #: sparse one.
 _DENSE = 1 << 16
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Cones of one kind and size.
+
+    turn : 0 of rows, 1 of the entropy's links, 2 of further blocks; image (slacks, d) :
+    from a cone's entries to its slacks; ones (slacks,) : what is added to these; begins
+    (cones,) : where the entries of each begin among all entries.
+    """
+
+    turn: int
+    image: Array
+    ones: Array
+    begins: NDArray[np.intp]
+
+    @property
+    def n_slacks(self) -> int:
+        """Of all cones of the part."""
+        return len(self.image) * len(self.begins)
 
 
 class SmallCones:
@@ -36,74 +65,34 @@ class SmallCones:
         self, entropy: Entropy | None, constraints: ConstraintSet, p: int
     ) -> None:
         """Raises NotApplicableError for cones of an order above four."""
-        links = entropy.links if entropy is not None and entropy.weight > 0.0 else ()
-        barred = {
-            ("pseudo-inertia", *link.indices.tolist()) for link in links
-        }  # by their log det
-        place_by_size = {
-            c
-            for c in constraints.essential
-            if (c.family, *c.indices.tolist()) not in barred
-        }
+        has_entropy = entropy is not None and entropy.weight > 0.0
+        links = entropy.links if entropy is not None and has_entropy else ()
         groups = (*constraints.groups, *group_cones(links))
-        start = 0
-        parts = []
-        for number, group in enumerate(groups):
-            members = np.arange(len(group.places))
-            turn = 1
-            if number < len(constraints.groups):
-                members = np.flatnonzero(
-                    [constraints.convex[k] in place_by_size for k in group.places]
-                )
-                turn = 0 if group.cone == "nonnegative" else 2
-            image, ones = _image(group.cone, group.constant.shape[1])
-            parts.append((turn, image, ones, start + image.shape[1] * members))
-            start += group.constant.size
-        parts.sort(key=lambda part: part[0])  # rows, links, others
-        none = np.zeros(0, np.intp)
-        first = 0
-        row = [none]
-        column = [none]
-        value = [np.zeros(0)]
-        for _, image, _, begins in parts:
-            entry, of = np.nonzero(image)
-            row.append(
-                (first + len(image) * np.arange(len(begins))[:, None] + entry).ravel()
-            )
-            column.append((begins[:, None] + of).ravel())
-            value.append(np.tile(image[entry, of], len(begins)))
-            first += len(image) * len(begins)
+        parts = _parts(constraints, links, groups)
         cones = StackedCones.from_groups(groups)
-        where = np.concatenate(row), np.concatenate(column)
-        image = sparse.csr_matrix((np.concatenate(value), where), (first, start))
-        self.rows = sum(
-            ones.size * len(begins) for turn, _, ones, begins in parts if turn == 0
-        )
+        n_entries = sum(group.constant.size for group in groups)
+        image = _image_of_parts(parts, n_entries)
+        self.rows = sum(part.n_slacks for part in parts if part.turn == 0)
         self.constant = image @ cones.constant
-        self.constant += np.concatenate(
-            [np.zeros(0), *(np.tile(x[2], len(x[3])) for x in parts)]
-        )
+        added = [np.tile(part.ones, len(part.begins)) for part in parts]
+        self.constant += np.concatenate([np.zeros(0), *added])
         self.home = image[:, : len(constraints.entries.constant)].T.tocsr()
-        self.weight, self.linear = (
-            np.zeros((first - self.rows) // ORDER**2),
-            np.zeros(p),
-        )
+        n_blocks = (image.shape[0] - self.rows) // ORDER**2
+        self.weight = np.zeros(n_blocks)
+        self.linear = np.zeros(p)
         self._count = len(links)
         if entropy is not None and links:
             self._weigh(entropy)
-        shape = (start, p)
-        slack_map = image @ sparse.csr_matrix(
-            (cones.value, (cones.row, cones.column)), shape
-        )
+        places = (cones.row, cones.column)
+        entries = sparse.csr_matrix((cones.value, places), (n_entries, p))
+        slack_map = image @ entries
         curvature = _curvature(slack_map, self.rows)
         self.places = np.flatnonzero(np.diff(curvature.indptr))
         self.curvature = curvature[self.places]
-        small = math.prod(slack_map.shape) <= _DENSE
-        self.slack_map: Array | sparse.csr_matrix = (
-            slack_map.toarray() if small else slack_map
-        )
+        self.slack_map: Array | sparse.csr_matrix = slack_map
         self.adjoint: Array | sparse.csr_matrix = slack_map.T.tocsr()
-        if small:
+        if math.prod(slack_map.shape) <= _DENSE:
+            self.slack_map = slack_map.toarray()
             self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
 
     def _weigh(self, entropy: Entropy) -> None:
@@ -117,7 +106,18 @@ class SmallCones:
 
     def with_entropy(self, entropy: Entropy | None) -> Self:
         """The same cones with another weight and nominal robot of a prior on the same
-        links; as they are without one."""
+        links.
+
+        Parameters
+        ----------
+        entropy : Entropy or None
+            The other prior.
+
+        Returns
+        -------
+        SmallCones
+            As they are where they have no prior.
+        """
         if not self._count:
             return self
         assert entropy is not None
@@ -127,13 +127,70 @@ class SmallCones:
         return cones
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
-        """(e,) of the constraints' entries, and of each link of the entropy the slope S
-        (links, 4, 4) with which -log det is bounded; flat (rows + 16 blocks,)."""
+        """Multipliers as the constraints have them.
+
+        Parameters
+        ----------
+        flat : (rows + 16 blocks,)
+            Of the slacks.
+
+        Returns
+        -------
+        tuple
+            (e,) of the constraints' entries; of each link of the entropy the slope
+            S (links, 4, 4) with which -log det is bounded, None without a prior.
+        """
         links = np.count_nonzero(self.weight)
-        slopes = flat[self.rows : self.rows + links * ORDER**2].reshape(
-            -1, ORDER, ORDER
-        )
+        end = self.rows + links * ORDER**2
+        slopes = flat[self.rows : end].reshape(-1, ORDER, ORDER)
         return self.home @ flat, slopes / self.weight[0] if links else None
+
+
+def _parts(
+    constraints: ConstraintSet, links: Sequence[Constraint], groups: Sequence[ConeGroup]
+) -> list[_Part]:
+    """Rows, the entropy's links, other blocks; without constraints that others, or a
+    link's log det, imply."""
+    kept_by_log_det = {("pseudo-inertia", *link.indices.tolist()) for link in links}
+    needed = {
+        constraint
+        for constraint in constraints.essential
+        if (constraint.family, *constraint.indices.tolist()) not in kept_by_log_det
+    }
+    parts = []
+    start = 0
+    for number, group in enumerate(groups):
+        is_of_links = number >= len(constraints.groups)
+        if is_of_links:
+            members = np.arange(len(group.places))
+            turn = 1
+        else:
+            is_needed = [constraints.convex[k] in needed for k in group.places]
+            members = np.flatnonzero(is_needed)
+            turn = 0 if group.cone == "nonnegative" else 2
+        image, ones = _image(group.cone, group.constant.shape[1])
+        begins = start + image.shape[1] * members
+        parts.append(_Part(turn, image, ones, begins))
+        start += group.constant.size
+    return sorted(parts, key=lambda part: part.turn)
+
+
+def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> sparse.csr_matrix:
+    """(slacks, entries): from the entries of all cones to the slacks of all parts."""
+    rows = [np.zeros(0, np.intp)]
+    columns = [np.zeros(0, np.intp)]
+    values = [np.zeros(0)]
+    first = 0
+    for part in parts:
+        row, column = np.nonzero(part.image)
+        n_cones = len(part.begins)
+        first_rows = first + len(part.image) * np.arange(n_cones)
+        rows.append((first_rows[:, None] + row).ravel())
+        columns.append((part.begins[:, None] + column).ravel())
+        values.append(np.tile(part.image[row, column], n_cones))
+        first += part.n_slacks
+    places = (np.concatenate(rows), np.concatenate(columns))
+    return sparse.csr_matrix((np.concatenate(values), places), (first, n_entries))
 
 
 def _image(cone: str, d: int) -> tuple[Array, Array]:
@@ -144,15 +201,17 @@ def _image(cone: str, d: int) -> tuple[Array, Array]:
     if d > ORDER:
         raise NotApplicableError(f"no matrices and cones of order {d}")
     at = np.arange(ORDER**2).reshape(ORDER, ORDER)
-    entry = np.arange(d)
-    image = np.zeros((ORDER**2, d * d if cone == "psd" else d))
+    n_entries = d * d if cone == "psd" else d
+    entry = np.arange(n_entries)
+    image = np.zeros((ORDER**2, n_entries))
     if cone == "psd":
-        image[at[:d, :d].ravel(), np.arange(d * d)] = 1.0
+        image[at[:d, :d].ravel(), entry] = 1.0
     else:
-        image[at[0, :d], entry] = image[at[:d, 0], entry] = image[
-            np.diagonal(at)[:d], 0
-        ] = 1.0
-    return image, np.asarray(np.diag(np.arange(ORDER) >= d).ravel(), float)
+        image[at[0, :d], entry] = 1.0
+        image[at[:d, 0], entry] = 1.0
+        image[np.diagonal(at)[:d], 0] = 1.0
+    is_padding = np.arange(ORDER) >= d
+    return image, np.asarray(np.diag(is_padding).ravel(), float)
 
 
 def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
@@ -161,22 +220,25 @@ def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
     i >= j."""
     part = slack_map.tocoo()
     p = slack_map.shape[1]
+    is_row = part.row < rows
     block, entry = np.divmod(part.row - rows, ORDER**2)
-    block, entry = np.where(
-        part.row < rows, [part.row, 0 * entry], [rows + block, entry]
-    )
+    block = np.where(is_row, part.row, rows + block)
+    entry = np.where(is_row, 0, entry)
+    # Each entry with every other one of its block.
     count = np.bincount(block)[block]
     begins = np.searchsorted(block, block)
     one = np.repeat(np.arange(len(block)), count)
-    other = np.arange(len(one)) - np.repeat(np.cumsum(count) - count - begins, count)
-    used = part.col[one] >= part.col[other]
-    one = one[used]
-    other = other[used]
-    (a, b), (c, d) = np.divmod(entry[one], ORDER), np.divmod(entry[other], ORDER)
-    product = block[one] + (ORDER**4 - 1) * np.maximum(block[one] - rows, 0)
+    first_pair = np.cumsum(count) - count
+    other = np.arange(len(one)) - np.repeat(first_pair - begins, count)
+    is_lower = part.col[one] >= part.col[other]
+    one = one[is_lower]
+    other = other[is_lower]
+    a, b = np.divmod(entry[one], ORDER)
+    c, d = np.divmod(entry[other], ORDER)
+    block_number = np.maximum(block[one] - rows, 0)
+    product = block[one] + (ORDER**4 - 1) * block_number
     product = product + ((a * ORDER + c) * ORDER + d) * ORDER + b
-    wide = rows + (slack_map.shape[0] - rows) * ORDER**2
+    n_products = rows + (slack_map.shape[0] - rows) * ORDER**2
     value = part.data[one] * part.data[other]
-    return sparse.csr_matrix(
-        (value, (part.col[other] * p + part.col[one], product)), (p * p, wide)
-    )
+    places = (part.col[other] * p + part.col[one], product)
+    return sparse.csr_matrix((value, places), (p * p, n_products))

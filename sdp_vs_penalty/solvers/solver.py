@@ -30,7 +30,11 @@ ACCURACY = "accuracy"
 EVERYTHING = frozenset({"quadratic", "zero", "nonnegative", "soc", "psd", "exp"})
 #: What SDPA's phases claim of our problem, which is its dual.
 SDPA_CLAIMS = {
-    **{"pdOPT": "optimal", "pINF_dFEAS": "infeasible", "dUNBD": "infeasible"},
+    **{
+        "pdOPT": "optimal",
+        "pINF_dFEAS": "infeasible",
+        "dUNBD": "infeasible",
+    },
     **dict.fromkeys(("pdFEAS", "pFEAS", "dFEAS"), "inaccurate"),
     **dict.fromkeys(("pFEAS_dINF", "pUNBD"), "unbounded"),
 }
@@ -44,7 +48,20 @@ def _distributions() -> Mapping[str, list[str]]:
 
 
 def flat(values: Any, size: int) -> Array:
-    """A solver's numbers (size,); NaN where it gives none."""
+    """A solver's numbers.
+
+    Parameters
+    ----------
+    values : array or None
+        As it gives them.
+    size : int
+        How many there are.
+
+    Returns
+    -------
+    (size,)
+        NaN where it gives none.
+    """
     return np.full(size, np.nan) if values is None else np.array(values, float).ravel()
 
 
@@ -75,18 +92,60 @@ class Solver(ABC):
 
     @abstractmethod
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
-        """Its answer to a problem that is written as it wants it."""
+        """Ask the solver; every subclass defines this.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            Written as :attr:`cones`, :attr:`order` and :attr:`full_matrices` want
+            it.
+        options : mapping
+            As :meth:`options` makes them.
+
+        Returns
+        -------
+        Solution
+            What it answers, with what its status claims.
+        """
 
     def options(self, accuracy: float) -> dict[str, Any]:
-        """Its options for an accuracy, relative, of gap and feasibility."""
+        """The solver's options for an accuracy.
+
+        Parameters
+        ----------
+        accuracy : float
+            Relative, of gap and feasibility.
+
+        Returns
+        -------
+        dict
+            By the solver's own names.
+        """
         return {
             name: accuracy if value is ACCURACY else value
             for name, value in self.default_options.items()
         }
 
     def solve(self, problem: ConicProblem, accuracy: float) -> Solution:
-        """Its answer to any problem; raises NotApplicableError for cones that it cannot
-        be given."""
+        """Rewrite a problem as the solver takes it, ask, and bring the answer back.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            What is to be solved.
+        accuracy : float
+            Relative, of gap and feasibility.
+
+        Returns
+        -------
+        Solution
+            Of the problem as it was.
+
+        Raises
+        ------
+        NotApplicableError
+            For cones that it cannot be given.
+        """
         form = suited(problem, self.cones, self.order)
         form = form.then(full_matrices) if self.full_matrices else form
         answer = self.run(form.problem, self.options(accuracy))
@@ -94,7 +153,25 @@ class Solver(ABC):
         return replace(answer, x=x, z=z)
 
     def solve_for_user(self, problem: ConicProblem, accuracy: float) -> Solution:
-        """As :meth:`solve`; InputError where a signal has ended its program."""
+        """As :meth:`solve`, for a command.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            What is to be solved.
+        accuracy : float
+            Relative, of gap and feasibility.
+
+        Returns
+        -------
+        Solution
+            Of the problem as it was.
+
+        Raises
+        ------
+        InputError
+            Where a signal has ended the solver's program.
+        """
         try:
             return self.solve(problem, accuracy)
         except (ChildProcessError, TimeoutError) as error:
@@ -106,10 +183,34 @@ class Solver(ABC):
     def make_solution(
         self, x: Array, z: Array, status: str, iterations: float, more: str = ""
     ) -> Solution:
-        """Its answer with what its status claims; more : words that belong to the
-        status."""
+        """A solver's answer with what its status claims.
+
+        Parameters
+        ----------
+        x : (m,)
+            The variables.
+        z : (r,)
+            The multipliers.
+        status : str
+            A key of :attr:`status_meaning`.
+        iterations : float
+            How many it made.
+        more : str
+            Words that belong to the status.
+
+        Returns
+        -------
+        Solution
+            With status and claims.
+        """
         meaning = self.status_meaning.get(status, "failed")
-        return Solution(x, z, meaning, f"{status} {more}".rstrip(), int(iterations))
+        return Solution(
+            x,
+            z,
+            meaning,
+            f"{status} {more}".rstrip(),
+            int(iterations),
+        )
 
     @property
     def absent(self) -> str:
@@ -152,7 +253,12 @@ class Solver(ABC):
             return metadata.version(_distributions().get(what, [what])[0])
         command = ["dpkg-query", "-W", "-f", "${Version}", self.system_package or what]
         try:
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                text=True,
+                check=False,
+            )
         except OSError:
             return ""
         return done.stdout.strip() if done.returncode == 0 else ""

@@ -56,6 +56,20 @@ class ThroughCvxpy(Solver):
         )
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+        """As :meth:`Solver.run`.
+
+        Parameters
+        ----------
+        problem : ConicProblem
+            As this solver takes it.
+        options : mapping
+            Its options.
+
+        Returns
+        -------
+        Solution
+            What it answers.
+        """
         import cvxpy as cp
 
         x = cp.Variable(len(problem.q))
@@ -82,7 +96,12 @@ class ThroughCvxpy(Solver):
             [_dual(c, m) for c, m in zip(problem.cones, constraints, strict=True)]
         )
         steps = model.solver_stats.num_iters or 0
-        return self.make_solution(flat(x.value, len(problem.q)), z, model.status, steps)
+        return self.make_solution(
+            flat(x.value, len(problem.q)),
+            z,
+            model.status,
+            steps,
+        )
 
 
 def _membership(cone: Cone, slack: Any) -> Any:

@@ -33,7 +33,12 @@ NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?([eE][-+]?[0-9]{1,3})?|-?[0-9]+/[1-9][0
 VECTOR = ["s", NUMBER]
 TEXT = (str,)
 CONES = ("psd", "soc", "nonnegative")
-ENTROPY: dict = {"weight": NUMBER, "dual": VECTOR, "inverse": VECTOR, "log_det": NUMBER}
+ENTROPY: dict = {
+    "weight": NUMBER,
+    "dual": VECTOR,
+    "inverse": VECTOR,
+    "log_det": NUMBER,
+}
 CONSTRAINT: dict = {
     "family": TEXT,
     "name": TEXT,
@@ -64,7 +69,11 @@ PROOF |= {
     "parameters": ["n", TEXT],
     "constraints": ["c", CONSTRAINT],
 }
-OPTIMUM = PROOF | {"theta": ["n", NUMBER], "lower": NUMBER, "upper": NUMBER}
+OPTIMUM = PROOF | {
+    "theta": ["n", NUMBER],
+    "lower": NUMBER,
+    "upper": NUMBER,
+}
 
 
 def need(condition, what):
@@ -192,7 +201,12 @@ def dual_bound(p):
             constant += e["weight"] * (log_below(determinant(e["dual"])) + e["log_det"])
             S = [
                 s + e["weight"] * (t - q)
-                for s, t, q in zip(S, e["dual"], e["inverse"], strict=True)
+                for s, t, q in zip(
+                    S,
+                    e["dual"],
+                    e["inverse"],
+                    strict=True,
+                )
             ]
         for F in (S, c["constant"], *c["coefficients"]) if c["cone"] == "psd" else ():
             symmetric(F)

@@ -222,3 +222,36 @@ def test_the_weight_alone_is_a_model_and_no_torque():
     log = replace(RUN, tau=robot.inverse_dynamics(links, RUN.q, zero, zero), dq=None)
     (report,) = check(PROBLEM, log, thorough=False)
     assert "gravity model" in [f.kind for f in report.errors_and_warnings]
+
+
+@pytest.mark.parametrize("largest", [1000.0, 30_000.0])
+def test_torques_in_whole_numbers_are_counts(largest):
+    """Permil of the rated torque, or counts of an encoder of current."""
+    scale = largest / np.abs(RUN.tau).max(axis=0)
+    log = replace(RUN, tau=np.round(RUN.tau * scale), dq=None)
+    (report,) = check(PROBLEM, log, thorough=False)
+    (issue,) = [f for f in report.errors_and_warnings if f.kind == "torque in counts"]
+    assert ("permil" in issue.what) == (largest <= 4000.0)
+    assert "torque unit" not in [f.kind for f in report.issues]
+
+
+def test_what_a_subtracted_model_leaves_is_external_torque():
+    """An observer's error: it follows neither weight nor inertia."""
+    rng = np.random.default_rng(1)
+    error = np.cumsum(rng.normal(size=RUN.tau.shape), axis=0)
+    error = 0.01 * error / np.abs(error).max(axis=0)
+    log = replace(RUN, tau=error, dq=None)
+    (report,) = check(PROBLEM, log, thorough=False)
+    assert "external torque" in [f.kind for f in report.errors_and_warnings]
+
+
+def test_positions_out_of_reach_end_the_judging_of_torques():
+    """Nothing is said of the torques beside the error about positions."""
+    joints = [replace(x, lower=-3.0, upper=3.0) for x in PROBLEM.robot.joints]
+    robot = replace(PROBLEM.robot, joints=tuple(joints))
+    q = RUN.q.copy()
+    q[:, 1] += 40.0
+    log = replace(RUN, q=q, dq=None)
+    (report,) = check(replace(PROBLEM, robot=robot), log, thorough=False)
+    assert "position range" in [f.kind for f in report.issues]
+    assert {f.nature for f in report.issues} == {"fact"}

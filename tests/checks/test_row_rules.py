@@ -291,3 +291,34 @@ def test_only_many_rows_that_are_no_measurements_refuse_a_log(rows, severity):
     q[2000 : 2000 + rows], tau[2000 : 2000 + rows] = q[2000], tau[2000]
     (issue,) = told(replace(clean, q=q, tau=tau))[0]
     assert (issue.kind, issue.severity) == ("frozen packets", severity)
+
+
+def test_a_channel_that_is_frozen_until_the_end_is_named():
+    """A log may end before the channel changes again."""
+    clean = motion()
+    n = len(clean.t)
+    tau = clean.tau.copy()
+    tau[n // 3 :, 0] = tau[n // 3, 0]
+    issue = found("frozen torque", replace(clean, tau=tau))
+    assert issue.severity == "error"
+    assert issue.where.startswith("tau1,")
+
+
+def test_a_position_is_frozen_where_the_logged_velocity_goes_on():
+    clean = motion()
+    n = len(clean.t)
+    q = clean.q.copy()
+    q[n // 2 :, 1] = q[n // 2, 1]
+    assert found("frozen position", replace(clean, q=q)) is not None
+    assert found("frozen position", replace(clean, q=q, dq=None)) is None
+
+
+def test_a_torque_is_not_frozen_while_the_arm_rests():
+    """The controller's model of gravity is constant then."""
+    clean = motion()
+    rest = slice(1000, 1400)
+    q = clean.q.copy()
+    tau = clean.tau.copy()
+    q[rest] = q[rest.start]
+    tau[rest] = tau[rest.start]
+    assert found("frozen torque", replace(clean, q=q, tau=tau)) is None

@@ -21,9 +21,9 @@ pytestmark = pytest.mark.skipif(
 )
 COMMANDS = {
     "text": "identify two_link --data run.csv --out out/model.json --proof out/proof.json",
+    "a mesh": "check-urdf arm.urdf --json out/arm.json",
     "matrices": "convert run.mat --out out/run.csv",
     "a URDF": "export model.json --out out/arm.urdf",
-    "a mesh": "check-urdf arm.urdf --json out/arm.json",
     "an SDP": "export-sdp two_link --data run.csv --out out/problem.cbf",
     "C": "export model.json --out out/arm.h",
 }
@@ -61,7 +61,10 @@ def written(home: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in (home / "out").iterdir()}
 
 
-@pytest.mark.parametrize("what", COMMANDS)
+LONG = [pytest.param(what, marks=pytest.mark.long) for what in list(COMMANDS)[2:]]
+
+
+@pytest.mark.parametrize("what", [*list(COMMANDS)[:2], *LONG])
 def test_every_locale_writes_the_same_bytes(what, home, locales):
     folder, names = locales
     words = COMMANDS[what].split()

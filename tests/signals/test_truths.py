@@ -103,11 +103,11 @@ def coloured(
 def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
     run, shown = coloured(1, ar, 60_000)
     parts = list(runs.split_at_gaps(run))
-    frequency, density, smoothed, uneven = spectrum.torque_spectrum(parts, 8.0)
-    w = 2.0 * np.pi * frequency * 4e-3
+    known = spectrum.torque_spectrum(parts, 8.0)
+    w = 2.0 * np.pi * known.frequency * 4e-3
     law = 1.0 / (1.0 + ar**2 - 2.0 * ar * np.cos(w))
-    np.testing.assert_allclose(density, np.outer([0.3**2, 4.0], law), rtol=0.08)
-    assert (smoothed, uneven) == (False, False)
+    np.testing.assert_allclose(known.spectrum, np.outer([0.3**2, 4.0], law), rtol=0.08)
+    assert (known.is_smoothed, known.is_uneven) == (False, False)
     low = signal.sosfiltfilt(
         signal.butter(2, 4.0, fs=250.0, output="sos"), run.tau, axis=0
     )
@@ -117,9 +117,8 @@ def test_the_spectrum_of_a_torque_is_that_of_its_noise(ar):
         (louder, (False, True)),
     ):  # as of a UR10, of a TX40
         other = log(run.t, run.q, tau)
-        assert (
-            spectrum.torque_spectrum(list(runs.split_at_gaps(other)), 8.0)[2:] == flags
-        )
+        known = spectrum.torque_spectrum(list(runs.split_at_gaps(other)), 8.0)
+        assert (known.is_smoothed, known.is_uneven) == flags
         assert (
             noise.spectral_floor(segmented(other, signals.Preprocessing(5.0, 8.0)))
             is None

@@ -4,8 +4,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: True time over the file's that is tried; the ends are round.

@@ -6,8 +6,9 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation, choices
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
@@ -27,58 +28,83 @@ class Delay(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        each = [(j,) for j in log.joints] if len(log.joints) > 1 else []
-        for name, tried in _LATE.items():
-            yield from (now.with_entries(name, range(log.n), x) for x in tried)
-            yield from (
-                now.with_entries(name, one, x) for one in each for x in tried if x > 0.0
-            )
+        for name, times in _LATE.items():
+            for x in times:
+                yield now.with_entries(name, range(log.n), x)
+            if len(log.joints) == 1:
+                continue
+            for j in log.joints:
+                for x in times:
+                    if x > 0.0:
+                        yield now.with_entries(name, (j,), x)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        for name, joints, x in (
-            (k, *found) for k in _LATE for found in repair.changed(k)
-        ):
-            place = ""
-            channel = f"tau{joints[0] + 1}"
-            beside = "the other torques have not"
-            kind = f"channel {'delay' if name == 'lead' else 'filter'}"
-            whole = len(joints) == log.n
-            if whole:
-                kind = "delay" if name == "lead" else "torque filter"
-                place = "all torque channels" if log.n > 1 else ""
-                channel = "the torques"
-                beside = "the positions have not"
-            low = f"{1.0 / (2.0 * np.pi * max(x, 1e-6)):.2g} Hz ({1e3 * x:.0f} ms)"
-            what = f"a causal low-pass of {low} on {channel}; {beside} one."
-            remedy = (
-                f"log {channel} unfiltered, or filter every channel alike and"
-                " without lag"
-            )
-            if name == "lead":
-                later = "later" if x > 0.0 else "earlier"
-                what = (
-                    f"{1e3 * abs(x):.0f} ms {later} than the motion: {channel};"
-                    f" {beside} moved."
-                )
-                remedy = (
-                    f"shift {channel} in time (and log all channels from one source)"
-                )
-            at = partial(repair.with_entries, name, joints)
-            number = FaultSize(x, at, c.USUAL_DELAY, 0.06, in_milliseconds)
-            cost = choices(log.n // len(joints))
-            yield Fault(
-                kind,
-                "warning",
-                joints,
-                what,
-                remedy,
-                number,
-                cost,
-                place,
-                mends=name == "lead",
-            )
+        for joints, x in repair.changed("lead"):
+            yield _delay(log, repair, joints, x)
+        for joints, x in repair.changed("lag"):
+            yield _filter(log, repair, joints, x)
 
 
-def in_milliseconds(seconds: float) -> str:
-    """A time in words."""
-    return f"{1e3 * seconds:.0f} ms"
+def _milliseconds(x: float) -> str:
+    return f"{1e3 * x:.0f} ms"
+
+
+def _number(
+    repair: LogTransform, name: str, joints: tuple[int, ...], x: float
+) -> FaultSize:
+    return FaultSize(
+        value=x,
+        at=partial(repair.with_entries, name, joints),
+        tolerance=c.USUAL_DELAY,
+        search_radius=0.06,
+        text=_milliseconds,
+    )
+
+
+def _place(log: Likelihood, joints: tuple[int, ...]) -> str:
+    """Where all channels are late: of one joint, its channel."""
+    is_all = len(joints) == log.n > 1
+    return "all torque channels" if is_all else ""
+
+
+def _delay(
+    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], x: float
+) -> Fault:
+    """Torques of some joints so much later than the motion [s]."""
+    is_all = len(joints) == log.n
+    channel = "the torques" if is_all else f"tau{joints[0] + 1}"
+    others = "the positions have not" if is_all else "the other torques have not"
+    when = "later" if x > 0.0 else "earlier"
+    return Fault(
+        kind="delay" if is_all else "channel delay",
+        severity="warning",
+        joints=joints,
+        what=f"{1e3 * abs(x):.0f} ms {when} than the motion: {channel}; {others} moved.",
+        remedy=f"shift {channel} in time (and log all channels from one source)",
+        of=_number(repair, "lead", joints, x),
+        cost=choices(log.n // len(joints)),
+        place=_place(log, joints),
+    )
+
+
+def _filter(
+    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], x: float
+) -> Fault:
+    """Torques of some joints behind a low-pass of that time constant [s]."""
+    is_all = len(joints) == log.n
+    channel = "the torques" if is_all else f"tau{joints[0] + 1}"
+    others = "the positions have not" if is_all else "the other torques have not"
+    hertz = 1.0 / (2.0 * np.pi * max(x, 1e-6))
+    return Fault(
+        kind="torque filter" if is_all else "channel filter",
+        severity="warning",
+        joints=joints,
+        what=f"a causal low-pass of {hertz:.2g} Hz ({_milliseconds(x)}) on {channel};"
+        f" {others} one.",
+        remedy=f"log {channel} unfiltered, or filter every channel alike and without"
+        " lag",
+        of=_number(repair, "lag", joints, x),
+        cost=choices(log.n // len(joints)),
+        place=_place(log, joints),
+        mends=False,
+    )

@@ -5,11 +5,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Share of the time on either side of a step that the joint has to move each way: else
 #: it is friction's.
@@ -27,84 +29,121 @@ class Beside(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        motion = log.data.motion
-        order = list(now.order)
-        laws = log.data.laws
-        span = float(np.ptp(motion.t))
-        heard = log.filter_gain(now)[:, :, None]
-        gains = [
-            score.gained(score.rows.rest(heard * x[order])).max(axis=1)
-            for x in laws.values()
-        ]
-        for j in np.flatnonzero(score.poor).tolist():  # the likeliest of each
-            yield now.with_event(LogEvent(j, [*laws][int(np.argmax(gains, axis=0)[j])]))
-        steps = np.linspace(
-            0.12, 0.88, c.ROWS // 2
-        )  # two rows each: the wrong moment explains nothing
-        events = [None, *(float(motion.t[0] + s * span) for s in steps)]
-        shapes = np.hstack([LogEvent(0, at).shape(motion.t) for at in events])
-        found = score.gained(score.rows.rest(heard * shapes)) * log.moving[:, None]
-        forth = (motion.dq[:, order].T > 0.0) * 1.0
-        for side in (shapes[:, 1:] > 0.0, shapes[:, 1:] <= 0.0):
-            share = forth @ side / np.maximum(side.sum(axis=0), 1)
-            found[:, 1:] *= np.minimum(share, 1.0 - share) > _WAYS
-        for some, at in ((found[:, :1], events[:1]), (found[:, 1:], events[1:])):
-            j, k = divmod(int(np.argmax(some)), len(at))
-            if some[j, k] > 0.0:
-                yield now.with_event(LogEvent(j, at[k]))
+        yield from _laws(log, now, score)
+        t = log.data.motion.t
+        drift = score.gained(_own_part(log, now, score, LogEvent(0).shape(t)))
+        j = int(np.argmax(drift[:, 0] * log.moving))
+        if drift[j, 0] * log.moving[j] > 0.0:
+            yield now.with_event(LogEvent(j))
+        yield from _likeliest_step(log, now, score)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for event in repair.events:
-            j = event.joint
-            t = event.at
-            without = repair.without(event)
-            name = joints_text([j])
-            unit = log.problem.robot.torque_units[j]
-            if isinstance(t, str):
-                what = (
-                    f"the torque of {name} holds a law that the model lacks, most like"
-                    f" {t}."
-                )
-                remedy = "identify, and let `diagnose` name it"
-                cost = choices(log.n * len(LAWS))
-                yield Fault(
-                    f"law: {t}", "note", (j,), what, remedy, without, cost, mends=False
-                )
-                continue
-            # As far as the fit of its joint needs it.
-            score = log.score(repair)
-            lacking = log.rows(without)
-            shape = event.shape(log.data.motion.t)
-            x = lacking.rest(log.filter_gain(repair)[:, :, None] * shape)[j, :, 0]
-            away = score.channels[j] - lacking.apart[j] @ score.theta
-            size = float(x @ away / max(x @ x, 1e-300))
-            kind = "torque drift"
-            many = log.n
-            place = ""
-            figures = {"size": size}
-            how = f"drifts by {size:+.3g} {unit} from the first row to the last"
-            remedy = "let the sensor warm up and set its zero before the run"
-            if t is not None:
-                # Moments that a low-passed torque tells apart.
-                kind = "torque step"
-                many = log.n * c.ROWS // c.PARTS
-                place = f"{name}, t = {t:.4g} s"
-                how = f"steps by {size:+.3g} {unit} at t = {t:.4g} s and stays there"
-                remedy, figures["t"] = (
-                    "cut the run there, or find out what touched the arm",
-                    t,
-                )
-            what = f"the torque of {name} {how}."
-            cost = choices(many) + 2.0 * c.ODDS
-            yield Fault(
-                kind,
-                "warning",
-                (j,),
-                what,
-                remedy,
-                without,
-                cost,
-                place,
-                mends=False,
-                figures=figures,
-            )
+            if isinstance(event.at, str):
+                yield _law(log, repair, event)
+            elif event.at is None:
+                yield _drift(log, repair, event)
+            else:
+                yield _step(log, repair, event, event.at)
+
+
+def _own_part(
+    log: Likelihood, now: LogTransform, score: ArmFit, shapes: Array
+) -> Array:
+    """(n, M, K) what own columns leave of shapes (M, K) or (n, M, K)."""
+    return score.rows.rest(log.filter_gain(now)[:, :, None] * shapes)
+
+
+def _laws(log: Likelihood, now: LogTransform, score: ArmFit) -> Iterator[LogTransform]:
+    """Of each joint that is poorly explained the law that explains most."""
+    order = list(now.order)
+    names = [*log.data.laws]
+    gains = []
+    for law in log.data.laws.values():
+        gains.append(score.gained(_own_part(log, now, score, law[order])).max(axis=1))
+    best = np.argmax(gains, axis=0)
+    for j in np.flatnonzero(score.poor).tolist():
+        yield now.with_event(LogEvent(j, names[best[j]]))
+
+
+def _likeliest_step(
+    log: Likelihood, now: LogTransform, score: ArmFit
+) -> Iterator[LogTransform]:
+    """The step that explains most, of all joints and moments."""
+    motion = log.data.motion
+    # Two rows each: the wrong moment explains nothing.
+    shares = np.linspace(0.12, 0.88, c.ROWS // 2)
+    moments = (motion.t[0] + shares * np.ptp(motion.t)).tolist()
+    shapes = np.hstack([LogEvent(0, at).shape(motion.t) for at in moments])
+    gains = score.gained(_own_part(log, now, score, shapes)) * log.moving[:, None]
+    goes_forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
+    for is_on_side in (shapes > 0.0, shapes <= 0.0):
+        share = goes_forth @ is_on_side / np.maximum(is_on_side.sum(axis=0), 1)
+        gains = gains * (np.minimum(share, 1.0 - share) > _WAYS)
+    j, k = divmod(int(np.argmax(gains)), len(moments))
+    if gains[j, k] > 0.0:
+        yield now.with_event(LogEvent(j, moments[k]))
+
+
+def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
+    """[N m or N] how large a drift or step is, as far as the fit of its joint needs
+    it."""
+    j = event.joint
+    score = log.score(repair)
+    without = log.rows(repair.without(event))
+    shape = event.shape(log.data.motion.t)
+    x = without.rest(log.filter_gain(repair)[:, :, None] * shape)[j, :, 0]
+    left = score.channels[j] - without.apart[j] @ score.theta
+    return float(x @ left / max(float(x @ x), 1e-300))
+
+
+def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
+    return Fault(
+        kind=f"law: {event.at}",
+        severity="note",
+        joints=(event.joint,),
+        what=f"the torque of {joints_text([event.joint])} holds a law that the model"
+        f" lacks, most like {event.at}.",
+        remedy="identify, and let `diagnose` name it",
+        of=repair.without(event),
+        cost=choices(log.n * len(LAWS)),
+        mends=False,
+    )
+
+
+def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
+    size = _size(log, repair, event)
+    unit = log.problem.robot.torque_units[event.joint]
+    return Fault(
+        kind="torque drift",
+        severity="warning",
+        joints=(event.joint,),
+        what=f"the torque of {joints_text([event.joint])} drifts by {size:+.3g} {unit}"
+        " from the first row to the last.",
+        remedy="let the sensor warm up and set its zero before the run",
+        of=repair.without(event),
+        cost=choices(log.n) + 2.0 * c.ODDS,
+        mends=False,
+        figures={"size": size},
+    )
+
+
+def _step(log: Likelihood, repair: LogTransform, event: LogEvent, t: float) -> Fault:
+    """A step at t [s]; its prior counts the moments that a low-passed torque tells
+    apart."""
+    size = _size(log, repair, event)
+    name = joints_text([event.joint])
+    unit = log.problem.robot.torque_units[event.joint]
+    return Fault(
+        kind="torque step",
+        severity="warning",
+        joints=(event.joint,),
+        what=f"the torque of {name} steps by {size:+.3g} {unit} at t = {t:.4g} s and"
+        " stays there.",
+        remedy="cut the run there, or find out what touched the arm",
+        of=repair.without(event),
+        cost=choices(log.n * c.ROWS // c.PARTS) + 2.0 * c.ODDS,
+        place=f"{name}, t = {t:.4g} s",
+        mends=False,
+        figures={"size": size, "t": t},
+    )

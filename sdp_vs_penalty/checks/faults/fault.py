@@ -8,8 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.constants import WIDEST
-from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
+from sdp_vs_penalty.checks.likelihood import At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data.formats.units import UNITS as NAMED
 
@@ -136,6 +137,10 @@ class Fault:
             isinstance(self.of, FaultSize)
             and not np.isclose(self.of.value, self.of.round_values).any()
         )
+
+    @property
+    def is_of_gravity(self) -> bool:
+        return self.kind.startswith("gravity")
 
     @property
     def without(self) -> LogTransform:

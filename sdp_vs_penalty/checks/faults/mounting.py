@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import (
     Fault,
     FaultSize,
     Transformation,
     _degrees,
 )
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
@@ -30,20 +31,20 @@ class Mounting(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        given = np.array(now.gravity)
-        size = float(np.linalg.norm(given))
+        gravity = np.array(now.gravity)
+        size = float(np.linalg.norm(gravity))
         known = _earthly(size)
         if any(now.lacks):
             return
         for axis in (*np.eye(3), *-np.eye(3)):
             yield _under(now, (size if known else _EARTH) * axis)
         if known:
-            across = np.linalg.svd(given[None, :])[2][1:]
-            ats = [_turned(now, given, given + size * x) for x in across]
+            across = np.linalg.svd(gravity[None, :])[2][1:]
+            ats = [_turned(now, gravity, gravity + size * x) for x in across]
             steps, _ = log.screen.first_order_steps(
                 now, ats, np.zeros(2), np.full(2, 0.02)
             )
-            turned = given + size * np.clip(steps, -0.5, 0.5) @ across
+            turned = gravity + size * np.clip(steps, -0.5, 0.5) @ across
             yield _under(now, size * turned / np.linalg.norm(turned))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
@@ -51,25 +52,25 @@ class Mounting(Transformation):
         g = np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
             return
-        given = float(np.linalg.norm(assumed))
-        cosine = assumed @ g / max(given * float(np.linalg.norm(g)), 1e-300)
+        size = float(np.linalg.norm(assumed))
+        cosine = assumed @ g / max(size * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
         x, y, z = (float(round(v, 2)) + 0.0 for v in g)
         kind = "gravity direction"
         remedy = f"identify with --gravity {x:g},{y:g},{z:g}"
         of: LogTransform | FaultSize = _under(repair, assumed)
-        if not _earthly(given):
+        if not _earthly(size):
             kind = "gravity of the problem"
             remedy = f"{remedy}, or correct the problem's gravity"
         elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
             of = FaultSize(
                 angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees
             )
-        seen = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
-        told = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
+        measured_text = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
+        assumed_text = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
         what = (
-            f"the weight in the torques points along ({seen}) m/s^2,"
-            f" {np.degrees(angle):.0f} degrees away from the assumed ({told})."
+            f"the weight in the torques points along ({measured_text}) m/s^2,"
+            f" {np.degrees(angle):.0f} degrees away from the assumed ({assumed_text})."
         )
         zero = _as_zero_of_joint_1(log, assumed, g)
         equal = f" Exactly as good on this arm: {zero[0]}." if zero else ""

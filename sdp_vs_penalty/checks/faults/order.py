@@ -1,11 +1,13 @@
 """Channels of other joints."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import combinations
 
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
@@ -24,29 +26,50 @@ class Exchange(Transformation):
                 yield now.with_swap(a, b, "order", "tau_order")
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        told: list[tuple[str, str, str, tuple[str, ...]]] = [
-            ("position order", "the positions", "q and dq", ("order",)),
-            ("torque order", "the torques", "tau", ("tau_order",)),
-        ]
         if repair.order == repair.tau_order:
-            told = [
-                (
-                    "joint order",
-                    "positions and torques",
-                    "q, dq and tau",
-                    ("order", "tau_order"),
-                )
-            ]
-        for kind, word, columns, names in told:
-            order = getattr(repair, names[0])
-            if changed := tuple(j for j, k in enumerate(order) if j != k):
-                how = ", ".join(
-                    f"column {order[j] + 1} is joint {j + 1}'s" for j in changed
-                )
-                how = "" if len(changed) == 2 else f": {how}"
-                what = f"{word} of {joints_text(changed)} are swapped{how}."
-                cost = (len(changed) - 1) * choices(log.n * (log.n - 1) // 2)
-                remedy = f"rename the columns of {columns}"
-                yield Fault(
-                    kind, "warning", changed, what, remedy, repair.reset(*names), cost
-                )
+            yield from _swapped(log, repair, BOTH)
+            return
+        yield from _swapped(log, repair, POSITIONS)
+        yield from _swapped(log, repair, TORQUES)
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """Which channels are exchanged: their kind of issue, in words, their columns, and
+    the entries of a repair."""
+
+    kind: str
+    words: str
+    columns: str
+    entries: tuple[str, ...]
+
+
+POSITIONS = _Channels("position order", "the positions", "q and dq", ("order",))
+TORQUES = _Channels("torque order", "the torques", "tau", ("tau_order",))
+BOTH = _Channels(
+    "joint order", "positions and torques", "q, dq and tau", ("order", "tau_order")
+)
+
+
+def _swapped(
+    log: Likelihood, repair: LogTransform, channels: _Channels
+) -> Iterator[Fault]:
+    """Joints whose channels are not their own."""
+    order = getattr(repair, channels.entries[0])
+    changed = tuple(j for j, k in enumerate(order) if j != k)
+    if not changed:
+        return
+    how = ""
+    if len(changed) > 2:
+        places = [f"column {order[j] + 1} is joint {j + 1}'s" for j in changed]
+        how = f": {', '.join(places)}"
+    n_pairs = log.n * (log.n - 1) // 2
+    yield Fault(
+        kind=channels.kind,
+        severity="warning",
+        joints=changed,
+        what=f"{channels.words} of {joints_text(changed)} are swapped{how}.",
+        remedy=f"rename the columns of {channels.columns}",
+        of=repair.reset(*channels.entries),
+        cost=(len(changed) - 1) * choices(n_pairs),
+    )

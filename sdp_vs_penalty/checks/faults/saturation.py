@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import (
     Fault,
     FaultSize,
@@ -12,7 +13,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 #: Below this bend, the largest logged torque over the limit, a channel is as straight

@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import (
     Fault,
     FaultSize,
@@ -14,8 +15,9 @@ from sdp_vs_penalty.checks.faults.fault import (
     choices,
 )
 from sdp_vs_penalty.checks.issue import joints_text
-from sdp_vs_penalty.checks.likelihood import ArmFit, Likelihood
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.robot.arrays import Array
 
 
 class Weight(Transformation):
@@ -26,45 +28,57 @@ class Weight(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
+        if not any(now.gravity):
+            return
+        # A little weight that is left makes the rest look like inertia under another
+        # clock.
+        for share in (1.0, 0.8):
+            yield now.with_entries("lacks", range(log.n), share)
         # The weight that a wrist's last link holds is within the error of its
         # friction's law: of one channel alone it has to be half (8 s of the real Panda,
         # tests/test_docs.py::test_the_tutorial).
-        held = np.sqrt(np.mean(log.nominal(now, 0.0) ** 2, axis=0))
-        logged = np.sqrt(np.mean(log.data.torque(log.data.motion.t) ** 2, axis=0))
-        each = [(j,) for j in np.flatnonzero(held > 0.5 * logged).tolist()]
-        every = range(log.n)
-        # A little weight that is left makes the rest look like inertia under another
-        # clock.
-        for joints, lacks in (
-            (every, 1.0),
-            (every, 0.8),
-            *((one, 1.0) for one in each),
-        ):
-            if any(now.gravity):
-                yield now.with_entries("lacks", joints, lacks)
+        torque = log.data.torque(log.data.motion.t)
+        weight = log.nominal(now, 0.0)
+        is_half = _rms(weight) > 0.5 * _rms(torque)
+        for j in np.flatnonzero(is_half).tolist():
+            yield now.with_entries("lacks", (j,), 1.0)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         for joints, x in repair.changed("lacks"):
-            of = f"the torque of {joints_text(joints)}"
-            how = ""
-            if len(joints) == log.n:
-                left = ",".join(
-                    f"{float(round((1.0 - x) * v, 3)) + 0.0:g}" for v in repair.gravity
-                )
-                of = "the torques"
-                how = f", or identify with --gravity {left}"
-            what = f"{_percent(x)} of the weight is missing from {of}."
-            remedy = f"log the torques before gravity compensation{how}"
-            at = partial(repair.with_entries, "lacks", joints)
-            number = FaultSize(x, at, c.CALIBRATED_GAIN, 0.4, _percent, (1.0,))
-            cost = choices(log.n // len(joints))
-            yield Fault(
-                "gravity removed",
-                "warning",
-                joints,
-                what,
-                remedy,
-                number,
-                cost,
-                mends=False,
-            )
+            yield _gravity_removed(log, repair, joints, x)
+
+
+def _rms(x: Array) -> Array:
+    """(n,) of columns (M, n)."""
+    return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
+
+
+def _gravity_removed(
+    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], x: float
+) -> Fault:
+    """A share x of the weight missing from some torques."""
+    torques = f"the torque of {joints_text(joints)}"
+    remedy = "log the torques before gravity compensation"
+    if len(joints) == log.n:
+        torques = "the torques"
+        left = [float(round((1.0 - x) * g, 3)) + 0.0 for g in repair.gravity]
+        vector = ",".join(f"{g:g}" for g in left)
+        remedy = f"{remedy}, or identify with --gravity {vector}"
+    number = FaultSize(
+        value=x,
+        at=partial(repair.with_entries, "lacks", joints),
+        tolerance=c.CALIBRATED_GAIN,
+        search_radius=0.4,
+        text=_percent,
+        round_values=(1.0,),
+    )
+    return Fault(
+        kind="gravity removed",
+        severity="warning",
+        joints=joints,
+        what=f"{_percent(x)} of the weight is missing from {torques}.",
+        remedy=remedy,
+        of=number,
+        cost=choices(log.n // len(joints)),
+        mends=False,
+    )

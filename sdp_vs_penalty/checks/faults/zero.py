@@ -1,11 +1,13 @@
 """Joints elsewhere than the kinematics say."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
+from sdp_vs_penalty.checks.arm_fit import ArmFit
 from sdp_vs_penalty.checks.faults.fault import (
     Fault,
     FaultSize,
@@ -15,7 +17,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     _shifted,
     choices,
 )
-from sdp_vs_penalty.checks.likelihood import ArmFit, At, Likelihood
+from sdp_vs_penalty.checks.likelihood import At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
 
@@ -27,79 +29,121 @@ class Place(Transformation):
 
     name = "zero"
 
-    quarters = -np.pi / 2, np.pi / 2, np.pi
-
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        joints = log.problem.robot.joints
-        quarters = self.quarters if score.poor.any() else ()
-        apart = [
-            j for j, joint in enumerate(joints) if j and joint.placement[:3, 3].any()
-        ]
-        # The zero of a first joint that turns is the mounting about its axis.
-        zeros = [j for j in log.joints if j or j not in log.revolute]
-        turns = [*(False for _ in apart), *(j in log.revolute for j in zeros)]
-        ats: list[At] = [partial(now.with_entries, "longer", (j,)) for j in apart]
-        ats += [partial(_shifted, log, now, j) for j in zeros]
-        values = [*(now.longer[j] for j in apart), *(now.zero[j] for j in zeros)]
-        units = np.where(turns, 1.0, _length(log))
-        steps, spreads = log.screen.first_order_steps(
-            now, ats, np.array(values), 0.01 * units
-        )
-        first = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
-        for k in np.flatnonzero(
-            np.isfinite(spreads)
-        ).tolist():  # of the others nothing is seen
-            for x in (first[k], *(quarters if turns[k] else ())):
-                yield ats[k](values[k] + x)
+        places = [*_distances(log, now), *_zeros(log, now, bool(score.poor.any()))]
+        if not places:
+            return
+        values = np.array([place.value for place in places])
+        units = np.array([place.unit for place in places])
+        ats = [place.at for place in places]
+        steps, spreads = log.screen.first_order_steps(now, ats, values, 0.01 * units)
+        nearest = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
+        # Of those without a finite spread nothing is seen.
+        for k in np.flatnonzero(np.isfinite(spreads)).tolist():
+            for change in (nearest[k], *places[k].turns):
+                yield places[k].at(places[k].value + change)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        length = _length(log)
-        metres = "{:.4g} m".format
-        cost = choices(log.n)
         for j in np.flatnonzero(repair.longer).tolist():
-            x = repair.longer[j]
-            at = partial(repair.with_entries, "longer", (j,))
-            how = (
-                f"{metres(abs(x))} {'farther from' if x > 0.0 else 'nearer to'}"
-                f" joint {j}"
-            )
-            what = f"joint {j + 1} is {how} than in the robot's kinematics."
-            remedy = (
-                "correct the kinematics, or choose the problem of the robot that was"
-                " logged"
-            )
-            number = FaultSize(
-                x, at, 0.25 * c.CALIBRATED * length, 0.35 * length, metres
-            )
-            yield Fault(
-                "link length", "warning", (j,), what, remedy, number, cost, mends=False
-            )
+            yield _link_length(log, repair, j)
         for j in np.flatnonzero(repair.zero).tolist():
-            x = repair.zero[j]
-            turns = j in log.revolute
-            back = partial(_shifted, log, repair, j)
-            unit, text = (1.0, _degrees) if turns else (0.25 * length, metres)
-            reach, snaps = (
-                (0.35, (*self.quarters, -np.pi)) if turns else (0.35 * length, ())
-            )
-            away = lambda v, text=text: text(-v)  # noqa: E731
-            number = FaultSize(x, back, unit * c.CALIBRATED, reach, away, snaps)
-            severity = "warning"
-            what = (
-                f"the zero of joint {j + 1} is {away(x)} away from the robot's"
-                " kinematics."
-            )
-            remedy = f"add {x:+.5g} {log.problem.robot.position_units[j]} to q{j + 1}"
-            shift = {"shifts": [x]}
-            yield Fault(
-                "encoder offset",
-                severity,
-                (j,),
-                what,
-                remedy,
-                number,
-                cost,
-                figures=shift,
-            )
+            yield _encoder_offset(log, repair, j)
+
+
+#: Zeros of joints that are set a quarter of a turn off, or more [rad].
+QUARTERS = -np.pi / 2, np.pi / 2, np.pi
+
+
+@dataclass(frozen=True)
+class _Number:
+    """A number whose best value is looked for: its present value, the repair with
+    another one, what is large for it, and turns that are tried."""
+
+    value: float
+    at: At
+    unit: float
+    turns: tuple[float, ...] = ()
+
+
+def _distances(log: Likelihood, now: LogTransform) -> Iterator[_Number]:
+    """Of each joint from the one before, where they are apart."""
+    for j, joint in enumerate(log.problem.robot.joints):
+        if j and joint.placement[:3, 3].any():
+            at = partial(now.with_entries, "longer", (j,))
+            yield _Number(now.longer[j], at, _length(log))
+
+
+def _zeros(log: Likelihood, now: LogTransform, is_poor: bool) -> Iterator[_Number]:
+    """Of each joint that moves; the zero of a first joint that turns is the mounting
+    about its axis."""
+    for j in log.joints:
+        turns = j in log.revolute
+        if j == 0 and turns:
+            continue
+        at = partial(_shifted, log, now, j)
+        unit = 1.0 if turns else _length(log)
+        yield _Number(now.zero[j], at, unit, QUARTERS if turns and is_poor else ())
+
+
+def _link_length(log: Likelihood, repair: LogTransform, j: int) -> Fault:
+    """Joint j farther from the one before, or nearer to it."""
+    length = _length(log)
+    metres = "{:.4g} m".format
+    x = repair.longer[j]
+    where = "farther from" if x > 0.0 else "nearer to"
+    number = FaultSize(
+        value=x,
+        at=partial(repair.with_entries, "longer", (j,)),
+        tolerance=0.25 * c.CALIBRATED * length,
+        search_radius=0.35 * length,
+        text=metres,
+    )
+    return Fault(
+        kind="link length",
+        severity="warning",
+        joints=(j,),
+        what=f"joint {j + 1} is {metres(abs(x))} {where} joint {j} than in the robot's"
+        " kinematics.",
+        remedy="correct the kinematics, or choose the problem of the robot that was"
+        " logged",
+        of=number,
+        cost=choices(log.n),
+        mends=False,
+    )
+
+
+def _encoder_offset(log: Likelihood, repair: LogTransform, j: int) -> Fault:
+    """Joint j counts from another zero."""
+    x = repair.zero[j]
+    turns = j in log.revolute
+    length = _length(log)
+    number = FaultSize(
+        value=x,
+        at=partial(_shifted, log, repair, j),
+        tolerance=(1.0 if turns else 0.25 * length) * c.CALIBRATED,
+        search_radius=0.35 if turns else 0.35 * length,
+        text=_angle_away if turns else _length_away,
+        round_values=(*QUARTERS, -np.pi) if turns else (),
+    )
+    unit = log.problem.robot.position_units[j]
+    return Fault(
+        kind="encoder offset",
+        severity="warning",
+        joints=(j,),
+        what=f"the zero of joint {j + 1} is {number.text(x)} away from the robot's"
+        " kinematics.",
+        remedy=f"add {x:+.5g} {unit} to q{j + 1}",
+        of=number,
+        cost=choices(log.n),
+        figures={"shifts": [x]},
+    )
+
+
+def _angle_away(x: float) -> str:
+    return _degrees(-x)
+
+
+def _length_away(x: float) -> str:
+    return f"{-x:.4g} m"

@@ -1,4 +1,11 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.exporters.inertials import LinkCheck
 
 
 def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None:
@@ -12,7 +19,6 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters import inertials
-    from sdp_vs_penalty.results.table import Table
 
     checks = inertials.check_urdf(urdf)
     massless = inertials.massless_links(urdf)
@@ -23,25 +29,12 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
     console.say(verdict, style="bold")
     for remark in units:
         console.paragraph(remark)
-    if checks:
-        title = "Inertials: mass and margins (negative: violated)"
-        heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
-        console.table(Table(heads, inertials.table(checks), title=title, words=(0, 1)))
-    for c in checks:
-        if c.nearest is not None:
-            console.paragraph(
-                f"{c.link}: nearest consistent inertia about the centre of mass, axes"
-                f" of the link (Frobenius norm, {c.distance:.3g} kg m^2 away; mass and"
-                " centre of mass kept):"
-            )
-            for key, value in c.nearest.urdf_attributes.items():
-                console.say(f'  {key}="{value}"')
+    _print_inertials(checks)
     for remark in remarks:
         console.paragraph(remark)
-    links = [c.to_dict() for c in checks]
     content = {
         "urdf": str(urdf),
-        "links": links,
+        "links": [check.to_dict() for check in checks],
         "moving_links_without_inertial": massless,
         "units": units,
     }
@@ -51,3 +44,25 @@ def verb(urdf: Path, json_: Path | None = None, fix: Path | None = None) -> None
         console.written(fix)
     if units or not all(check.consistent for check in checks):
         raise SystemExit(1)
+
+
+def _print_inertials(checks: Sequence[LinkCheck]) -> None:
+    """A table of all links; of each that is impossible the nearest possible inertia."""
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.exporters import inertials
+    from sdp_vs_penalty.results.table import Table
+
+    if checks:
+        title = "Inertials: mass and margins (negative: violated)"
+        heads = ("link", "verdict", "mass [kg]", "triangle [kg m^2]", "pseudo-inertia")
+        console.table(Table(heads, inertials.table(checks), title=title, words=(0, 1)))
+    for check in checks:
+        if check.nearest is None:
+            continue
+        console.paragraph(
+            f"{check.link}: nearest consistent inertia about the centre of mass, axes"
+            f" of the link (Frobenius norm, {check.distance:.3g} kg m^2 away; mass and"
+            " centre of mass kept):"
+        )
+        for key, value in check.nearest.urdf_attributes.items():
+            console.say(f'  {key}="{value}"')

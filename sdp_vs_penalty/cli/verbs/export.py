@@ -1,5 +1,11 @@
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.estimation.estimate import Estimate
+    from sdp_vs_penalty.estimation.verdict import Verdict
 
 
 def verb(
@@ -23,49 +29,79 @@ def verb(
     --flange x,y,z: Flange in the last joint's frame [m], for a payload; default: 0,0,0.
     --force: Links whose mass lies outside of their bodies, too.
     """
-    from sdp_vs_penalty.api.exporting import judge_as_exported
     from sdp_vs_penalty.cli import console
-    from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.estimation.estimate import load_estimate
-    from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
-    from sdp_vs_penalty.exporters.export import (
-        as_exported,
-        exported_verdict,
-        write_model,
-    )
+    from sdp_vs_penalty.exporters.export import write_model
 
     estimate = load_estimate(model)
-    x, y, z = numbers("--flange", flange, 3) if flange is not None else (0.0, 0.0, 0.0)
-    held = as_exported(estimate, out)
-    loses = held is not None and len(held.theta) < len(estimate.theta)
-    judged = None
-    if loses and (runs := judging_runs(estimate, data, window)) is not None:
-        judged = judge_as_exported(estimate, out, runs.judge, runs.judged_recordings)
+    x, y, z = numbers("--flange", flange or "0,0,0", 3)
+    loses, judged = _judged_as_exported(estimate, out, data, window)
     verdict = None if judged is None else judged[0]
-    options: dict[str, Any] = {"force": force, "flange": (x, y, z), "judged": verdict}
-    left_out = write_model(estimate, out, urdf, **options)
-    stored_verdict = estimate.verdict
-    if not loses:
-        console.say(
-            NOT_JUDGED
-            if stored_verdict is None
-            else f"Verdict: {stored_verdict.headline}"
-        )
+    left_out = write_model(
+        estimate, out, urdf, force=force, flange=(x, y, z), judged=verdict
+    )
+    if loses:
+        _say_what_is_lost(left_out, judged)
     else:
-        console.say(exported_verdict(left_out, verdict))
-        if judged is not None and judged[1]:
-            console.say(f"Without what it cannot hold: {judged[1]}")
+        _say_verdict(estimate)
     console.written(out)
-    if urdf is None and out.suffix.lower() in (".urdf", ".xml", ".sdf"):
-        urdf_hint = (
-            "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
-        )
-        console.warn(
-            "Moving links are named link1, link2 ...: a model.json holds only the"
-            f" joints' names{urdf_hint if out.suffix.lower() == '.urdf' else ''}."
-        )
+    if urdf is None:
+        _warn_of_names(out)
     if left_out:
         console.warn(
             f"{out.suffix} files cannot hold {', '.join(left_out)}; .json files can."
         )
+
+
+def _judged_as_exported(
+    estimate: Estimate, out: Path, data: list[Path] | None, window: str | None
+) -> tuple[bool, tuple[Verdict, str] | None]:
+    """Whether a file of this name holds less than the model; then the verdict on what
+    it holds, and what is lost in words, where there are runs to judge it on."""
+    from sdp_vs_penalty.api.exporting import judge_as_exported
+    from sdp_vs_penalty.cli.runs import judging_runs
+    from sdp_vs_penalty.exporters.export import as_exported
+
+    held = as_exported(estimate, out)
+    if held is None or len(held.theta) == len(estimate.theta):
+        return False, None
+    runs = judging_runs(estimate, data, window)
+    if runs is None:
+        return True, None
+    return True, judge_as_exported(estimate, out, runs.judge, runs.judged_recordings)
+
+
+def _say_what_is_lost(
+    left_out: tuple[str, ...], judged: tuple[Verdict, str] | None
+) -> None:
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.exporters.export import exported_verdict
+
+    console.say(exported_verdict(left_out, None if judged is None else judged[0]))
+    if judged is not None and judged[1]:
+        console.say(f"Without what it cannot hold: {judged[1]}")
+
+
+def _say_verdict(estimate: Estimate) -> None:
+    from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
+
+    stored = estimate.verdict
+    console.say(NOT_JUDGED if stored is None else f"Verdict: {stored.headline}")
+
+
+def _warn_of_names(out: Path) -> None:
+    """A model.json holds no names of links: a file made from it has others."""
+    from sdp_vs_penalty.cli import console
+
+    ending = out.suffix.lower()
+    if ending not in (".urdf", ".xml", ".sdf"):
+        return
+    hint = ""
+    if ending == ".urdf":
+        hint = "; --urdf robot.urdf edits your own URDF and keeps its names and meshes"
+    console.warn(
+        "Moving links are named link1, link2 ...: a model.json holds only the joints'"
+        f" names{hint}."
+    )

@@ -52,75 +52,93 @@ def details(kind: str, name: str) -> tuple[str, ...]:
 
 def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
     """Headings and rows of one kind of thing that can be chosen; names come first."""
-    rows: Rows
-    match kind:
-        case "problems":
-            from sdp_vs_penalty.problem.load import load_problem, problem_names
+    return _LISTINGS[kind]()
 
-            problems = map(load_problem, problem_names())
-            rows = [(p.name, str(p.robot.n), p.torque_side, p.title) for p in problems]
-            return ("name", "joints", "torque side", "what it is"), rows
-        case "effects":
-            from sdp_vs_penalty.effects import effect_types
 
-            rows = []
-            for name, effect in effect_types().items():
-                shape = ", ".join(
-                    f"{key}={s.default:g}" for key, s in effect.shapes.items()
-                )
-                acts = "whole robot" if effect.whole_robot else "joint by joint"
-                acts += "; seen with --frozen only" * effect.frozen_only
-                about = effect.explanation, effect.reference
-                rows.append((name, effect.equation, shape, acts, *about))
-            return (
-                "name",
-                "torque",
-                "shape constants",
-                "acts on",
-                "what it is",
-                "reference",
-            ), rows
-        case "methods":
-            from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
-            from sdp_vs_penalty.estimators import estimator_types
+def _problems() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.problem.load import load_problem, problem_names
 
-            rows = [
-                (name, method.description) for name, method in estimator_types().items()
-            ]
-            return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
-        case "solvers":
-            from sdp_vs_penalty.solvers import solver_types
+    problems = map(load_problem, problem_names())
+    rows: Rows = [(p.name, str(p.robot.n), p.torque_side, p.title) for p in problems]
+    return ("name", "joints", "torque side", "what it is"), rows
 
-            solvers = ((name, solver()) for name, solver in solver_types().items())
-            rows = [
-                (n, "absent" if s.absent else "yes", s.source, s.description)
-                for n, s in solvers
-            ]
-            return ("name", "here", "installed by", "what it is"), rows
-        case "tables":
-            from sdp_vs_penalty.research.tables import makers
 
-            rows = [
-                (name, ", ".join(table.problems), table.about)
-                for name, table in makers().items()
-            ]
-            return ("name", "only for", "what it is"), rows
-        case "datasets":
-            from sdp_vs_penalty.data.datasets import DATASETS
+def _effects() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.effects import effect_types
 
-            rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
-            return ("name", "problem", "licence", "what it is"), rows
-        case "engines":
-            from sdp_vs_penalty.simulation.engines import engine_types
+    rows: Rows = []
+    for name, effect in effect_types().items():
+        shapes = effect.shapes.items()
+        constants = ", ".join(f"{key}={shape.default:g}" for key, shape in shapes)
+        acts = "whole robot" if effect.whole_robot else "joint by joint"
+        if effect.frozen_only:
+            acts += "; seen with --frozen only"
+        about = (effect.explanation, effect.reference)
+        rows.append((name, effect.equation, constants, acts, *about))
+    heads = ("name", "torque", "shape constants", "acts on", "what it is", "reference")
+    return heads, rows
 
-            engines = engine_types().items()
-            rows = [
-                (n, e.version() or "absent", e.install, e.formulation)
-                for n, e in engines
-            ]
-            return ("name", "version here", "installed by", "formulation"), rows
-        case _:
-            from sdp_vs_penalty.exporters.export import formats
 
-            rows = [(ending, home.ABOUT) for ending, home in formats().items()]
-            return ("file ends in", "what it is"), rows
+def _methods() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
+    from sdp_vs_penalty.estimators import estimator_types
+
+    rows: Rows = [(name, m.description) for name, m in estimator_types().items()]
+    return ("name", "what it is"), sorted([*rows, (OUTPUT_ERROR, DESCRIPTION)])
+
+
+def _solvers() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.solvers import solver_types
+
+    rows: Rows = []
+    for name, kind in solver_types().items():
+        solver = kind()
+        here = "absent" if solver.absent else "yes"
+        rows.append((name, here, solver.source, solver.description))
+    return ("name", "here", "installed by", "what it is"), rows
+
+
+def _tables() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.research.tables import makers
+
+    rows: Rows = [
+        (name, ", ".join(table.problems), table.about)
+        for name, table in makers().items()
+    ]
+    return ("name", "only for", "what it is"), rows
+
+
+def _datasets() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.data.datasets import DATASETS
+
+    rows: Rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
+    return ("name", "problem", "licence", "what it is"), rows
+
+
+def _engines() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.simulation.engines import engine_types
+
+    rows: Rows = [
+        (name, engine.version() or "absent", engine.install, engine.formulation)
+        for name, engine in engine_types().items()
+    ]
+    return ("name", "version here", "installed by", "formulation"), rows
+
+
+def _exports() -> tuple[tuple[str, ...], Rows]:
+    from sdp_vs_penalty.exporters.export import formats
+
+    rows: Rows = [(ending, home.ABOUT) for ending, home in formats().items()]
+    return ("file ends in", "what it is"), rows
+
+
+_LISTINGS = {
+    "problems": _problems,
+    "effects": _effects,
+    "methods": _methods,
+    "solvers": _solvers,
+    "tables": _tables,
+    "datasets": _datasets,
+    "engines": _engines,
+    "exports": _exports,
+}

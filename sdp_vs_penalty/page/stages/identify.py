@@ -14,6 +14,7 @@ from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
+from sdp_vs_penalty.page.arm_scene import chart_and_arm
 from sdp_vs_penalty.page.session import SHOWN_BY, ModelStep, Session
 from sdp_vs_penalty.page.view import (
     PagePart,
@@ -180,81 +181,104 @@ def _name(effect: str) -> str:
 )
 def fit(view: View) -> None:
     """Measured against modelled torque, where it fails and why."""
-    session = view.session
     model = view.session.current
-    robot = view.session.robot
-    comparison = model.comparison
-    units = robot["units"]
     view.look_at_worst_joint()
     if view.run not in model.runs:
         view.run = model.runs[-1]
         view.span = None
-    steps = [session.history[0], model][-len(session.history) :]
-    first = session.history[0].comparison
-    after = comparison["rmse"] if len(session.history) > 1 else None
-    bars = ui.html("", sanitize=False).on(
-        "click", partial(_show, view), js_handler=_CELL
-    )
-    draw.note("Click a joint to see it below.")
-    _figures(model)
-    with draw.tag("div", style="pick"):
-        draw.choice(
-            "Run", model.runs, view.run, lambda name: view.select(run=name), "shown-run"
-        )
-    label = "Measured and modelled torque, and the residual"
-    caption = "redder: larger torque error"
-    chart, move = charts.chart_and_arm(view, label, model.about, caption)
-    legend = ui.html("", sanitize=False)
-    words = draw.tag("p", "", "words")
-    if model.failures:
-        diagnosis = (
-            session.findings if session.found_for == len(session.history) else None
-        )
-        _heat(view, model.failures, diagnosis)
-    with draw.tag("div", style="pick"):
-        look = lambda name: view.select(signal=name)  # noqa: E731
-        draw.choice(
-            "Error against", charts.SIGNALS.items(), view.signal, look, "signal"
-        )
-    against = draw.chart({}, "Error of the joint against a signal")
-
-    def zoom(event: Any) -> None:
-        span = charts.asked_span(event.args)
-        if not isinstance(span, bool) and span != view.span:
-            view.select(span=span)
-
-    def follow() -> None:
-        j = view.joint or 0
-        reads = [session.recording(step, view.run) for step in steps]
-        read = reads[-1]
-        noise = comparison["noise_floor"][j]
-        modelled = {
-            step.label: r["modelled"] for step, r in zip(steps, reads, strict=True)
-        }
-        failing = charts.failing_stretches(model, view.run, j, float(read["t"][0]))
-        run = Curves(read["t"], read["torque"], modelled)
-        causes = {cause for *_, cause in failing}
-        bars.content = pieces.bars(
-            first["rmse"], after, comparison["noise_floor"], units, chosen=j
-        )
-        chart.update_figure(charts.torque_chart(run, j, units, view.span, failing))
-        against.update_figure(
-            charts.residual_chart(reads, j, view.signal, units[j], noise, view.span)
-        )
-        legend.content = pieces.legend(
-            [cause for cause in pieces.SHADES if cause in causes]
-        )
-        words.text = _words(model, j, units[j])
-        move(view.run, read, charts.torque_errors(model, read))
-
-    chart.on("plotly_relayout", zoom)
-    view.followers["fit"] = follow
-    follow()
+    shown = _Fit(view)
+    view.followers["fit"] = shown.follow
+    shown.follow()
     if model.on_bounds:
         draw.note(
             "On their bounds (set by the bound, not by the data):"
             f" {', '.join(model.on_bounds)}. More options above change bounds."
         )
+
+
+class _Fit:
+    """What the part shows of the joint, the run and the span that are chosen: bars,
+    torques with the arm, words, causes, and the error against a signal."""
+
+    def __init__(self, view: View) -> None:
+        self.view = view
+        self.model = view.session.current
+        show = partial(_show, view)
+        self.bars = ui.html("", sanitize=False).on("click", show, js_handler=_CELL)
+        draw.note("Click a joint to see it below.")
+        _figures(self.model)
+        with draw.tag("div", style="pick"):
+            choose = lambda name: view.select(run=name)  # noqa: E731
+            draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
+        label = "Measured and modelled torque, and the error"
+        caption = "redder: larger torque error"
+        self.chart, self.move = chart_and_arm(view, label, self.model.about, caption)
+        self.chart.on("plotly_relayout", self.zoom)
+        self.legend = ui.html("", sanitize=False)
+        self.words = draw.tag("p", "", "words")
+        if self.model.failures:
+            _heat(view, self.model.failures, view.session.findings_of_current)
+        with draw.tag("div", style="pick"):
+            look = lambda name: view.select(signal=name)  # noqa: E731
+            signals = charts.SIGNALS.items()
+            draw.choice("Error against", signals, view.signal, look, "signal")
+        self.against = draw.chart({}, "Error of the joint against a signal")
+
+    def zoom(self, event: Any) -> None:
+        """Look at the stretch of time that was dragged."""
+        span = charts.asked_span(event.args)
+        if not isinstance(span, bool) and span != self.view.span:
+            self.view.select(span=span)
+
+    def follow(self) -> None:
+        """Show what is chosen now."""
+        view, model = self.view, self.model
+        session, j = view.session, view.joint or 0
+        units = session.robot["units"]
+        steps = session.first_and_current
+        recordings = [session.recording(step, view.run) for step in steps]
+        self._draw_bars(j, units)
+        self._draw_torques(j, units, recordings)
+        drawn = charts.residual_chart(
+            recordings,
+            joint=j,
+            signal=view.signal,
+            unit=units[j],
+            floor=model.comparison["noise_floor"][j],
+            span=view.span,
+        )
+        self.against.update_figure(drawn)
+        self.words.text = _words(model, j, units[j])
+        last = recordings[-1]
+        self.move(view.run, last, charts.torque_errors(model, last))
+
+    def _draw_bars(self, j: int, units: Sequence[str]) -> None:
+        """The error of each joint, joint j (from 0) chosen."""
+        history = self.view.session.history
+        comparison = self.model.comparison
+        after = comparison["rmse"] if len(history) > 1 else None
+        before = history[0].comparison["rmse"]
+        floor = comparison["noise_floor"]
+        self.bars.content = pieces.bars(before, after, floor, units, chosen=j)
+
+    def _draw_torques(
+        self, j: int, units: Sequence[str], recordings: Sequence[Any]
+    ) -> None:
+        """Measured and modelled torque, and where the error is large."""
+        view, last = self.view, recordings[-1]
+        steps = view.session.first_and_current
+        modelled = {
+            step.label: recording["modelled"]
+            for step, recording in zip(steps, recordings, strict=True)
+        }
+        start = float(last["t"][0])
+        failing = charts.failing_stretches(self.model, view.run, j, start)
+        run = Curves(last["t"], last["torque"], modelled)
+        drawn = charts.torque_chart(run, j, units, view.span, failing)
+        self.chart.update_figure(drawn)
+        causes = {cause for *_, cause in failing}
+        shown = [cause for cause in pieces.SHADES if cause in causes]
+        self.legend.content = pieces.legend(shown)
 
 
 def _figures(model: ModelStep) -> None:
@@ -267,8 +291,8 @@ def _figures(model: ModelStep) -> None:
     seconds = facts["judged_seconds"]["texts"][0]
     band = facts["band"]["texts"][0]
     draw.note(
-        f"On motion not used for fitting: {seconds} s of {judged}, {new} % of it new,"
-        f" below {band} Hz; identified in {model.seconds:.2g} s."
+        f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting, below"
+        f" {band} Hz; identified in {model.seconds:.2g} s."
     )
     for line in model.comparison["verdict"]["lines"][1:]:  # the first one stands above
         draw.tag(
@@ -299,9 +323,8 @@ def _heat(
     first."""
     draw.tag("h4", "Where it fails, and why")
     draw.note(
-        "Share of each joint's error that a function of a cause explains on held-out"
-        " data, in per cent; causes that explain nothing are left out. Click a cell to"
-        " see the joint."
+        "Share of the error explained by each cause, in per cent, on data left out."
+        " Click a cell to see the joint."
     )
     rows = pieces.heat_rows(failures, pieces.found_shares(diagnosis, len(failures)))
     title = "Share of the error explained by each cause, by joint"
@@ -403,9 +426,9 @@ def methods(view: View) -> None:
         return
     draw.table(Table.from_dict(answer["table"]), "Methods compared")
     draw.note(
-        "On the runs that the model is judged on. Possible: every link can exist,"
-        " within its bounds; thinnest: a link's thickness, zero or less where it"
-        " cannot; gap: of the certified optimum."
+        "On the runs that the model is judged on. The thinnest link is zero or less"
+        " where it cannot exist; distance to best fit: how far the loss can be above"
+        " the best possible one, as a share of it."
     )
 
 

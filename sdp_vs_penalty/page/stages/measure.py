@@ -9,7 +9,8 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.files import problems_folder
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.charts import chart_and_arm, data_chart
+from sdp_vs_penalty.page.arm_scene import chart_and_arm
+from sdp_vs_penalty.page.charts import data_chart
 from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
@@ -316,7 +317,7 @@ def check(view: View) -> None:
             draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
-    crosses = "Crosses: what the check would put there. "
+    crosses = "Crosses: corrected values. "
     mended = any(
         finding_of_run["can_fix"]
         for run in session.runs

@@ -6,7 +6,8 @@ from typing import Any
 
 from sdp_vs_penalty.exporters.export import formats
 from sdp_vs_penalty.page import controls as draw
-from sdp_vs_penalty.page.charts import chart_and_arm, torque_chart
+from sdp_vs_penalty.page.arm_scene import chart_and_arm
+from sdp_vs_penalty.page.charts import torque_chart
 from sdp_vs_penalty.page.view import Stage, View, identified, requires_model
 from sdp_vs_penalty.render.charts import Curves
 from sdp_vs_penalty.results.table import Table

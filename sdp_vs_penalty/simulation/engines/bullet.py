@@ -56,7 +56,12 @@ class Bullet(Engine):
     def begin(self, start: Array, step: float) -> None:
         self.bullet.setTimeStep(step)
         for j in range(self.robot.n):
-            self.bullet.resetJointState(self.body, j, start[j], 0.0)
+            self.bullet.resetJointState(
+                self.body,
+                j,
+                start[j],
+                0.0,
+            )
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         bullet = self.bullet

@@ -68,7 +68,15 @@ class Engine(ABC):
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
         """Torques (N, n) for states (N, n); None where the engine has no inverse
         dynamics."""
-        torques = [self.torque(*rows) for rows in zip(q, dq, ddq, strict=True)]
+        torques = [
+            self.torque(*rows)
+            for rows in zip(
+                q,
+                dq,
+                ddq,
+                strict=True,
+            )
+        ]
         return None if torques[0] is None else np.array(torques, float)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array | None:
@@ -104,4 +112,13 @@ class Engine(ABC):
     def content(self) -> Content:
         """The links as the exporters take them."""
         zero = np.zeros(self.robot.n)
-        return Content(self.links, zero, zero, zero, zero, zero, (), ())
+        return Content(
+            self.links,
+            zero,
+            zero,
+            zero,
+            zero,
+            zero,
+            (),
+            (),
+        )

@@ -44,8 +44,17 @@ class _Feedback(Structure):
 
 
 #: The C types of the letters in :data:`_SIGNATURES`.
-_TYPES: dict[str, Any] = {"-": None, "p": c_void_p, "i": c_int, "d": c_double}
-_TYPES |= {"D": POINTER(c_double), "M": POINTER(_Mass), "F": POINTER(_Feedback)}
+_TYPES: dict[str, Any] = {
+    "-": None,
+    "p": c_void_p,
+    "i": c_int,
+    "d": c_double,
+}
+_TYPES |= {
+    "D": POINTER(c_double),
+    "M": POINTER(_Mass),
+    "F": POINTER(_Feedback),
+}
 #: Of the functions used the type returned, then those of the arguments.
 _SIGNATURES = {
     "p": "dWorldCreate",

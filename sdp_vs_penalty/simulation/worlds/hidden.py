@@ -32,7 +32,11 @@ Maker = Callable[[World, int, np.random.Generator], "Hidden"]
 
 #: Root mean square of the hidden torque over the raw noise of the joint that it moves
 #: most.
-LEVELS = {"strong": 2.0, "medium": 0.5, "weak": 0.125}
+LEVELS = {
+    "strong": 2.0,
+    "medium": 0.5,
+    "weak": 0.125,
+}
 
 
 @dataclass(frozen=True)
@@ -53,9 +57,9 @@ class Hidden:
     effect: str = ""
     channel: bool = False
 
-    def torque(self, world: World, m: TrueMotion) -> Array:
+    def torque(self, world: World, motion: TrueMotion) -> Array:
         """(N, n) what it adds at its size."""
-        return self.change(world, m, self.size)
+        return self.change(world, motion, self.size)
 
     def sized(
         self, world: World, motions: Sequence[TrueMotion], factor: float
@@ -65,8 +69,9 @@ class Hidden:
         moves nothing."""
         out = self
         for _ in range(3):
-            added = np.concatenate([out.torque(world, m) for m in motions])
-            ratio = float((np.sqrt(np.mean(added**2, axis=0)) / world.noise).max())
+            added = np.concatenate([out.torque(world, motion) for motion in motions])
+            rms = np.sqrt(np.mean(added**2, axis=0))
+            ratio = float((rms / world.noise).max())
             if ratio < 1e-9:
                 return self
             out = replace(out, size=out.size * factor / ratio)
@@ -77,19 +82,23 @@ class Hidden:
         size = None if self.number is None else self.number * self.size
         about = {
             "effect": self.effect,
-            "joints": [j + 1 for j in self.joints],
+            "joints": [joint + 1 for joint in self.joints],
             "size": size,
         }
-        return {**about, "shape": dict(self.shape), **self.details}
+        return {
+            **about,
+            "shape": dict(self.shape),
+            **self.details,
+        }
 
 
-def torques(world: World, m: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
+def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
     """(N, n) what each adds; torque channels, one after the other, to what they carry."""
     torque_by_joint = dict[int, Array]()
     for k in sorted(range(len(hidden)), key=lambda k: hidden[k].channel):
         carried = replace(world, more=world.more + sum(torque_by_joint.values(), 0.0))
         torque_by_joint[k] = hidden[k].torque(
-            carried if hidden[k].channel else world, m
+            carried if hidden[k].channel else world, motion
         )
     return [torque_by_joint[k] for k in range(len(hidden))]
 
@@ -103,8 +112,9 @@ def at_joint(
 ) -> Hidden:
     """A torque of one joint, law(world, motion) (N,) times the size."""
 
-    def change(world: World, m: TrueMotion, size: float) -> Array:
-        return np.outer(size * law(world, m), np.eye(world.arm.n)[joint])
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        unit = np.eye(world.arm.n)[joint]
+        return np.outer(size * law(world, motion), unit)
 
     return Hidden((joint,), change, number, shape)
 
@@ -115,9 +125,11 @@ def plain(
     """The maker of a torque of one joint without constants, law(world, joint, motion)
     (N,) times the size; signed : either way round."""
 
-    def make(w: World, j: int, rng: np.random.Generator) -> Hidden:
+    def make(world: World, joint: int, rng: np.random.Generator) -> Hidden:
         side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
-        return at_joint(j, lambda w, m: side * law(w, j, m), side)
+        return at_joint(
+            joint, lambda world, motion: side * law(world, joint, motion), side
+        )
 
     return make
 
@@ -128,37 +140,56 @@ def shifted(
     """The link of a joint stands at q + shift, where q is what motor and encoder do;
     rates : whether its velocity and acceleration differ too."""
 
-    def change(world: World, m: TrueMotion, size: float) -> Array:
-        moved = displaced(m, joint, shift(world, m, size))
-        return world.rigid(moved if rates else replace(m, q=moved.q)) - world.rigid(m)
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        moved = displaced(motion, joint, shift(world, motion, size))
+        return world.rigid(
+            moved if rates else replace(motion, q=moved.q)
+        ) - world.rigid(motion)
 
-    return Hidden((joint,), change, number, size=size, shift=shift)
+    return Hidden(
+        (joint,),
+        change,
+        number,
+        size=size,
+        shift=shift,
+    )
 
 
-def displaced(m: TrueMotion, joint: int, shift: Array) -> TrueMotion:
+def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
     """The motion of the links, rates by central differences on the fine grid."""
-    rate = np.gradient(shift, m.t)
-    unit = np.eye(m.q.shape[1])[joint]
-    moved = (shift, rate, np.gradient(rate, m.t))
-    states = zip((m.q, m.dq, m.ddq), moved, strict=True)
-    return TrueMotion(m.t, *(x + np.outer(d, unit) for x, d in states))
+    rate = np.gradient(shift, motion.t)
+    acceleration = np.gradient(rate, motion.t)
+    unit = np.eye(motion.q.shape[1])[joint]
+    return TrueMotion(
+        motion.t,
+        motion.q + np.outer(shift, unit),
+        motion.dq + np.outer(rate, unit),
+        motion.ddq + np.outer(acceleration, unit),
+    )
 
 
-def sign(world: World, joint: int, m: TrueMotion) -> Array:
+def sign(world: World, joint: int, motion: TrueMotion) -> Array:
     """(N,) the direction in which a joint rubs, as sharp as its own dry friction is."""
-    return world.share(m)[:, joint]
+    return world.share(motion)[:, joint]
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     """A number whose logarithm is uniform."""
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+    logarithm = rng.uniform(np.log(low), np.log(high))
+    return float(np.exp(logarithm))
 
 
 def first_order(x: Array, step: float, lag: float) -> Array:
     """y + lag dy/dt = x, from rest at the first sample."""
     decay = float(np.exp(-step / lag))
     half = 0.5 * (1.0 - decay)
-    y, _ = lfilter([half, half], [1.0, -decay], x, axis=0, zi=(1.0 - half) * x[:1])
+    y, _ = lfilter(
+        [half, half],
+        [1.0, -decay],
+        x,
+        axis=0,
+        zi=(1.0 - half) * x[:1],
+    )
     return np.asarray(y)
 
 
@@ -166,172 +197,228 @@ def _unit(world: World, joint: int) -> float:
     return float(world.arm.unit_speed[joint])
 
 
-def _stribeck(w: World, j: int, rng: Generator) -> Hidden:
+def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
     """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
-    vs = _unit(w, j) * log_uniform(rng, 0.04, 0.3)
-    law = lambda w, m: sign(w, j, m) * np.exp(-((m.dq[:, j] / vs) ** 2))  # noqa: E731
-    return at_joint(j, law, vs=vs, delta=2.0)
+    vs = _unit(world, joint) * log_uniform(rng, 0.04, 0.3)
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        speed = motion.dq[:, joint] / vs
+        return sign(world, joint, motion) * np.exp(-(speed**2))
+
+    return at_joint(joint, law, vs=vs, delta=2.0)
 
 
 def _presliding(
-    w: World, j: int, rng: Generator, low: float = 0.001, high: float = 0.01
+    world: World, joint: int, rng: Generator, low: float = 0.001, high: float = 0.01
 ) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping, if
     it does so."""
-    d = _unit(w, j) * log_uniform(rng, low, high)
-    law = lambda w, m: _behind(m.t, m.dq[:, j], d) - w.dry.jumps * sign(w, j, m)  # noqa: E731
-    return at_joint(j, law, d=d)
+    d = _unit(world, joint) * log_uniform(rng, low, high)
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        dahl = _behind(motion.t, motion.dq[:, joint], d)
+        return dahl - world.dry.jumps * sign(world, joint, motion)
+
+    return at_joint(joint, law, d=d)
 
 
 def _behind(t: Array, speed: Array, d: float) -> Array:
     """(N,) Dahl's state along a motion of this speed."""
-    return bristles(t, speed[:, None], np.array([d]), np.ones_like)[:, 0]
+    states = bristles(t, speed[:, None], np.array([d]), np.ones_like)
+    return states[:, 0]
 
 
-def _sigmoid(w: World, j: int, rng: Generator) -> Hidden:
+def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
     """Gaz et al., RA-L 2019, eq. 9: part of the Coulomb friction rises slowly."""
-    v0 = _unit(w, j) * log_uniform(rng, 0.05, 0.3)
-    return at_joint(j, lambda w, m: np.tanh(m.dq[:, j] / v0) - sign(w, j, m), v0=v0)
+    v0 = _unit(world, joint) * log_uniform(rng, 0.05, 0.3)
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        slow = np.tanh(motion.dq[:, joint] / v0)
+        return np.asarray(slow - sign(world, joint, motion))
+
+    return at_joint(joint, law, v0=v0)
 
 
-def _power(w: World, j: int, rng: Generator) -> Hidden:
-    alpha = float(
-        rng.uniform(0.3, 0.7) if rng.random() < 0.5 else rng.uniform(1.5, 2.5)
-    )
-    return at_joint(
-        j, lambda w, m: np.sign(m.dq[:, j]) * np.abs(m.dq[:, j]) ** alpha, alpha=alpha
-    )
+def _power(world: World, joint: int, rng: Generator) -> Hidden:
+    """Friction that grows with a power of the speed."""
+    is_degressive = rng.random() < 0.5
+    low, high = (0.3, 0.7) if is_degressive else (1.5, 2.5)
+    alpha = float(rng.uniform(low, high))
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        speed = motion.dq[:, joint]
+        return np.asarray(np.sign(speed) * np.abs(speed) ** alpha)
+
+    return at_joint(joint, law, alpha=alpha)
 
 
-def _coupling(w: World, j: int, rng: Generator) -> Hidden:
+def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
     """Janot et al., IEEE TCST 2014; between turning joints, as wrists are."""
-    if w.arm.n < 2:
+    if world.arm.n < 2:
         raise InputError(
             "effect joint_coupling needs a robot with two joints or more",
             "leave it out",
         )
-    i = j - 1 if j > 0 else 1
+    i = joint - 1 if joint > 0 else 1
     form = int(rng.integers(1, 5))
     side = float(rng.choice([-1.0, 1.0]))
-    width = float(np.median(w.dry.width))
+    width = float(np.median(world.dry.width))
 
-    def law(w: World, m: TrueMotion) -> Array:
-        own_velocity = m.dq[:, j]
-        other = m.dq[:, i]
-        speed = {3: own_velocity + other, 4: own_velocity - other}.get(form, other)
+    def law(world: World, motion: TrueMotion) -> Array:
+        own_velocity = motion.dq[:, joint]
+        other = motion.dq[:, i]
+        speed = {
+            3: own_velocity + other,
+            4: own_velocity - other,
+        }.get(form, other)
         return np.asarray(side * (speed if form == 1 else np.tanh(speed / width)))
 
-    return at_joint(j, law, side, i=float(i + 1), form=float(form))
+    return at_joint(
+        joint,
+        law,
+        side,
+        i=float(i + 1),
+        form=float(form),
+    )
 
 
-def _warming(w: World, j: int, rng: Generator) -> Hidden:
+def _warming(world: World, joint: int, rng: Generator) -> Hidden:
     """Simoni et al., IROS 2015: friction that falls with time."""
     T = float(rng.uniform(40.0, 150.0))
     form = int(rng.choice([2, 4]))
 
-    def law(w: World, m: TrueMotion) -> Array:
-        return np.exp(-m.t / T) * (sign(w, j, m) if form == 2 else m.dq[:, j])
+    def law(world: World, motion: TrueMotion) -> Array:
+        return np.exp(-motion.t / T) * (
+            sign(world, joint, motion) if form == 2 else motion.dq[:, joint]
+        )
 
-    return at_joint(j, law, None, form=float(form), T=T)
+    return at_joint(
+        joint,
+        law,
+        None,
+        form=float(form),
+        T=T,
+    )
 
 
-def _by_temperature(w: World, j: int, rng: Generator) -> Hidden:
+def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
     """Carlson, Robertsson, Johansson, 2015: grease thins exponentially with its
     temperature."""
     warm = float(rng.uniform(8.0, 40.0))
     viscous = bool(rng.random() < 0.5)
 
-    def law(w: World, m: TrueMotion) -> Array:
-        thick = np.exp((20.0 - w.temperature(m.t)[:, j]) / warm)
-        return np.asarray(thick * (m.dq[:, j] if viscous else sign(w, j, m)))
+    def law(world: World, motion: TrueMotion) -> Array:
+        thick = np.exp((20.0 - world.temperature(motion.t)[:, joint]) / warm)
+        return np.asarray(
+            thick * (motion.dq[:, joint] if viscous else sign(world, joint, motion))
+        )
 
-    return at_joint(j, law, law=1.0 + viscous, by=1.0, warm=warm)
+    return at_joint(
+        joint,
+        law,
+        law=1.0 + viscous,
+        by=1.0,
+        warm=warm,
+    )
 
 
-def _transmission(w: World, j: int, rng: Generator) -> Hidden:
+def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     """A motor of a differential wrist turns with a combination of two neighbours (Wang
     et al. 2019).
 
     Dry friction only: of the viscous kind the joints' own friction absorbs all but a
     cross term, from which no ratio can be told."""
-    pairs = [i for i in range(w.arm.n - 1) if w.arm.rotary[i : i + 2].all()]
+    pairs = [i for i in range(world.arm.n - 1) if world.arm.rotary[i : i + 2].all()]
     if not pairs:
         raise InputError(
             "effect transmission_friction needs neighbours that turn", "leave it out"
         )
-    first = min(pairs, key=lambda i: abs(i - j))
+    first = min(pairs, key=lambda i: abs(i - joint))
     law = int(rng.choice([2, 3, 4]))
     ratio = float(rng.choice([-2.0, -1.0, -0.5, 0.5, 1.0, 2.0]))
     d = log_uniform(rng, 0.002, 0.01)
     vs = log_uniform(rng, 0.05, 0.25)
-    width = float(np.median(w.dry.width))
-    c = np.zeros(w.arm.n)
+    width = float(np.median(world.dry.width))
+    c = np.zeros(world.arm.n)
     c[first], c[first + 1] = 1.0, ratio
 
-    def change(w: World, m: TrueMotion, size: float) -> Array:
-        v = m.dq @ c
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        v = motion.dq @ c
         rubs = np.tanh(v / width) * (np.exp(-((v / vs) ** 2)) if law == 4 else 1.0)
-        return np.outer(size * (_behind(m.t, v, d) if law == 3 else rubs), c)
+        return np.outer(size * (_behind(motion.t, v, d) if law == 3 else rubs), c)
 
-    law_constants = {3: {"d": d}, 4: {"vs": vs}}.get(law, {})
+    law_constants = {
+        3: {"d": d},
+        4: {"vs": vs},
+    }.get(law, {})
     shape = {
         f"c{first + 1}": 1.0,
         f"c{first + 2}": ratio,
         "law": float(law),
         **law_constants,
     }
-    return Hidden((first, first + 1), change, 1.0, shape)
-
-
-def _load_hysteresis(w: World, j: int, rng: Generator) -> Hidden:
-    """Friction of loaded teeth with Dahl's memory."""
-    d = _unit(w, j) * log_uniform(rng, 0.002, 0.01)
-    return at_joint(
-        j, lambda w, m: np.abs(w.rigid(m)[:, j]) * _behind(m.t, m.dq[:, j], d), d=d
+    return Hidden(
+        (first, first + 1),
+        change,
+        1.0,
+        shape,
     )
 
 
-def _slip(w: World, j: int, rng: Generator) -> Hidden:
+def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
+    """Friction of loaded teeth with Dahl's memory."""
+    d = _unit(world, joint) * log_uniform(rng, 0.002, 0.01)
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        load = np.abs(world.rigid(motion)[:, joint])
+        return load * _behind(motion.t, motion.dq[:, joint], d)
+
+    return at_joint(joint, law, d=d)
+
+
+def _slip(world: World, joint: int, rng: Generator) -> Hidden:
     """Al-Bender et al., IEEE TAC 2005: springs in parallel, each with a slider of its
     own travel."""
-    d = _unit(w, j) * log_uniform(rng, 0.001, 0.004)
+    d = _unit(world, joint) * log_uniform(rng, 0.001, 0.004)
     travel = d * np.array([1.0, 4.0, 16.0])
     weight = rng.dirichlet(np.ones(3))
 
-    def law(w: World, m: TrueMotion) -> Array:
-        out = np.zeros(len(m.t))
+    def law(world: World, motion: TrueMotion) -> Array:
+        out = np.zeros(len(motion.t))
         z = np.zeros(3)
-        for k, step in enumerate(np.diff(m.q[:, j]), start=1):
+        for k, step in enumerate(np.diff(motion.q[:, joint]), start=1):
             z = np.clip(z + step / travel, -1.0, 1.0)
             out[k] = weight @ z
         return out
 
-    return at_joint(j, law, None, d=d)
+    return at_joint(joint, law, None, d=d)
 
 
-def _position(w: World, j: int, rng: Generator) -> Hidden:
+def _position(world: World, joint: int, rng: Generator) -> Hidden:
     """Popovic, Goldenberg 1998: dry friction that varies along the range."""
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    k = (
-        float(rng.integers(1, 4))
-        if w.arm.rotary[j]
-        else 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
-    )
-    return at_joint(
-        j, lambda w, m: np.cos(k * m.q[:, j] + phase) * sign(w, j, m), None, k=k
-    )
+    if world.arm.rotary[joint]:
+        k = float(rng.integers(1, 4))
+    else:
+        k = 2.0 * np.pi / float(rng.uniform(0.05, 0.15))
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        wave = np.cos(k * motion.q[:, joint] + phase)
+        return np.asarray(wave * sign(world, joint, motion))
+
+    return at_joint(joint, law, None, k=k)
 
 
 #: By the library's name of each.
 FRICTION: Mapping[str, Maker] = {
-    "viscous_friction": plain(lambda w, j, m: m.dq[:, j]),
+    "viscous_friction": plain(lambda world, joint, motion: motion.dq[:, joint]),
     "coulomb_friction": plain(sign),
     # A size for each direction: Armstrong-Helouvry et al., Automatica 1994, sec. 2.
     "asymmetric_viscous_friction": plain(
-        lambda w, j, m: np.abs(m.dq[:, j]), signed=True
+        lambda world, joint, motion: np.abs(motion.dq[:, joint]), signed=True
     ),
     "asymmetric_coulomb_friction": plain(
-        lambda w, j, m: np.abs(sign(w, j, m)), signed=True
+        lambda world, joint, motion: np.abs(sign(world, joint, motion)), signed=True
     ),
     "stribeck_friction": _stribeck,
     "presliding_hysteresis": _presliding,
@@ -340,7 +427,9 @@ FRICTION: Mapping[str, Maker] = {
     # In proportion to the torque that the gear transmits: Hamon, Gautier, Garrec, IROS
     # 2010.
     "load_dependent_friction": plain(
-        lambda w, j, m: np.abs(w.rigid(m)[:, j]) * sign(w, j, m)
+        lambda world, joint, motion: (
+            np.abs(world.rigid(motion)[:, joint]) * sign(world, joint, motion)
+        )
     ),
     "joint_coupling": _coupling,
     "drift_friction": _warming,
@@ -352,134 +441,187 @@ FRICTION: Mapping[str, Maker] = {
 }
 
 
-def _drift(w: World, j: int, rng: Generator) -> Hidden:
+def _drift(world: World, joint: int, rng: Generator) -> Hidden:
     """A sensor's zero that creeps as it warms."""
     T = float(rng.uniform(40.0, 150.0))
-    return at_joint(j, lambda _, m: np.exp(-m.t / T), None, form=2.0, T=T)
+    return at_joint(
+        joint,
+        lambda _, motion: np.exp(-motion.t / T),
+        None,
+        form=2.0,
+        T=T,
+    )
 
 
-def _ripple(w: World, j: int, rng: Generator) -> Hidden:
+def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
     """Teeth and poles: 2 to 40 waves a turn; a prismatic joint's screw has a lead of 8
     to 70 mm."""
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
-    turns = float(rng.integers(2, 41))
-    k = turns if w.arm.rotary[j] else 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
-    return at_joint(j, lambda _, m: np.cos(k * m.q[:, j] + phase), k=k)
+    k = float(rng.integers(2, 41))
+    if not world.arm.rotary[joint]:
+        k = 2.0 * np.pi / float(rng.uniform(0.008, 0.07))
+
+    def law(world: World, motion: TrueMotion) -> Array:
+        angle = k * motion.q[:, joint] + phase
+        return np.asarray(np.cos(angle))
+
+    return at_joint(joint, law, k=k)
 
 
-def _gain(w: World, j: int, rng: Generator) -> Hidden:
-    law = plain(lambda w, j, m: w.torque(m)[:, j], signed=True)
-    return replace(law(w, j, rng), channel=True)
+def _gain(world: World, joint: int, rng: Generator) -> Hidden:
+    """A torque channel with another gain."""
+
+    def law(world: World, joint: int, motion: TrueMotion) -> Array:
+        return world.torque(motion)[:, joint]
+
+    make = plain(law, signed=True)
+    return replace(make(world, joint, rng), channel=True)
 
 
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
     """Torques logged late."""
 
-    def change(w: World, m: TrueMotion, size: float) -> Array:
-        delayed = (tau := w.torque(m)).copy()
-        for j in channels:
-            delayed[:, j] = np.interp(m.t - size, m.t, tau[:, j])
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        tau = world.torque(motion)
+        delayed = tau.copy()
+        t = motion.t
+        for joint in channels:
+            delayed[:, joint] = np.interp(t - size, t, tau[:, joint])
         return delayed - tau
 
     return Hidden(joints, change, size=1e-3, channel=True)
 
 
-def _filter(w: World, j: int, rng: Generator) -> Hidden:
+def _filter(world: World, joint: int, rng: Generator) -> Hidden:
     """All channels behind one low-pass, 1 / (1 + T s): the size is T."""
 
-    def change(w: World, m: TrueMotion, T: float) -> Array:
+    def change(world: World, motion: TrueMotion, T: float) -> Array:
         # Effects are sized on a coarse grid, where a filter is read from a finer one.
-        t = np.arange(m.t[0], m.t[-1], min(float(m.t[1] - m.t[0]), 0.25e-3))
-        tau = w.torque(m)
-        fine = np.column_stack([np.interp(t, m.t, x) for x in tau.T])
+        step = min(float(motion.t[1] - motion.t[0]), 0.25e-3)
+        t = np.arange(motion.t[0], motion.t[-1], step)
+        tau = world.torque(motion)
+        fine = _resample(t, motion.t, tau)
         passed = first_order(fine, float(t[1] - t[0]), T)
-        return np.column_stack([np.interp(m.t, t, x) for x in passed.T]) - tau
+        return _resample(motion.t, t, passed) - tau
 
     return Hidden((), change, size=1e-3, channel=True)
 
 
-def _zero_error(w: World, j: int, rng: Generator) -> Hidden:
+def _resample(t: Array, t_known: Array, values: Array) -> Array:
+    """(N, n) values at other times."""
+    columns = [np.interp(t, t_known, column) for column in values.T]
+    return np.column_stack(columns)
+
+
+def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
     side = float(rng.choice([-1.0, 1.0]))
-    return shifted(j, lambda _, m, a: np.full(len(m.t), a * side), side, 1e-3)
+    return shifted(
+        joint,
+        lambda _, motion, a: np.full(len(motion.t), a * side),
+        side,
+        1e-3,
+    )
 
 
-def _elasticity(w: World, j: int, rng: Generator) -> Hidden:
+def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
     """Spong 1987, the link at rest on its spring: it lags by c times the torque that it
     needs."""
 
-    def shift(w: World, m: TrueMotion, c: float) -> Array:
-        lag = np.zeros(len(m.t))
+    def shift(world: World, motion: TrueMotion, c: float) -> Array:
+        lag = np.zeros(len(motion.t))
         for _ in range(2):
-            lag = -c * w.rigid(displaced(m, j, lag))[:, j]
+            lag = -c * world.rigid(displaced(motion, joint, lag))[:, joint]
         return lag
 
-    return shifted(j, shift, 1.0, 1e-5)
+    return shifted(joint, shift, 1.0, 1e-5)
 
 
-def _backlash(w: World, j: int, rng: Generator) -> Hidden:
+def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
     """Nordin, Gutman 2002: between impacts the link rests on the flank that its torque
     presses it to.
 
     Flanks that yield a little let it change over within a fiftieth of the largest
     torque; what the impact itself does is left out."""
 
-    def shift(w: World, m: TrueMotion, b: float) -> Array:
-        tau = w.rigid(m)[:, j]
+    def shift(world: World, motion: TrueMotion, b: float) -> Array:
+        tau = world.rigid(motion)[:, joint]
         return np.asarray(-b * np.tanh(50.0 * tau / max(np.abs(tau).max(), 1e-9)))
 
-    return shifted(j, shift, 1.0, 1e-4, rates=False)
+    return shifted(
+        joint,
+        shift,
+        1.0,
+        1e-4,
+        rates=False,
+    )
 
 
-def _tilt(w: World, j: int, rng: Generator) -> Hidden:
+def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
     angle = float(rng.uniform(0.0, 2.0 * np.pi))
 
-    def change(w: World, m: TrueMotion, size: float) -> Array:
-        tilted = pin.Model(w.built)
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        tilted = pin.Model(world.built)
         across = size * np.array([np.cos(angle), np.sin(angle), 0.0])
-        tilted.gravity.linear = w.built.gravity.linear + across
-        return w.rigid(m, tilted) - w.rigid(m)
+        tilted.gravity.linear = world.built.gravity.linear + across
+        return world.rigid(motion, tilted) - world.rigid(motion)
 
     return Hidden((), change, 1.0, size=0.1)
 
 
-def _wrench(w: World, j: int, rng: Generator) -> Hidden:
+def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
     """A constant force and moment on the last link, at its joint: motors carry -J^T (F,
     M)."""
     force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
 
-    def change(w: World, m: TrueMotion, size: float) -> Array:
-        data = w.built.createData()
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
+        data = world.built.createData()
         return np.array(
-            [-size * (w.arm.last_jacobian(w.built, data, q).T @ force) for q in m.q]
+            [
+                -size * (world.arm.last_jacobian(world.built, data, q).T @ force)
+                for q in motion.q
+            ]
         )
 
     return Hidden((), change, None)
 
 
-def _payload(w: World, j: int, rng: Generator) -> Hidden:
+def _payload(world: World, joint: int, rng: Generator) -> Hidden:
     """A ball that the last link carries: its size is its mass [kg]."""
-    reach = float(np.linalg.norm(w.arm.model.jointPlacements[-1].translation)) + 0.05
+    reach = (
+        float(np.linalg.norm(world.arm.model.jointPlacements[-1].translation)) + 0.05
+    )
     centre = rng.uniform(-0.5, 0.5, 3) * reach
 
-    def change(w: World, m: TrueMotion, mass: float) -> Array:
-        loaded = pin.Model(w.built)
+    def change(world: World, motion: TrueMotion, mass: float) -> Array:
+        loaded = pin.Model(world.built)
         ball = pin.Inertia(mass, centre, pin.Inertia.FromSphere(mass, 0.05).inertia)
-        loaded.inertias[w.arm.last] = w.built.inertias[w.arm.last] + ball
-        return w.rigid(m, loaded) - w.rigid(m)
+        loaded.inertias[world.arm.last] = world.built.inertias[world.arm.last] + ball
+        return world.rigid(motion, loaded) - world.rigid(motion)
 
-    return Hidden((), change, 1.0, size=0.1, details={"com": centre.tolist()})
+    return Hidden(
+        (),
+        change,
+        1.0,
+        size=0.1,
+        details={"com": centre.tolist()},
+    )
 
 
-def _misplaced(w: World, j: int, rng: Generator) -> Hidden:
+def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
     """Joints beside where the kinematics have them, by some .1 mm and .2 mrad an axis
     at size 1."""
     seed = int(rng.integers(2**32))
 
-    def change(w: World, m: TrueMotion, size: float) -> Array:
+    def change(world: World, motion: TrueMotion, size: float) -> Array:
         slip = 1e-4 * size
         turn = np.rad2deg(2e-4 * size)
-        displaced_world = misplaced(w.built, slip, turn, np.random.default_rng(seed))
-        return w.rigid(m, displaced_world) - w.rigid(m)
+        displaced_world = misplaced(
+            world.built,
+            slip,
+            turn,
+            np.random.default_rng(seed),
+        )
+        return world.rigid(motion, displaced_world) - world.rigid(motion)
 
     return Hidden((), change, None)
 
@@ -489,16 +631,21 @@ _stiction = partial(_presliding, low=0.0005, high=0.001)
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: What a diagnosis meets as a nuisance.
-NUISANCE: Mapping[str, Maker] = {"kinematic_error": _misplaced, "stiction": _stiction}
+NUISANCE: Mapping[str, Maker] = {
+    "kinematic_error": _misplaced,
+    "stiction": _stiction,
+}
 MACHINE: Mapping[str, Maker] = {
-    "joint_spring": plain(lambda w, j, m: m.q[:, j]),
-    "torque_offset": plain(lambda w, j, m: np.ones(len(m.t)), signed=True),
+    "joint_spring": plain(lambda world, joint, motion: motion.q[:, joint]),
+    "torque_offset": plain(
+        lambda world, joint, motion: np.ones(len(motion.t)), signed=True
+    ),
     "drift_offset": _drift,
     "torque_ripple": _ripple,
-    "rotor_inertia": plain(lambda w, j, m: m.ddq[:, j]),
+    "rotor_inertia": plain(lambda world, joint, motion: motion.ddq[:, joint]),
     "torque_gain": _gain,
-    "torque_delay": lambda w, j, rng: _late([j], (j,)),
-    "global_delay": lambda w, j, rng: _late(list(range(w.arm.n)), ()),
+    "torque_delay": lambda world, joint, rng: _late([joint], (joint,)),
+    "global_delay": lambda world, joint, rng: _late(list(range(world.arm.n)), ()),
     "torque_filter": _filter,
     "joint_zero_error": _zero_error,
     "joint_elasticity": _elasticity,

@@ -43,13 +43,26 @@ class Arm:
     def inverse_dynamics(self, model: Any, q: Array, dq: Array, ddq: Array) -> Array:
         """(N, n) of a model of Pinocchio's with these joints."""
         B = self.follows
-        return inverse_dynamics(model, q @ B.T + self.shift, dq @ B.T, ddq @ B.T) @ B
+        return (
+            inverse_dynamics(
+                model,
+                q @ B.T + self.shift,
+                dq @ B.T,
+                ddq @ B.T,
+            )
+            @ B
+        )
 
     def last_jacobian(self, model: Any, data: Any, q: Array) -> Array:
         """(6, n) of the last link's joint at q (n,): linear, then angular velocity, in
         world axes."""
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
-        J = pin.getJointJacobian(model, data, self.last, pin.LOCAL_WORLD_ALIGNED)
+        J = pin.getJointJacobian(
+            model,
+            data,
+            self.last,
+            pin.LOCAL_WORLD_ALIGNED,
+        )
         return np.asarray(np.reshape(J, (6, -1)) @ self.follows)
 
 
@@ -71,7 +84,17 @@ def misplaced(
 def inverse_dynamics(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
     """(N, n) M(q) ddq + C(q, dq) dq + g(q)."""
     data = model.createData()
-    return np.array([pin.rnea(model, data, *x) for x in zip(q, dq, ddq, strict=True)])
+    return np.array(
+        [
+            pin.rnea(model, data, *x)
+            for x in zip(
+                q,
+                dq,
+                ddq,
+                strict=True,
+            )
+        ]
+    )
 
 
 PAUSE = 30.0  # s between runs
@@ -155,23 +178,28 @@ class World:
     warm_up: float = 120.0
     more: Array | float = 0.0
 
-    def torque(self, m: TrueMotion) -> Array:
+    def torque(self, motion: TrueMotion) -> Array:
         """(N, n) of the motors, or of sensors that friction also loads."""
-        return self.rigid(m) + self.friction(m) + self.more
+        return self.rigid(motion) + self.friction(motion) + self.more
 
-    def rigid(self, m: TrueMotion, model: Any = None) -> Array:
+    def rigid(self, motion: TrueMotion, model: Any = None) -> Array:
         """(N, n) of the links, as built or of another model of Pinocchio's."""
-        return self.arm.inverse_dynamics(model or self.built, m.q, m.dq, m.ddq)
-
-    def friction(self, m: TrueMotion) -> Array:
-        """(N, n) dry, viscous, and what stays the same in both directions."""
-        return np.asarray(
-            self.coulomb * self.share(m) + self.viscous * m.dq + self.offset
+        return self.arm.inverse_dynamics(
+            model or self.built,
+            motion.q,
+            motion.dq,
+            motion.ddq,
         )
 
-    def share(self, m: TrueMotion) -> Array:
+    def friction(self, motion: TrueMotion) -> Array:
+        """(N, n) dry, viscous, and what stays the same in both directions."""
+        return np.asarray(
+            self.coulomb * self.share(motion) + self.viscous * motion.dq + self.offset
+        )
+
+    def share(self, motion: TrueMotion) -> Array:
         """(N, n) dry friction over the Coulomb torque."""
-        return self.dry.share(m.t, m.dq)
+        return self.dry.share(motion.t, motion.dq)
 
     def temperature(self, t: Array) -> Array:
         """(N, n) of the gears [degrees Celsius]: the farther out, the smaller and the

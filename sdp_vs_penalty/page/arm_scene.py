@@ -1,0 +1,196 @@
+"""The arm in 3D beside a chart: ellipsoids of the links, moved with a run, a simulated
+arm beside the measured one. workbench.js moves what is drawn here once."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from nicegui import ui
+from scipy.spatial.transform import Rotation
+
+from sdp_vs_penalty.page.controls import button, chart, note, tag
+from sdp_vs_penalty.page.view import View
+from sdp_vs_penalty.render.charts import COLOURS, MEASURED
+from sdp_vs_penalty.robot.arrays import Array
+
+#: The direction from which an arm is looked at, and the height of the view [deg].
+_VIEW = np.array([0.58, -0.63, 0.52])
+_ANGLE = 14.0
+_BONES = "#888888"
+
+
+@dataclass(frozen=True)
+class _Look:
+    """How an arm is drawn: the name, colour and solidity of its links."""
+
+    name: str
+    colour: str
+    opacity: float
+
+
+#: The measured arm, which stands beside a simulated one, in the colours of their
+#: curves.
+_LOOKS = (_Look("measured", MEASURED, 0.45), _Look("link", COLOURS[0], 0.75))
+
+
+def chart_and_arm(
+    view: View, label: str, about: Mapping[str, Any], caption: str, arms: int = 1
+) -> tuple[Any, Callable[..., None]]:
+    """A chart over time, still empty, with ``label`` as its text, and beside it, where
+    there are links to be drawn, the scene and its clock, of ``arms`` arms in one place.
+    Returns the chart, and what to call with a recording: its name, its t, tf and poses,
+    and the errors (F, n), 0 to 1, that colour the first arm's links, if any.
+
+    about : of a model (jobs.py).
+    """
+    with tag("div", style="pair"):
+        drawn = chart({}, label).classes("timed")
+        if not about["bodies"]:
+            return drawn, lambda *_: None
+        scene = ArmScene(view, about, caption, arms)
+    return drawn, scene.load
+
+
+class ArmScene:
+    """A scene with its clock; a group a joint, in it the links that it carries."""
+
+    def __init__(
+        self, view: View, about: Mapping[str, Any], caption: str, arms: int
+    ) -> None:
+        self.view = view
+        self.about = about
+        self.loaded = ""
+        with tag("div", style="arm") as frame:
+            camera = ui.scene.perspective_camera(fov=_ANGLE)
+            with ui.scene(
+                width=360,
+                height=330,
+                grid=False,
+                background_color="#f8f9fb",
+                on_click=self.select_link,
+                camera=camera,
+            ) as self.scene:
+                self.groups = [
+                    group for look in _LOOKS[-arms:] for group in self._draw(look)
+                ]
+            frame.props["data-arm"] = self.scene.id
+            text = f"The arm in 3D: {caption}"
+            self.scene.props.update({"role": "img", "aria-label": text})
+            self._draw_clock(arms)
+            note(
+                f"Ellipsoids of uniform density; {caption}. Click a link to see its joint."
+            )
+
+    def select_link(self, event: Any) -> None:
+        """Look at the joint of the link that was clicked."""
+        n_joints = len(self.view.session.robot["joints"])
+        for hit in event.hits:
+            name, _, link = hit.object_name.partition("-")
+            if name in ("link", "measured") and link.isdigit():
+                self.view.select(joint=min(int(link), n_joints - 1))
+                return
+
+    def load(self, name: str, read: Mapping[str, Any], errors: Any = None) -> None:
+        """Show another recording, unless it is there already."""
+        if self.loaded == name:
+            return
+        self.loaded = name
+        poses = read["poses"]
+        moves = {
+            "groups": [group.id for group in self.groups],
+            "t": np.round(read["tf"] - read["t"][0], 3).tolist(),
+            "poses": np.round(_places_and_turns(poses), 4).tolist(),
+            "errors": [[0.0]] * len(read["tf"]) if errors is None else errors.tolist(),
+        }
+        measured = poses[:, : len(self.about["joints"])]
+        self.scene.move_camera(**camera_place(measured, self.about), duration=0.0)
+        arm = f"arms[{self.scene.id}] ??= new Arm({self.scene.id})"
+        ui.run_javascript(f"({arm}).load({json.dumps(moves)})")
+
+    def _draw_clock(self, arms: int) -> None:
+        """Play, a bar to drag, and the seconds."""
+        play = f"arms[{self.scene.id}]?.play()"
+        with tag("div", style="row"):
+            run = lambda: ui.run_javascript(play)  # noqa: E731
+            button("Play", run, f"play-{arms}", data_play="")
+            tag(
+                "input",
+                type="range",
+                min="0",
+                max="1000",
+                value="0",
+                data_key=f"time-{arms}",
+                data_time=self.scene.id,
+                aria_label="Time in the run",
+            )
+            tag("span", "0.0 s", "soft", data_clock="")
+
+    def _draw(self, look: _Look) -> list[Any]:
+        """Joints and links of an arm, a group a joint."""
+        scene, joints = self.scene, self.about["joints"]
+        thin = 0.02 * reach(self.about)
+        groups = [scene.group() for _ in joints]
+        for joint, group in zip(joints, groups, strict=True):
+            parent = scene if joint["parent"] < 0 else groups[joint["parent"]]
+            with parent:
+                if np.linalg.norm(joint["at"]) > 1e-6:
+                    self._draw_bone(joint["at"], thin)
+            with group:
+                scene.sphere(thin, 12, 8).material(_BONES)
+        for body in self.about["bodies"]:
+            with groups[body["joint"]]:
+                self._draw_link(body, look)
+        return groups
+
+    def _draw_bone(self, end: list[float], thin: float) -> None:
+        """A line from a joint to the next one."""
+        middle = [0.5 * x for x in end]
+        tube = self.scene.quadratic_bezier_tube([0.0] * 3, middle, end, 1, thin)
+        tube.material(_BONES)
+
+    def _draw_link(self, body: Mapping[str, Any], look: _Look) -> None:
+        """The ellipsoid of a link."""
+        place = np.array(body["place"])
+        ball = self.scene.sphere(1.0, 24, 16).scale(*body["half"])
+        ball.material(look.colour, look.opacity)
+        ball.with_name(f"{look.name}-{body['link']}")
+        ball.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
+
+
+def _places_and_turns(poses: Array) -> Array:
+    """(F, k, 7) places and unit quaternions (x, y, z, w) of poses (F, k, 4, 4)."""
+    rotations = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3))
+    turns = rotations.as_quat().reshape(*poses.shape[:2], 4)
+    return np.dstack([poses[..., :3, 3], turns])
+
+
+def reach(about: Mapping[str, Any]) -> float:
+    """Of the arm [m], stretched out."""
+    return sum(float(np.linalg.norm(j["at"])) for j in about["joints"]) or 0.5
+
+
+def camera_place(poses: Array, about: Mapping[str, Any]) -> dict[str, float]:
+    """Where a camera stands and what it looks at, so that base and links of all poses
+    (F, k, 4, 4) fill its picture, _ANGLE degrees high: the arguments of NiceGUI's
+    ``move_camera``."""
+    bodies = about["bodies"]
+    centres = [poses[:, body["joint"]] @ np.array(body["place"]) for body in bodies]
+    frames = [*centres, *poses.swapaxes(0, 1)]
+    places = np.concatenate([np.zeros((1, 3)), *(f[..., :3, 3] for f in frames)])
+    centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
+    distances = np.linalg.norm(places - centre, axis=1)
+    radius = distances.max() + 0.1 * reach(about)  # and a link's own
+    away = radius / np.sin(0.5 * np.deg2rad(_ANGLE))
+    eye = centre + away * _VIEW / np.linalg.norm(_VIEW)
+    return {
+        "x": float(eye[0]),
+        "y": float(eye[1]),
+        "z": float(eye[2]),
+        "look_at_x": float(centre[0]),
+        "look_at_y": float(centre[1]),
+        "look_at_z": float(centre[2]),
+    }
