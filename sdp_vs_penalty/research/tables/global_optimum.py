@@ -3,6 +3,7 @@ certified."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas
@@ -16,13 +17,14 @@ from sdp_vs_penalty.research.annealing import (
     point_fields,
     search_runs,
 )
+from sdp_vs_penalty.research.memo import remembered, source_version, task_content
 from sdp_vs_penalty.research.penalised_box import BoxedOptimum, BoxedProblem
 from sdp_vs_penalty.research.penalised_optimum import (
     PenalisedOptimum,
     PenalisedProblem,
     cvxpy_optima,
 )
-from sdp_vs_penalty.research.tables.study import Effort, Study
+from sdp_vs_penalty.research.tables.study import QUICK, Data, Effort, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -97,8 +99,7 @@ def global_optima(study: Study) -> Table:
         rows,
         notes(
             "global",
-            runs=study.effort.global_runs,
-            evaluations=study.effort.global_evaluations,
+            searches=_searches_in_words(study),
             exact="; ".join(exact),
         ),
         _headline(searched),
@@ -106,10 +107,20 @@ def global_optima(study: Study) -> Table:
     )
 
 
+def _searches_in_words(study: Study) -> str:
+    """Runs and evaluations of each data set's searches."""
+    return "; ".join(
+        f"{data.label}: runs {effort.global_runs}, evaluations a weight"
+        f" {effort.global_evaluations}"
+        for data in study.whole
+        for effort in [_effort(study, data)]
+    )
+
+
 def penalised_optima(study: Study) -> list[Searched]:
     """Both problems of every data set."""
     items = [
-        _Item(data.label, study.task(data), two_step, study.effort)
+        _Item(data.label, study.task(data), two_step, _effort(study, data))
         for data in study.whole
         for two_step in (False, True)
     ]
@@ -117,10 +128,18 @@ def penalised_optima(study: Study) -> list[Searched]:
     return list(study.workers.map(_searched, items))
 
 
+def _effort(study: Study, data: Data) -> Effort:
+    """The budget; "single" searches long in the real run alone, where there is one."""
+    if study.budget == "single" and data is not study.whole[-1]:
+        return QUICK
+    return study.effort
+
+
 def _searched(item: _Item) -> Searched:
     problem = PenalisedProblem(item.task, item.two_step)
     boxed = BoxedProblem(problem).branch_all(WEIGHTS, GAP, MOST_CELLS)
-    by_cvxpy = cvxpy_optima(problem, WEIGHTS)
+    content = (source_version(), *task_content(item.task), item.two_step, WEIGHTS)
+    by_cvxpy = remembered("cvxpy", content, partial(_by_cvxpy, problem))
     annealing = SearchPlan(item.effort.global_runs, item.effort.global_evaluations)
     local = replace(annealing, annealing=False)
     seed = item.task.seed
@@ -132,10 +151,16 @@ def _searched(item: _Item) -> Searched:
         exact_by_bisection=problem.exact_weight_by_bisection(),
         free=problem.solve_all(WEIGHTS),
         boxed=boxed,
-        cvxpy=np.array([by_cvxpy.get(weight, np.nan) for weight in WEIGHTS]),
+        cvxpy=np.array(by_cvxpy),
         annealed=search_runs(problem.published, seed, ANNEALED, annealing),
         multi_start=search_runs(problem.published, seed, ANNEALED, local),
     )
+
+
+def _by_cvxpy(problem: PenalisedProblem) -> list[float]:
+    """The relaxation's optimum at each weight, NaN where there is none."""
+    optima = cvxpy_optima(problem, WEIGHTS)
+    return [optima.get(weight, np.nan) for weight in WEIGHTS]
 
 
 def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
