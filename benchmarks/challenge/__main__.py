@@ -12,8 +12,10 @@ from pathlib import Path
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
+from challenge.ablation import run_ablation  # noqa: E402
 from challenge.cases import CLASSES, run_challenge, wanted  # noqa: E402
 from challenge.worlds.conditions import NUISANCES  # noqa: E402
+from sdp_vs_penalty.diagnosis.rules import Rules  # noqa: E402
 
 
 def main() -> None:
@@ -31,9 +33,19 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     for word, known in (("--classes", [*CLASSES]), ("--nuisance", [*NUISANCES])):
         parser.add_argument(word, nargs="+", choices=known, default=known)
-    told = parser.parse_args()
-    every = wanted(told.cases, told.seed, told.classes, told.nuisance)
-    print(*run_challenge(every, told.seed, told.out, told.jobs), sep="\n")
+    parser.add_argument(
+        "--without",
+        nargs="+",
+        choices=Rules.names(),
+        help="rules of the search: the same cases with and without each",
+    )
+    options = parser.parse_args()
+    cases = wanted(options.cases, options.seed, options.classes, options.nuisance)
+    if options.without:
+        written = run_ablation(cases, options.without, options.out, options.jobs)
+    else:
+        written = run_challenge(cases, options.seed, options.out, options.jobs)
+    print(*written, sep="\n")
 
 
 if __name__ == "__main__":

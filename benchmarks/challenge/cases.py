@@ -173,45 +173,62 @@ def build_case(case: Case) -> BuiltCase:
     return BuiltCase(names, conditions, world, motions, hidden, logged, rng)
 
 
-def run_case(case: Case) -> tuple[str, Record]:
-    """The case's key and its record, which is plain JSON: its world and runs, the last
-    of which is the test run, what the diagnosis says of them, in how many seconds of
-    the processor, and the truth."""
-    kind = CLASSES[case.kind]
-    built = build_case(case)
-    names = built.names
-    conditions = built.conditions
+def identify_case(case: Case, built: BuiltCase) -> Estimate:
+    """The model in question. A frozen one was identified in another sitting, without
+    what is hidden."""
+    learnt: Sequence[Logged] = built.logged[:-1]
+    if CLASSES[case.kind].frozen:
+        world = built.world
+        runs = range(built.conditions.runs)
+        others = [draw_motion(world, k, built.rng) for k in runs]
+        learnt = [log_run(world, m, built.rng) for m in others]
+    effects = [name for name in USUAL if name not in built.names]
+    problem = load_problem(urdf_of(built.conditions.arm))
+    runs = concatenate([x.run for x in learnt])
+    options = PoseOptions(effects=effects)
+    return estimate_parameters(problem, read_and_filter(problem, runs), "ols", options)
+
+
+def truth_of(case: Case, built: BuiltCase) -> Record:
+    """What the judge knows of a case, and nothing of the diagnosis."""
+    allowed, abstains = fair(built.conditions)
     world = built.world
-    motions = built.motions
-    hidden = built.hidden
-    logged = built.logged
-    rng = built.rng
-    learnt: Sequence[Logged] = logged[:-1]
-    if kind.frozen:  # the model was identified in another sitting, without the load
-        others = [draw_motion(world, k, rng) for k in range(conditions.runs)]
-        learnt = [log_run(world, m, rng) for m in others]
-    allowed, abstains = fair(conditions)
-    record: Record = {
+    return {
         "class": case.kind,
         "nuisance": case.nuisance,
-        "conditions": asdict(conditions) | {"dry": world.dry.to_dict()},
-        "truth": [h.to_dict() for h in hidden],
-        "deviation": [deviation(h, world, motions[0]) for h in hidden],
+        "conditions": asdict(built.conditions) | {"dry": world.dry.to_dict()},
+        "truth": [h.to_dict() for h in built.hidden],
+        "deviation": [deviation(h, world, built.motions[0]) for h in built.hidden],
         "fair": sorted(allowed),
         "abstains": abstains,
         **{name: [] for name in ("found", "retuned", "events", "after", "energy")},
     }
-    effects = [name for name in USUAL if name not in names]
-    problem = load_problem(urdf_of(conditions.arm))
+
+
+def all_hidden_energies(
+    kind: CaseClass, estimate: Estimate, built: BuiltCase
+) -> list[float]:
+    """How visible each hidden effect is; none where nothing is hidden."""
+    if not built.hidden:
+        return []
+    return energies(built.logged[:-1], estimate, kind.frozen)
+
+
+def run_case(case: Case) -> tuple[str, Record]:
+    """The case's key and its record, which is plain JSON: its world and runs, the last
+    of which is the test run, what the diagnosis says of them, in how many seconds of
+    the processor, and the truth."""
+    built = build_case(case)
+    record = truth_of(case, built)
     begin = time.process_time()
     try:
-        runs = concatenate([x.run for x in learnt])
-        options = PoseOptions(effects=effects)
-        estimate = estimate_parameters(
-            problem, read_and_filter(problem, runs), "ols", options
-        )
+        estimate = identify_case(case, built)
         record |= _diagnosed(
-            kind, estimate, logged, hidden, time.process_time() - begin
+            CLASSES[case.kind],
+            estimate,
+            built.logged,
+            built.hidden,
+            time.process_time() - begin,
         )
     except InputError as error:
         record |= {"verdict": "refused", "error": str(error)}

@@ -335,11 +335,19 @@ def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
 def compare_runs(
     runs: Sequence[RunLog], worse: float = 1.0
 ) -> Iterator[tuple[int, Issue]]:
-    """(number, issue) where the arm of a run is not that of the others; none for a
-    single run.
+    """Where the arm of a run is not that of the others.
 
-    worse : only where one arm for all explains them so many times worse than one for
-    each.
+    Parameters
+    ----------
+    runs : sequence of RunLog
+        Their rows and repairs; of a single one nothing is said.
+    worse : float
+        Only where one arm for all explains them so many times worse than one for each.
+
+    Returns
+    -------
+    iterator of (int, Issue)
+        The number of the run, and what is different in it.
     """
     if len(runs) < 2:
         return

@@ -191,7 +191,8 @@ def describe_finding(
     """A finding for a reader; errors (2, n) : held out, before and after it."""
     effect = term.form.effect
     size, std = size_of(effect, known.beta, known.covariance)
-    rivals = dict.fromkeys(_rival_name(effect, r.form.effect) for r in term.rivals)
+    names = [_rival_name(effect, r.form.effect) for r in term.rivals]
+    rivals = dict.fromkeys([*names, *effect.resembles])
     equivalents = (*rivals, CURVE) if "curve" in doubts else tuple(rivals)
     parameters = zip(effect.parameters, known.beta, strict=True)
     return Finding(

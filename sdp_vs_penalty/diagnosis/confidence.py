@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis.constants import (
     ABSORBED,
     EVIDENCE_TO_ADD,
     IMPLAUSIBLE_SIGMAS,
+    SIGNIFICANT,
     UNCERTAIN,
 )
 from sdp_vs_penalty.diagnosis.curves.measure import Measured
@@ -77,6 +78,13 @@ def _is_uncertain(x: Judged) -> bool:
     return not std < UNCERTAIN * abs(size)
 
 
+def _is_insignificant(x: Judged) -> bool:
+    """Its size is not told from zero, its shape constants being as uncertain as they
+    are."""
+    size, std = size_of(x.effect, x.size.beta, x.size.covariance)
+    return not std < SIGNIFICANT * abs(size)
+
+
 def _leaves_more(x: Judged) -> bool:
     """More is left on its joints than it explains there, or in all: a wrong gain shows
     on those that it keeps from a fit."""
@@ -114,8 +122,9 @@ def _is_implausible(x: Judged) -> bool:
 
 #: What speaks against a finding, by the names of REASONS.
 DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
-    "rivals": lambda x: bool(x.term.rivals),
+    "rivals": lambda x: bool(x.term.rivals or x.effect.resembles),
     "uncertain": _is_uncertain,
+    "insignificant": _is_insignificant,
     "small": lambda x: not x.term.evidence > 2.0 * EVIDENCE_TO_ADD,
     "not_held_out": lambda x: not lowers(*x.errors[:, x.joints]),
     "more_left": _leaves_more,
@@ -129,8 +138,8 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
 def reasons_for_doubt(x: Judged) -> dict[str, str]:
     """Why a finding is weak, by name, with what is said of it.
 
-    About the finding: another effect fits as well, the size is uncertain or not
-    plausible, the gain is small, no held-out error falls. About what is around it: more
+    About the finding: another effect fits as well, the size is uncertain, not told from
+    zero or not plausible, the gain is small, no held-out error falls. About what is around it: more
     is left than explained, other findings make most of its torque, something else looks
     so, a curve does better.
     """

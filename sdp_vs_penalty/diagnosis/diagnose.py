@@ -9,6 +9,7 @@ from sdp_vs_penalty.diagnosis.comparison import noise_floor
 from sdp_vs_penalty.diagnosis.conclude import Conclusion
 from sdp_vs_penalty.diagnosis.curves.accept import accept_curves
 from sdp_vs_penalty.diagnosis.curves.measure import measure_curves
+from sdp_vs_penalty.diagnosis.equivalence import with_equivalence_sets
 from sdp_vs_penalty.diagnosis.explanation import (
     Ladder,
     drop_harmful,
@@ -72,6 +73,7 @@ def diagnose(
     explanation = drop_harmful(explanation, held_out, found)
     left = unexplained_error(explanation.search)
     explanation, left = judge_without_events(explanation, left)
+    explanation = with_equivalence_sets(explanation, judge)
     measured = measure_curves(explanation.search, left.joints_above_noise)
     curves = accept_curves(explanation.search, measured, judge)
     conclusion = Conclusion(

@@ -95,26 +95,31 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 
 
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
-    """(M, n) rows of which the residual, white (M, n), is an outlier beside what
-    repeats."""
+    """(M, n) rows of which the residual, white (M, n), is an outlier beside what repeats.
+
+    Near reversals any law of friction is only nearly right. What stands out there is an
+    event only if no like motion comes near it.
+    """
     rows = data.rows
     noise = data.noise
+    unrepeated = _unrepeated_rows(data, residual)
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
         # The noise may be larger than was thought; its median does not see an event.
         steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
         degrees = float(noise.degrees[j])
         is_outlier = local_excess(steady, rows.pieces[j], rows.n, degrees)
-        if is_outlier.any() and noise.source != REPETITION:
-            # It stands out of the joint's own error, where no repetition tells that
-            # from noise.
+        suspect = unrepeated[:, j]
+        if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            is_outlier &= lone_windows(
-                white[:, j], rows.pieces[j], slow, rows.rate, rows.n
-            )
+            lone = lone_windows(white[:, j], rows.pieces[j], slow, rows.rate, rows.n)
+            # Where no repetition tells it from noise, it stands out of the joint's error.
+            is_outlier &= lone if noise.source != REPETITION else lone | ~slow
+            suspect = suspect & (lone | ~slow)
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
-    return out | _unrepeated_rows(data, residual)
+        out[:, j] |= suspect
+    return out
 
 
 def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
@@ -141,35 +146,41 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
 
 
 def find_hums(data: WhiteData, residual: Array) -> list[Event]:
-    """One event a run for each joint in whose residual a spectral line stands.
+    """One event a run for each joint in whose residual (M, n) a spectral line stands."""
+    out = []
+    for j, lines in hum_lines(data, residual).items():
+        for segment in data.rows.segments:
+            begin = float(segment.t[0])
+            end = float(segment.t[-1])
+            out.append(Event(j + 1, begin, end, "hum", lines[0]))
+    return out
 
-    Where the motion repeats it is looked for in what does not: a model's error is a
+
+def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
+    """By joint (from 0) the frequencies [Hz] of spectral lines, of joints that have any.
+
+    Where the motion repeats they are looked for in what does not: a model's error is a
     comb of lines. The residual is not whitened for it: an autoregression takes a sine
     for its own colour.
     """
     rows = data.rows
     repeats = data.noise.repeats
     slow = rows.slow > SLOW  # reversals are harmonics of the motion
+    left = residual
     if repeats:
         left = differences(rows, repeats)
-        pieces_of_repeats = consecutive(repeats)
         slow = np.concatenate([slow[r.rows] for r in repeats])
-    else:
-        left = residual
     left = np.where(slow, 0.0, left)
-    out = []
+    out = {}
     for j in range(rows.n):
-        pieces = pieces_of_repeats if repeats else rows.pieces[j]
+        pieces = consecutive(repeats) if repeats else rows.pieces[j]
         longest = max((len(p) for p in pieces), default=0)
         series = [left[p, j] for p in pieces if 2 * len(p) > longest]
+        found = spectral_lines(series, rows.rate, rows.n)
         # What the low-pass folds has no flat surroundings.
-        lines = [
-            f for f in spectral_lines(series, rows.rate, rows.n) if f < rows.cutoff
-        ]
-        for segment in rows.segments if lines else ():
-            out.append(
-                Event(j + 1, float(segment.t[0]), float(segment.t[-1]), "hum", lines[0])
-            )
+        lines = [f for f in found if f < rows.cutoff]
+        if lines:
+            out[j] = lines
     return out
 
 

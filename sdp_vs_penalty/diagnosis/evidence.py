@@ -196,13 +196,15 @@ class EvidenceScorer(WhiteFitter):
         if self.rules.coarsening:
             v += count / COARSENING_ROWS
         n_independent = max(count * len(columns) / v, 3.0)
-        price = self.parameter_price(beside, n_independent)
+        freedom = self.freedom(beside)
+        price = self.parameter_price(freedom, n_independent)
         price += self.selection_price(fit, form)
         return replace(
             none,
             drop=self.deviance_drop(beside),
             rows_worth_one=v,
             price=price,
+            freedom=freedom,
             beta=beside.beta[:k],
             squares=np.sum((torque * fit.level[:, None]) ** 2, axis=1),
         )
@@ -220,15 +222,19 @@ class EvidenceScorer(WhiteFitter):
         return drop
 
     @staticmethod
-    def parameter_price(beside: _Beside, n_independent: float) -> float:
-        """(k + s) log(N / v), with the coefficients that the rows determine."""
+    def freedom(beside: _Beside) -> float:
+        """k + s: as many coefficients as the rows determine, and the shape constants."""
         free = np.flatnonzero((beside.beta != 0.0) | ~beside.nonnegative)
         part = np.ix_(free, free)
         solved = np.linalg.solve(
             with_ridge(beside.information[part]), beside.gram[part]
         )
-        size = float(np.trace(solved))
-        return float((size + beside.form.constants) * np.log(n_independent))
+        return float(np.trace(solved)) + beside.form.constants
+
+    @staticmethod
+    def parameter_price(freedom: float, n_independent: float) -> float:
+        """(k + s) log(N / v)."""
+        return float(freedom * np.log(n_independent))
 
     def selection_price(self, fit: WhiteFit, form: Candidate) -> float:
         """2 log P, with P the candidates times the laws of this one."""
@@ -318,13 +324,19 @@ class EvidenceScorer(WhiteFitter):
         """(F,) drop of the weighted squared error less k log N, of a batch."""
         to_beat = fit
         fit = self.without(fit, batch.forms[0])
-        lost = float(np.sum((fit.rss - to_beat.rss) / fit.level**2))
         degrees = float(fit.degrees[list(batch.joints)].sum())
         price = np.log(max(degrees, 3.0))
-        if batch.forms[0].n_coefficients == 1:
-            return self._drop_of_one_column(fit, batch) - lost - price
-        drop, size = self._drop_of_columns(fit, batch)
+        drop, size = self.explained(fit, batch)
+        if fit is not to_beat:
+            drop = drop - float(np.sum((fit.rss - to_beat.rss) / fit.level**2))
         return np.asarray(drop - size * price)
+
+    def explained(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
+        """(F,) drop of the weighted squared error, and how many coefficients the rows
+        determine, of a batch."""
+        if batch.forms[0].n_coefficients == 1:
+            return self._drop_of_one_column(fit, batch), np.ones(len(batch.forms))
+        return self._drop_of_columns(fit, batch)
 
     def _drop_of_one_column(self, fit: WhiteFit, batch: Batch) -> Array:
         """(F,) drop of the weighted squared error, of candidates with one column."""

@@ -182,5 +182,7 @@ class Ladder:
         finding."""
         flags = zip(self.offered[self.n_own :], is_sure, strict=True)
         sure = [*self.offered[: self.n_own], *(k for k, yes in flags if yes)]
-        harmful = set(sure).difference(self.held_out.drop_harmful(sure))
+        harmless = self.held_out.drop_harmful(sure)
+        harmless = self.held_out.drop_harmful_to_a_joint(harmless)
+        harmful = set(sure).difference(harmless)
         return [k in harmful for k in self.offered]

@@ -43,6 +43,7 @@ NOISE_UNKNOWN = (
 REASONS: Mapping[str, str] = {
     "rivals": "another effect fits as well",
     "uncertain": "its size is uncertain by > 20 %",
+    "insignificant": "its size is not told from zero",
     "small": "its gain is small",
     "not_held_out": "adding it lowers no joint's error on data left out by 1 %",
     "alone": "what is sure raises a held-out error with it",
@@ -53,6 +54,10 @@ REASONS: Mapping[str, str] = {
     "curve": "a measured curve explains the joint better",
 }
 
+
+#: Reasons that leave open which of several effects makes how much of a torque, and not
+#: whether it is there.
+TORQUE_IS_CERTAIN = ("rivals", "uncertain", "insignificant", "more_left", "shared")
 
 #: How far a finding is to be believed; see :attr:`Told.rating`.
 Rating = Literal["confident", "near-tie", "weak"]
@@ -75,8 +80,13 @@ class Rated(JsonRecord):
 
     @property
     def torque_is_certain(self) -> bool:
-        """Whether its torque is there, whatever its name: confident, or a near-tie."""
-        return self.rating != "weak"
+        """Whether its torque is there, whatever its name or its size.
+
+        It is confident, a near-tie, or weak only for what leaves open which of several
+        effects makes how much of the torque.
+        """
+        known = {REASONS[name] for name in TORQUE_IS_CERTAIN}
+        return known.issuperset(self.remarks)
 
 
 def format_size(size: float, std: float, unit: str) -> str:
@@ -564,7 +574,11 @@ class Diagnosis(Record, JsonRecord):
     def sure_text(self) -> str:
         """What :attr:`sure` holds, in words."""
         kinds = {f.rating for f in self.sure}
-        names = {"confident": "the confident findings", "near-tie": "the near-ties"}
+        names = {
+            "confident": "the confident findings",
+            "near-tie": "the near-ties",
+            "weak": "what is weak in name or size only",
+        }
         return " and ".join(text for kind, text in names.items() if kind in kinds)
 
     def _summary(self) -> Summary:

@@ -1,5 +1,8 @@
 """The last word: errors on data left out, with one finding after the other.
 
+A finding that does harm on the test run goes only where folds of the training motion
+agree.
+
 At each step the model is fitted as ``add`` fits it, by its own method under its
 problem's constraints. A test run is filtered as the runs that were searched; without
 one, three folds by the phase of the motion take its place: sizes come from the other
@@ -8,15 +11,16 @@ folds, the choice of effects and constants from all rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.constants import MINOR, THIRDS
+from sdp_vs_penalty.diagnosis.constants import MAX_JOINT_HARM, MINOR, THIRDS
 from sdp_vs_penalty.diagnosis.white_rows import folds_of, model_columns, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
@@ -69,13 +73,24 @@ class Columns(NamedTuple):
 
 @dataclass
 class HeldOut:
-    """What effects do to the errors of a model; source : "test" or "folds"."""
+    """What effects do to the errors of a model.
+
+    source : "test" or "folds"; make_second : makes the same on another split of the
+    motion, which has to agree before something goes.
+    """
 
     estimate: Estimate
     frozen: bool
     splits: Sequence[HeldOutSplit]
     source: str
+    make_second: Callable[[], HeldOut] | None = None
     _known: dict[tuple[int, ...], Array] = field(default_factory=dict)
+    _known_least_squares: dict[tuple[int, ...], Array] = field(default_factory=dict)
+
+    @cached_property
+    def second(self) -> HeldOut | None:
+        """The same on another split; None where there is none."""
+        return None if self.make_second is None else self.make_second()
 
     def errors(self, chosen: Sequence[int]) -> Array:
         """(n,) root mean squares on data left out, with some of the effects."""
@@ -99,24 +114,93 @@ class HeldOut:
             for split, theta in zip(alike, fits, strict=True):
                 yield split.test.keeping(columns.kept).joint_losses(theta)
 
+    def least_squares_errors(self, chosen: Sequence[int]) -> Array:
+        """(n,) the same by plain least squares with what is known of sizes, which takes
+        no constraints: for comparisons of many."""
+        key = tuple(sorted(chosen))
+        if key not in self._known_least_squares:
+            squares = np.zeros(self.estimate.robot.n)
+            rows = np.zeros(self.estimate.robot.n)
+            for split in self.splits:
+                columns = split.columns_of(self.estimate, chosen)
+                train = split.train.keeping(columns.kept)
+                test = split.test.keeping(columns.kept)
+                theta = least_squares_parameters(self.estimate, columns, train)
+                squares += test.joint_losses(theta)
+                rows += test.joint_rows()
+            self._known_least_squares[key] = np.sqrt(squares / np.maximum(rows, 1))
+        return self._known_least_squares[key]
+
     def drop_harmful(
         self, candidates: Sequence[int], needed: bool = False
     ) -> list[int]:
         """Of effects those that do no harm beside all others, and lower an error where
-        that is ``needed``: the least useful of those that do is left out, and the rest
-        is asked again."""
+        that is ``needed``.
+
+        The least useful of those that do is left out, and the others are asked again. One
+        that lowers the error on another split of the motion stays: one motion alone has
+        not the last word.
+        """
         accepted = list(candidates)
+        confirmed = set[int]()
+        limit = -MINOR if needed else MINOR
         while accepted:
             now = self.errors(accepted)
-            without = {
-                k: self.errors([i for i in accepted if i != k]) for k in accepted
+            harms = {
+                k: harm(self.errors([i for i in accepted if i != k]), now)
+                for k in accepted
+                if k not in confirmed
             }
-            harms = {k: harm(e, now) for k, e in without.items()}
-            worst = max(accepted, key=harms.__getitem__)
-            if harms[worst] < (-MINOR if needed else MINOR):
+            worst = max(harms, key=harms.__getitem__, default=None)
+            if worst is None or harms[worst] < limit:
                 break
-            accepted.remove(worst)
+            if self._helps_elsewhere(worst, accepted):
+                confirmed.add(worst)
+            else:
+                accepted.remove(worst)
         return accepted
+
+    def _helps_elsewhere(self, k: int, accepted: Sequence[int]) -> bool:
+        """Whether an effect lowers the error on another split, beside all others."""
+        if self.second is None:
+            return False
+        without = [i for i in accepted if i != k]
+        before = self.second.least_squares_errors(without)
+        return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
+
+    def drop_harmful_to_a_joint(self, accepted: Sequence[int]) -> list[int]:
+        """Of effects those with which no joint errs more than without any, by 5 %.
+
+        Of a joint that does, the effect goes without which its error is smallest, if both
+        splits say so.
+        """
+        accepted = list(accepted)
+        limit = (1.0 + MAX_JOINT_HARM) * self.errors(())
+        while accepted:
+            now = self.errors(accepted)
+            worse = np.flatnonzero(now > limit)
+            if not worse.size:
+                break
+            joint = int(worse[np.argmax(now[worse] / limit[worse])])
+            without = {
+                k: self.errors([i for i in accepted if i != k])[joint] for k in accepted
+            }
+            cause = min(without, key=without.__getitem__)
+            if without[cause] >= now[joint] or self._lowers_elsewhere(
+                joint, cause, accepted
+            ):
+                break
+            accepted.remove(cause)
+        return accepted
+
+    def _lowers_elsewhere(self, joint: int, k: int, accepted: Sequence[int]) -> bool:
+        """Whether an effect lowers one joint's error on another split."""
+        if self.second is None:
+            return False
+        without = [i for i in accepted if i != k]
+        before = self.second.least_squares_errors(without)[joint]
+        after = self.second.least_squares_errors(accepted)[joint]
+        return bool(after <= (1.0 - MINOR) * before)
 
 
 def lowers(before: Array, after: Array) -> bool:
@@ -127,6 +211,45 @@ def lowers(before: Array, after: Array) -> bool:
 def harm(before: Array, after: Array) -> float:
     """By what share errors rise, added up over the joints."""
     return float(np.sum(np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))))
+
+
+class _Table:
+    """Rows in the columns of a model and of effects, with the torque; of a frozen model
+    what it leaves, in those of the effects."""
+
+    def __init__(self, rows: SegmentedRuns, estimate: Estimate, frozen: bool) -> None:
+        self.rows = rows
+        self.estimate = estimate
+        self.frozen = frozen
+        self.own_columns = model_columns(rows, estimate, frozen)
+        self._last: tuple[tuple[Effect, ...], Array] | None = None
+
+    def _columns(self, effects: tuple[Effect, ...]) -> Array:
+        """(n, M, p + 1) columns and torque."""
+        if self._last is None or self._last[0] is not effects:
+            torque = self.rows.residual if self.frozen else self.rows.torque
+            blocks = [self.own_columns]
+            blocks += [spread_columns(self.rows, e) for e in effects]
+            blocks.append(torque.T[:, :, None])
+            self._last = effects, np.concatenate(blocks, axis=2)
+        return self._last[1]
+
+    def compressed(
+        self, effects: Sequence[Effect], keep: NDArray[np.bool_]
+    ) -> Regression:
+        """Of the rows keep (M, n)."""
+        effects = tuple(effects)
+        own_effects = () if self.frozen else self.estimate.model.effects
+        parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
+        all_columns = np.arange(len(parameters))
+        factors = []
+        for j, columns in enumerate(self._columns(effects)):
+            part = columns[keep[:, j]]
+            triangle = triangular([part]) if len(part) else part
+            factors.append(Factor(j, 0, all_columns, triangle, len(part)))
+        n = self.rows.n
+        block = ((0, 0.0, 0.0),)
+        return Regression(parameters, n, block, tuple(factors), oversampling=1.0)
 
 
 @dataclass(frozen=True)
@@ -145,60 +268,48 @@ class HeldOutData:
         estimate: Estimate,
         by_fold: Mapping[int, Sequence[Effect]] | None = None,
     ) -> HeldOut:
-        """Errors of models fitted to the rows that were searched, on the test run, or
-        to all folds but one, on that one; by_fold : at an effect's place, what rows
-        outside of each fold make of it."""
-        own_effects = () if self.frozen else estimate.model.effects
-        parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
+        """Errors of models fitted to the rows that were searched.
 
-        def table(rows: SegmentedRuns, effects: Sequence[Effect]) -> Array:
-            """(n, M, p + 1) columns and torque."""
-            columns = [spread_columns(rows, e) for e in effects]
-            torque = rows.residual if self.frozen else rows.torque
-            blocks = [
-                model_columns(rows, estimate, self.frozen),
-                *columns,
-                torque.T[:, :, None],
-            ]
-            return np.concatenate(blocks, axis=2)
+        They are judged on the test run; without one, fitted to all folds but one, on that
+        one. by_fold : at an effect's place, what rows outside of each fold make of it.
+        """
+        table = _Table(rows, estimate, self.frozen)
+        by_folds = partial(self._by_folds, table, tuple(effects), by_fold or {})
+        if self.test is None:
+            return by_folds()
+        test = _Table(self.test.with_model(*rows.attached), estimate, self.frozen)
+        split = HeldOutSplit(
+            effects=tuple(effects),
+            train=table.compressed(effects, rows.keep),
+            test=test.compressed(effects, test.rows.keep),
+            frozen=self.frozen,
+        )
+        return HeldOut(estimate, self.frozen, (split,), "test", by_folds)
 
-        def compressed(both: Array, keep: NDArray[np.bool_]) -> Regression:
-            """Of the rows keep (M, n)."""
-            parts = [x[mine] for x, mine in zip(both, keep.T, strict=True)]
-            triangles = [triangular([x]) if len(x) else x for x in parts]
-            all_columns = np.arange(len(parameters))
-            pairs = zip(triangles, parts, strict=True)
-            factors = tuple(
-                Factor(j, 0, all_columns, x, len(part))
-                for j, (x, part) in enumerate(pairs)
-            )
-            return Regression(
-                parameters, rows.n, ((0, 0.0, 0.0),), factors, oversampling=1.0
-            )
-
-        all_rows = table(rows, effects)
-        all_effects = tuple(effects)
-        if self.test is not None:
-            test = self.test.with_model(*rows.attached)
-            there = compressed(table(test, effects), test.keep)
-            only = HeldOutSplit(
-                all_effects, compressed(all_rows, rows.keep), there, self.frozen
-            )
-            return HeldOut(estimate, self.frozen, (only,), "test")
-        fold = folds_of(rows, THIRDS)
-        splits = list[HeldOutSplit]()
-        shaped = all_effects
+    def _by_folds(
+        self,
+        table: _Table,
+        effects: tuple[Effect, ...],
+        by_fold: Mapping[int, Sequence[Effect]],
+    ) -> HeldOut:
+        """The same on thirds by the phase of the motion."""
+        fold = folds_of(table.rows, THIRDS)
+        splits = []
         for f in range(fold.max() + 1):
+            shaped = effects
             if by_fold:
                 shaped = tuple(
                     by_fold[k][f] if k in by_fold else e for k, e in enumerate(effects)
                 )
-                all_rows = table(rows, shaped)
-            out = (fold == f)[:, None]
-            train = compressed(all_rows, rows.keep & ~out)
-            left_out = compressed(all_rows, rows.keep & out)
-            splits.append(HeldOutSplit(shaped, train, left_out, self.frozen))
-        return HeldOut(estimate, self.frozen, splits, "folds")
+            left_out = (fold == f)[:, None]
+            split = HeldOutSplit(
+                effects=shaped,
+                train=table.compressed(shaped, table.rows.keep & ~left_out),
+                test=table.compressed(shaped, table.rows.keep & left_out),
+                frozen=self.frozen,
+            )
+            splits.append(split)
+        return HeldOut(table.estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:
         """Share of the test run's rows that leave what an effect is known for; none
@@ -235,6 +346,24 @@ def with_replaced_joints(
         if stay:
             out.append(e if keeps_all else type(e)(e.robot, stay, **e.shape))
     return out, left
+
+
+def least_squares_parameters(
+    estimate: Estimate, columns: Columns, data: Regression
+) -> Array:
+    """(p,) of effects fitted to rows, joints weighted by what is left of them."""
+    effects = (*columns.own, *columns.new)
+    if not effects:
+        return np.zeros(0)
+    model = Model(estimate.robot, effects, gains=estimate.model.gains)
+    weights: Array = np.ones(estimate.robot.n)
+    theta: Array = np.zeros(0)
+    for _ in range(2):
+        squares = data.least_squares(weights)
+        known = with_plausible(squares, model, data.oversampling)
+        theta = np.asarray(np.linalg.lstsq(known.R, known.rho, rcond=1e-9)[0])
+        weights = joint_weights(data, theta)
+    return np.asarray(theta)
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:

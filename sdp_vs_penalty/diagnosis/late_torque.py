@@ -12,10 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sdp_vs_penalty.diagnosis.library import Key
+from sdp_vs_penalty.diagnosis.library import Candidate, Key
+from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.unexplained import least_squares_refit
 from sdp_vs_penalty.diagnosis.white_rows import whitened, with_estimate
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.robot.arrays import Array
@@ -30,6 +31,8 @@ def refer_columns_to_current_model(
     has had before: steps of Gauss and Newton.
     """
     before = list[set[Key]]()
+    if search.terms and not delays_torque(search):
+        search = look_for_delays(search, progress)
     while delays_torque(search):
         keys = {t.key for t in search.terms}
         if keys in before:
@@ -42,12 +45,37 @@ def refer_columns_to_current_model(
     return search
 
 
+def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
+    """The search goes on where a delay shows in torque of which the findings are a part.
+
+    A causal filter beside friction that turns round over a travel does not show in the
+    torque of a model whose friction turns at once: what it delays is another torque.
+    """
+    referred = refer_once(search)
+    referred.library = search.library.only(_delays, referred.data)
+    if referred.best_addition() is None:
+        return search
+    referred.library = search.library.with_current_columns(referred.data)
+    referred.run(progress)
+    return referred
+
+
+def _is_delay(effect: Effect) -> bool:
+    """Whether it makes torque late."""
+    return effect.needs_torque and effect.has_memory
+
+
+def _delays(form: Candidate) -> bool:
+    """Whether a candidate makes torque late."""
+    return _is_delay(form.effect)
+
+
 def delays_torque(search: Search) -> bool:
     """Whether something makes torque late, a term or the model: all of it, also what
     terms make."""
     effects = [t.form.effect for t in search.terms]
     effects += search.data.estimate.model.effects
-    is_late = any(e.needs_torque and e.has_memory for e in effects)
+    is_late = any(map(_is_delay, effects))
     return bool(search.terms) and is_late
 
 
@@ -90,6 +118,7 @@ def beside_model(
         rows = replace(rows, masked=masked)
     data = whitened(rows, data.noise, estimate, data.frozen)
     out = Search(data, search.library, search.rules)
+    out.nuisances.frequencies = search.nuisances.frequencies
     out.in_reference = {t.key for t, _ in with_torque}
     out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in search.terms]
     out.fit = out.score.fit(out.terms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -126,6 +126,11 @@ class Batch:
             joints, forms, np.stack([np.hstack([z[j] for z in white]) for j in joints])
         )
 
+    def made_anew(self, data: WhiteData) -> Batch:
+        """The same candidates with columns of other data."""
+        white = [white_candidate(data, f) for f in self.forms]
+        return Batch.of(self.joints, self.forms, white)
+
     def columns(self, f: int) -> dict[int, Array]:
         """(M, k) by joint, of one form."""
         k = self.forms[f].n_coefficients
@@ -144,15 +149,18 @@ class Library:
 
     def with_current_columns(self, data: WhiteData) -> Library:
         """The same where what refers to the model's torque and links is of another one."""
+        batches = [
+            b.made_anew(data) if depends(b.forms[0].effect) else b for b in self.batches
+        ]
+        return replace(self, batches=tuple(batches))
 
-        def made(b: Batch) -> Batch:
-            if not depends(b.forms[0].effect):
-                return b
-            return Batch.of(
-                b.joints, b.forms, [white_candidate(data, f) for f in b.forms]
-            )
-
-        return replace(self, batches=tuple(map(made, self.batches)))
+    def only(self, which: Callable[[Candidate], bool], data: WhiteData) -> Library:
+        """Some of the candidates, their columns of other data."""
+        parts = [(b, tuple(filter(which, b.forms))) for b in self.batches]
+        batches = [
+            replace(b, forms=forms).made_anew(data) for b, forms in parts if forms
+        ]
+        return replace(self, batches=tuple(batches))
 
 
 def white_candidate(data: WhiteData, form: Candidate) -> dict[int, Array]:

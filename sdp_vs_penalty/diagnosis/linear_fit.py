@@ -23,9 +23,10 @@ class ScoredEffect:
     """A candidate judged beside others. It equals itself alone.
 
     columns : white, (M, k) by joint; drop : of the deviance; rows_worth_one : how many
-    rows are worth one; price : of its parameters and of the choice; beta (k,) :
-    coefficients; squares (n,) : of the white torque that nothing else makes; rivals :
-    the candidates that do as well.
+    rows are worth one; price : of its parameters and of the choice; freedom :
+    coefficients that the rows determine, and shape constants; beta (k,) : coefficients;
+    squares (n,) : of the white torque that nothing else makes; rivals : the candidates
+    that do as well.
     """
 
     form: Candidate
@@ -33,6 +34,7 @@ class ScoredEffect:
     drop: float = -np.inf
     rows_worth_one: float = 1.0
     price: float = 0.0
+    freedom: float = 0.0
     beta: Array = field(default_factory=lambda: np.zeros(0))
     squares: Array = field(default_factory=lambda: np.zeros(0))
     rivals: tuple[ScoredEffect, ...] = ()
@@ -71,6 +73,25 @@ Term = ScoredEffect | Nuisance
 
 
 @dataclass(frozen=True, eq=False)
+class BasisProducts:
+    """Products of candidates' columns with those of the model, basis (n, M, r), and with
+    the torque y (n, M), each worked out once."""
+
+    basis: Array
+    y: Array
+    known: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
+
+    def of(self, batch: Batch) -> list[tuple[Array, Array]]:
+        """By joint, (r, F k) and (F k,)."""
+        if batch not in self.known:
+            pairs = zip(batch.joints, batch.whitened_columns, strict=True)
+            self.known[batch] = [
+                (self.basis[j].T @ Z, Z.T @ self.y[j]) for j, Z in pairs
+            ]
+        return self.known[batch]
+
+
+@dataclass(frozen=True, eq=False)
 class Design:
     """White columns of the model and of some terms, and their products.
 
@@ -90,6 +111,7 @@ class Design:
     at: dict[str, list[int]]
     keys: dict[int, Key]
     extra: Array
+    basis_products: BasisProducts
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def holds(self, terms: Sequence[Term]) -> bool:
@@ -97,13 +119,25 @@ class Design:
         return all(t.text in self.at for t in terms)
 
     def of(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z."""
+        """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z.
+
+        Those of the model's columns serve all designs.
+        """
         if batch not in self.products:
             M = batch.whitened_columns.shape[1]
-            pairs = zip(batch.joints, batch.whitened_columns, strict=True)
-            self.products[batch] = [
-                (self.A[j, :M].T @ Z, Z.T @ self.y[j, :M]) for j, Z in pairs
-            ]
+            known = self.basis_products.of(batch)
+            r = self.basis_products.basis.shape[2]
+            out = []
+            for j, Z, (of_basis, pull) in zip(
+                batch.joints, batch.whitened_columns, known, strict=True
+            ):
+                products = np.zeros((self.A.shape[2], Z.shape[1]))
+                products[:r] = of_basis
+                of_terms = self.A[j, :M, r:]
+                acts = of_terms.any(axis=0)
+                products[r:][acts] = of_terms[:, acts].T @ Z
+                out.append((products, pull))
+            self.products[batch] = out
         return self.products[batch]
 
 
@@ -192,6 +226,10 @@ class WhiteFitter:
         at |= {key: [r + k] for k, key in enumerate(own_columns)}
         return B, B.transpose(0, 2, 1) @ B, at
 
+    @cached_property
+    def _basis_products(self) -> BasisProducts:
+        return BasisProducts(self._basis[0], self.data.y)
+
     def fit(self, terms: Sequence[Term], near: WhiteFit | None = None) -> WhiteFit:
         """The model with the terms; each joint's rows are weighted by what is left.
 
@@ -252,7 +290,17 @@ class WhiteFitter:
         pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
         effects = [t for t in terms if isinstance(t, ScoredEffect)]
         keys = {i: t.key for t in effects for i in at[t.text]}
-        return Design(A, y, G, pull, model, at, keys, extra)
+        return Design(
+            A=A,
+            y=y,
+            gram=G,
+            pull=pull,
+            model=model,
+            at=at,
+            keys=keys,
+            extra=extra,
+            basis_products=self._basis_products,
+        )
 
     def _columns_with_priors(
         self, terms: Sequence[Term]

@@ -18,19 +18,27 @@ makes there. What is found besides has to show beyond that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
+from sdp_vs_penalty.diagnosis.events import hum_lines
 from sdp_vs_penalty.diagnosis.library import Candidate, Nuisance
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, Term, WhiteFit
+from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.rules import Rules
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.sensitivity import ShapeSensitivity, free_constants
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.segments import SegmentedRuns
+
+#: How far from a spectrum's line its frequency may be [Hz], and into how many steps that
+#: is divided: periods of five seconds tell no more, whole runs do.
+_NEAR_LINE = 0.1
+_NEAR_STEPS = 40
 
 
 def law_misfit_columns(
@@ -62,6 +70,51 @@ def _in_units_of_largest(x: Array) -> Array:
     return np.asarray(x / nonzero_or_one(np.abs(x).max()))
 
 
+def find_frequencies(data: WhiteData) -> dict[int, list[float]]:
+    """By joint the frequencies [Hz] of its hums, of joints that have any."""
+    rows = data.rows
+    residual = rows.residual
+    if not data.noise.repeats:  # the model is fitted to it at other parameters
+        residual = least_squares_refit(data, [])[1]
+    return {
+        j: [_refined(f, rows, residual[:, j]) for f in lines]
+        for j, lines in hum_lines(data, residual).items()
+    }
+
+
+def hums(data: WhiteData, frequencies: Mapping[int, Sequence[float]]) -> list[Nuisance]:
+    """By joint the waves of its hums, of any phase in each run.
+
+    A wave may be as large as all that the model leaves.
+    """
+    rows = data.rows
+    out = []
+    for j, lines in frequencies.items():
+        waves = []
+        for f in lines:
+            angle = 2.0 * np.pi * f * rows.t
+            for run in np.unique(rows.run):
+                inside = rows.run == run
+                waves += [inside * np.sin(angle), inside * np.cos(angle)]
+        size = float(np.std(rows.residual[:, j]))
+        columns = data.white(np.column_stack(waves), j)
+        deviations = np.full(len(waves), max(size, 1e-200))
+        out.append(Nuisance(f"hum on {j}", {j: columns}, deviations))
+    return out
+
+
+def _refined(frequency: float, rows: SegmentedRuns, residual: Array) -> float:
+    """The frequency [Hz] near one of a short spectrum's at which a residual (M,) has most
+    power in whole runs."""
+    near = frequency + np.linspace(-_NEAR_LINE, _NEAR_LINE, 2 * _NEAR_STEPS + 1)
+    power = np.zeros(len(near))
+    for run in np.unique(rows.run):
+        inside = rows.run == run
+        turned = np.exp(-2j * np.pi * np.outer(near, rows.t[inside]))
+        power += np.abs(turned @ residual[inside]) ** 2
+    return float(near[np.argmax(power)])
+
+
 class Nuisances:
     """What stands beside terms in a fit, on some rows and with some candidates.
 
@@ -84,8 +137,8 @@ class Nuisances:
         self._misfits: dict[str, list[tuple[int, Array, Array]]] = {}
 
     def with_law_misfits(self, terms: Sequence[ScoredEffect]) -> list[Term]:
-        """Terms, and what the laws of those that explain much may get wrong."""
-        out: list[Term] = [*terms]
+        """Terms, what the laws of those that explain much may get wrong, and hums."""
+        out: list[Term] = [*terms, *self.hums]
         for t in terms:
             if LAW_TOLERANCE * t.evidence > EVIDENCE_TO_DISTINGUISH:
                 out += self.law_misfits(t)
@@ -114,6 +167,17 @@ class Nuisances:
             for f in self._candidates
             if f.effect.tolerance
         }
+
+    @cached_property
+    def hums(self) -> list[Nuisance]:
+        """Waves of the lines that stand in the torque's spectrum: no constant of the
+        model is estimated anew for what happens beside it."""
+        return hums(self.data, self.frequencies)
+
+    @cached_property
+    def frequencies(self) -> dict[int, list[float]]:
+        """By joint those of its hums [Hz]; a search beside another model keeps them."""
+        return find_frequencies(self.data) if self.rules.hums_first else {}
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
         """What a term's law may get wrong, joint by joint.

@@ -21,7 +21,8 @@ class Rules:
     curve_laws : a curve may be a law of the dictionary; curves_of_two : a curve may
     depend on two variables; second_veto : confident findings are judged once more on
     data left out, without the weak ones; without_events : findings are judged again
-    without the rows of events.
+    without the rows of events; hums_first : lines of the torque's spectrum stand beside
+    whatever is judged.
     """
 
     joints_alike: bool = True
@@ -36,6 +37,7 @@ class Rules:
     curves_of_two: bool = True
     second_veto: bool = True
     without_events: bool = True
+    hums_first: bool = True
 
     @classmethod
     def names(cls) -> list[str]:

@@ -8,7 +8,6 @@ of a slow joint: where friction turns round any law of it is only nearly right.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +21,9 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.events import outliers
 from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
+from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.white_rows import WhiteData, spread_columns
-from sdp_vs_penalty.effects.effect import Effect
-from sdp_vs_penalty.effects.model import plausible_sizes
+from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import REPETITION, Noise
 from sdp_vs_penalty.signals.standstill import SLOW, STILL
@@ -117,42 +115,3 @@ def _smallest_variance(noise: Noise, rise: float) -> Array:
         degrees = noise.degrees
         return np.asarray(rise * degrees / special.chdtri(degrees, 1.0 - CHANCE))
     return np.full(len(noise.floor), SPECTRUM_NOISE_FACTOR**2 * rise)
-
-
-def least_squares_refit(
-    data: WhiteData, effects: Sequence[Effect]
-) -> tuple[Array, Array]:
-    """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N]
-    what these leave.
-
-    Least squares on the white rows and on what is known of sizes, joints weighted by
-    what is left of them. Parameters that rows do not tell are the model's.
-    """
-    columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
-    all_columns = np.concatenate(columns, axis=2)
-    n, _, p = all_columns.shape
-    own_effects = () if data.frozen else data.estimate.model.effects
-    torque = data.rows.residual if data.frozen else data.rows.torque
-    theta = np.zeros(p)
-    if not data.frozen:
-        theta[: data.raw.shape[2]] = data.estimate.theta
-    if not p:
-        return theta, torque
-    known = plausible_sizes((*own_effects, *effects))
-    prior = np.diag(1.0 / known)
-    white = np.stack([data.white(all_columns[j], j) for j in range(n)])
-    first = theta
-    target = data.y - white @ first
-    level = np.ones(n)
-    for _ in range(3):
-        A = np.vstack([(white / level[:, None, None]).reshape(-1, p), prior])
-        norms = np.linalg.norm(A, axis=0)
-        is_seen = norms > 1e-12 * norms.max(initial=0.0)
-        unit = np.where(is_seen, norms, np.inf)
-        right_side = np.append(target / level[:, None], -prior @ first)
-        step = np.linalg.lstsq(A / unit, right_side, rcond=1e-8)[0]
-        theta = first + step / unit
-        left = np.sum((data.y - white @ theta) ** 2, axis=1)
-        variance = left / np.maximum(data.count, 1.0)
-        level = np.sqrt(np.maximum(variance, 1.0 if data.known else 1e-12))
-    return theta, np.asarray(torque - (all_columns @ theta).T)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -22,9 +23,25 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.causes import (
+    CAUSE_COLUMNS,
+    FAST,
+    HIGH_SPEED,
+    REVERSAL,
+    STANDSTILL,
+    JointError,
+    States,
+    explained_share,
+    from_reversal,
+    ranked_causes,
+)
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
-from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, folds_of
-from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
+from sdp_vs_penalty.diagnosis.white_rows import (
+    diagnosis_rows,
+    folds_of,
+    model_columns,
+)
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
@@ -43,40 +60,14 @@ from sdp_vs_penalty.signals.standstill import STILL
 if TYPE_CHECKING:
     import pandas
 
-REVERSAL = "reversal"
-STANDSTILL = "standstill"
-HIGH_SPEED = "high speed"
-POSITION = "position"
-VELOCITY = "velocity"
-ACCELERATION = "acceleration"
-LOAD = "load"
-WAVES = "waves per turn"
-TIME = "time"
-OTHER_JOINTS = "other joints"
 #: The rows of a heat map, in this order.
-CAUSES = (
-    REVERSAL,
-    STANDSTILL,
-    HIGH_SPEED,
-    VELOCITY,
-    POSITION,
-    WAVES,
-    ACCELERATION,
-    LOAD,
-    TIME,
-    OTHER_JOINTS,
-)
+CAUSES = tuple(CAUSE_COLUMNS)
 #: What a stretch is called whose cause none of these explains.
 UNNAMED = "no cause seen"
-#: Seconds around a velocity reversal that count as near it, and those over which an
-#: error follows it.
+#: Seconds around a velocity reversal that count as near it.
 NEAR = 0.15
-FOLLOWS = 0.4
-#: Share of the largest speed from which on a joint is fast.
-_FAST = 0.75
-#: Hat functions of a quantity; an odd number, so that one of them sits at the reversal
-#: itself.
-_HATS = 9
+#: Causes that are seen at some instants only; all others act all the time.
+_AT_INSTANTS = (STANDSTILL, HIGH_SPEED)
 
 
 #: Of a wave in JSON: how often a revolution, its amplitude, that over its surroundings.
@@ -154,11 +145,9 @@ class JointFailure(JsonRecord):
 
 
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
-    """The quantities that the error depends on, the ``most_named`` important, with the share
-    of each."""
-    best = sorted(failure.held_out_shares.items(), key=lambda item: -item[1])[
-        :most_named
-    ]
+    """The ``most_named`` likeliest causes of an error, with the share that each
+    explains."""
+    best = ranked_causes(failure.held_out_shares)[:most_named]
     return [(name, share) for name, share in best if share >= CHANGES]
 
 
@@ -297,42 +286,88 @@ def where_it_fails(
     floors, source = noise or noise_level(
         estimate.problem, FilteredRuns.of(measurements, settings)
     )
-    known = states(rows)
-    runs = searched.runs()
-    smooth = {
-        name: [hats(x) for x in known[name].T]
-        for name in (VELOCITY, POSITION, ACCELERATION, TIME)
-    }
-    keep = np.asarray(rows.keep.all(axis=1), bool)
+    judge = _Judge(
+        estimate=estimate,
+        rows=rows,
+        runs=searched.runs(),
+        states=States.of(rows),
+        folds=folds,
+        keep=np.asarray(rows.keep.all(axis=1), bool),
+        repeats=source == REPETITION,
+    )
     out = Failures(units=estimate.robot.torque_units)
     for j in range(rows.n):
-        error = residual[:, j] - residual[keep, j].mean()
-        rmse = float(np.sqrt(np.mean(residual[keep, j] ** 2)))
         floor = None if floors is None else float(floors[j])
-        repeats = floor is not None and source == REPETITION and rmse > 0.0
-        explainable = (
-            max(0.0, 1.0 - (floor / rmse) ** 2)
-            if floor is not None and repeats
-            else None
-        )
-        full = [_full_rate(runs[s.run], s, j) for s in rows.segments]
-        orders = _orders(full) if estimate.robot.joints[j].kind == "revolute" else ()
-        velocity = known["velocity"][:, j]
-        columns = cause_columns(known, smooth, rows, j, [k for k, _, _ in orders])
-        shares = {
-            c: held_out_share(columns[c][keep], error[keep], folds[keep])
-            for c in CAUSES
-        }
-        lift = _reversal_lift(velocity, error, rows, keep)
-        stretches = failing_stretches(
-            error, floor, velocity, rows.still[:, j], rows, shares
-        )
-        out.append(
-            JointFailure(
-                j + 1, rmse, floor, explainable, shares, lift, orders, stretches
-            )
-        )
+        out.append(judge.failure_of(j, residual[:, j], floor))
     return out
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """All that the joints' failures are judged by.
+
+    rows : filtered; runs : the recordings; folds (M,) : by phase; keep (M,) : rows that
+    count; repeats : whether repetition shows the noise.
+    """
+
+    estimate: Estimate
+    rows: SegmentedRuns
+    runs: Sequence[Measurements]
+    states: States
+    folds: NDArray[np.intp]
+    keep: NDArray[np.bool_]
+    repeats: bool
+
+    def failure_of(self, j: int, residual: Array, floor: float | None) -> JointFailure:
+        """Of one joint (from 0); residual (M,) and noise floor [N m or N]."""
+        keep = self.keep
+        error = residual - residual[keep].mean()
+        rmse = float(np.sqrt(np.mean(residual[keep] ** 2)))
+        explainable = None
+        if floor is not None and self.repeats and rmse > 0.0:
+            explainable = max(0.0, 1.0 - (floor / rmse) ** 2)
+        orders = self.orders(j)
+        shares = self.shares(JointError(j, error, [k for k, _, _ in orders]))
+        velocity = self.states.dq[:, j]
+        still = self.rows.still[:, j]
+        return JointFailure(
+            joint=j + 1,
+            rmse=rmse,
+            noise_floor=floor,
+            explainable_share=explainable,
+            held_out_shares=shares,
+            reversal_lift=_reversal_lift(velocity, error, self.rows, keep),
+            orders=orders,
+            stretches=failing_stretches(
+                error, floor, velocity, still, self.rows, shares
+            ),
+        )
+
+    def orders(self, j: int) -> tuple[tuple[int, float, float], ...]:
+        """Waves per turn in a revolute joint's residual."""
+        if self.estimate.robot.joints[j].kind != "revolute":
+            return ()
+        return _orders([_full_rate(self.runs[s.run], s, j) for s in self.rows.segments])
+
+    def shares(self, error: JointError) -> dict[str, float]:
+        """By cause what it explains on data left out."""
+        keep = self.keep
+        basis = orthonormal(self.model_columns[error.joint][keep])
+        out = {}
+        for name, columns_of in CAUSE_COLUMNS.items():
+            columns = columns_of(self.states, error)
+            alternatives = columns if isinstance(columns, list) else [columns]
+            shares = [
+                explained_share(x[keep], error.error[keep], self.folds[keep], basis)
+                for x in alternatives
+            ]
+            out[name] = max(shares, default=0.0)
+        return out
+
+    @cached_property
+    def model_columns(self) -> Array:
+        """(n, M, p) of the model's own parameters."""
+        return model_columns(self.rows, self.estimate)
 
 
 def _reversal_lift(
@@ -392,120 +427,6 @@ def _orders(
     return tuple((k, float(amplitude[k]), float(ratio[k])) for k in peaks[:5])
 
 
-# What an error can depend on, as columns, and the stretches in which it is large.
-
-
-def states(rows: SegmentedRuns) -> dict[str, Array]:
-    """Filtered position, velocity, acceleration, torque and time of every row, each (M,
-    n)."""
-
-    names = {POSITION: "q", VELOCITY: "dq", ACCELERATION: "ddq", "torque": "torque"}
-    state_by_name = {
-        word: np.concatenate(
-            [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
-        )
-        for word, name in names.items()
-    }
-    return state_by_name | {TIME: np.repeat(rows.t[:, None], rows.n, axis=1)}
-
-
-def cause_columns(
-    known: dict[str, Array],
-    smooth: dict[str, list[Array]],
-    rows: SegmentedRuns,
-    j: int,
-    orders: Sequence[int],
-) -> dict[str, Array]:
-    """By cause the columns (M, k) of which a joint's error (from 0) may be a
-    combination; smooth : those of smooth functions of each joint's states; orders : the
-    waves per turn that its spectrum shows."""
-    x = {name: values[:, j] for name, values in known.items()}
-    direction = smooth_sign(x[VELOCITY])
-    fast = np.maximum(np.abs(x[VELOCITY]) - _FAST * np.abs(x[VELOCITY]).max(), 0.0)
-    still = np.asarray(rows.still[:, j] > STILL, float)
-    others = [
-        smooth[name][i]
-        for i in range(rows.n)
-        if i != j
-        for name in (VELOCITY, POSITION)
-    ]
-    return {name: columns_by_joint[j] for name, columns_by_joint in smooth.items()} | {
-        REVERSAL: _after_reversals(x[VELOCITY], rows),
-        STANDSTILL: np.column_stack([still, still * direction]),
-        HIGH_SPEED: np.column_stack([fast, fast * direction]),
-        WAVES: _waves(rows, j, orders),
-        LOAD: np.hstack([hats(x["torque"]), hats(np.abs(x["torque"]) * direction)]),
-        OTHER_JOINTS: np.hstack(others) if others else np.zeros((len(rows.t), 0)),
-    }
-
-
-def hats(x: Array, knots: Array | None = None) -> Array:
-    """(N, count) piecewise linear functions that add up to one; knots : by default at
-    quantiles."""
-    if knots is None:
-        knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
-    if len(knots) < 2:
-        return np.ones((len(x), 1))
-    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
-
-
-def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
-    """(M,) seconds from the nearest reversal, below zero before it, infinite where
-    there is none; and the direction after it."""
-    row_numbers = np.arange(len(velocity))
-    segment = rows.segment
-    turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
-    at = np.flatnonzero(turns & (segment[1:] == segment[:-1]))
-    if not len(at):
-        return np.full(len(velocity), np.inf), np.zeros(len(velocity))
-    middle = 0.5 * (rows.t[at] + rows.t[at + 1])
-    sides = np.clip(
-        np.searchsorted(at, row_numbers) + np.array([[-1], [0]]), 0, len(at) - 1
-    )
-    seconds = np.where(segment[at[sides]] == segment, rows.t - middle[sides], np.inf)
-    best = np.argmin(np.abs(seconds), axis=0)
-    return seconds[best, row_numbers], np.sign(
-        velocity[at[sides[best, row_numbers]] + 1]
-    )
-
-
-def _after_reversals(velocity: Array, rows: SegmentedRuns) -> Array:
-    """Any function of the time from a reversal, and that times the direction after it."""
-    rows_since, direction = from_reversal(velocity, rows)
-    near = np.abs(rows_since) < FOLLOWS
-    shape = near[:, None] * hats(rows_since, np.linspace(-FOLLOWS, FOLLOWS, _HATS))
-    return np.hstack([shape, shape * direction[:, None]])
-
-
-def _waves(rows: SegmentedRuns, j: int, orders: Sequence[int]) -> Array:
-    """Filtered sine and cosine of each order of a joint's angle."""
-    parts = []
-    for s in rows.segments:
-        q = s.motion.q[:, j]
-        waves = [s.low_pass @ wave(k * q) for k in orders for wave in (np.cos, np.sin)]
-        parts.append(np.column_stack(waves) if waves else np.zeros((len(s.t), 0)))
-    return np.concatenate(parts)
-
-
-def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
-    """1 - squared error of the prediction / squared error of none, over held-out folds;
-    >= 0."""
-    left = total = 0.0
-    for f in np.unique(fold):
-        out = fold == f
-        if out.all() or not features.shape[1]:
-            return 0.0
-        A = features[~out]
-        b = error[~out]
-        ridge = 1e-3 * np.trace(A.T @ A) / A.shape[1]
-        if ridge == 0.0:  # the cause does not occur
-            return 0.0
-        theta = np.linalg.solve(A.T @ A + ridge * np.eye(A.shape[1]), A.T @ b)
-        left += float(np.sum((error[out] - features[out] @ theta) ** 2))
-        total += float(np.sum(error[out] ** 2))
-    return max(0.0, 1.0 - left / total) if total > 0.0 else 0.0
-
-
 def failing_stretches(
     error: Array,
     floor: float | None,
@@ -519,35 +440,37 @@ def failing_stretches(
     without one; for NEAR at least."""
     width = max(1, round(2.0 * NEAR * rows.rate))
     size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
-    limit = SPECTRUM_NOISE_FACTOR * (floor or float(np.sqrt(np.mean(error**2))))
-    state_at = {
-        name: x
-        for name, x in shares.items()
-        if name not in (REVERSAL, STANDSTILL, HIGH_SPEED)
+    usual = floor or float(np.sqrt(np.mean(error**2)))
+    names = _causes_of_rows(velocity, still, rows, shares)
+    names[size <= SPECTRUM_NOISE_FACTOR * usual] = ""
+    changes = (names[1:] != names[:-1]) | (rows.segment[1:] != rows.segment[:-1])
+    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(names)]
+    out = []
+    for a, b in pairwise(edges):
+        begin = float(rows.t[a])
+        end = float(rows.t[b - 1])
+        if names[a] and end - begin >= NEAR:
+            run = rows.names[rows.run[a]]
+            out.append(FailingStretch(run, begin, end, str(names[a])))
+    return tuple(out)
+
+
+def _causes_of_rows(
+    velocity: Array, still: Array, rows: SegmentedRuns, shares: dict[str, float]
+) -> NDArray[np.object_]:
+    """(M,) the cause that is seen at each row: what explains most of the error, if that
+    is said at all; else what is particular to the instant."""
+    acts_always = {k: x for k, x in shares.items() if k not in _AT_INSTANTS}
+    best, share = ranked_causes(acts_always)[0]
+    known = share >= CHANGES
+    names = np.array([best if known else UNNAMED], dtype=object).repeat(len(velocity))
+    places = {
+        HIGH_SPEED: np.abs(velocity) > FAST * np.abs(velocity).max(),
+        STANDSTILL: still > STILL,
     }
-    best = max(state_at, key=lambda name: state_at[name], default=UNNAMED)
-    names = np.array(
-        [best if state_at.get(best, 0.0) >= CHANGES else UNNAMED], dtype=object
-    ).repeat(len(error))
-    names[np.abs(velocity) > _FAST * np.abs(velocity).max()] = HIGH_SPEED
-    names[np.abs(from_reversal(velocity, rows)[0]) <= NEAR] = REVERSAL
-    names[still > STILL] = STANDSTILL
-    names[size <= limit] = ""
-    ends = (
-        np.flatnonzero(
-            (names[1:] != names[:-1]) | (rows.segment[1:] != rows.segment[:-1])
-        )
-        + 1
-    )
-    edges = [0, *ends.tolist(), len(names)]
-    stretches_found = [
-        FailingStretch(
-            rows.names[rows.run[a]],
-            float(rows.t[a]),
-            float(rows.t[b - 1]),
-            str(names[a]),
-        )
-        for a, b in pairwise(edges)
-        if names[a]
-    ]
-    return tuple(s for s in stretches_found if s.stop - s.start >= NEAR)
+    if not known:
+        places[REVERSAL] = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
+    for name, at in places.items():
+        if not known or shares.get(name, 0.0) > share:
+            names[at] = name
+    return names

@@ -159,6 +159,12 @@ class TorqueFilter(DelayedTorque):
     }
 
     @property
+    def resembles(self) -> tuple[str, ...]:  # type: ignore[override]
+        # Friction that turns round over a travel rounds its own steps off, before and
+        # behind a reversal alike. No drive can look ahead.
+        return ("presliding_hysteresis",) if self.needs_links else ()
+
+    @property
     def needs_links(self) -> bool:  # type: ignore[override]
         return self.shape["phase"] == 2.0
 

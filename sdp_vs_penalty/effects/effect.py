@@ -140,6 +140,9 @@ class Effect(ABC):
     #: them is known.
     refines: tuple[str, ...] = ()
 
+    #: Effects whose torque is nearly this one's on any motion: no log tells them apart.
+    resembles: tuple[str, ...] = ()
+
     #: True where as much of it as is plausible is in every machine, whether it is named
     #: or not.
     tolerance: ClassVar[bool] = False

@@ -27,7 +27,7 @@ from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, interior_point
-from sdp_vs_penalty.regression.linalg import in_turn
+from sdp_vs_penalty.regression.linalg import InTurn
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -284,11 +284,11 @@ class _Stage:
 
     def solve(self) -> Array:
         """(p,) where Levenberg and Marquardt's method ends."""
-        residuals, slopes = in_turn(self.rows)
+        rows = InTurn(self.rows)
         solution = optimize.least_squares(
-            residuals,
+            rows.residual,
             self.centre,
-            slopes,
+            rows.jacobian,
             method="lm",
             ftol=1e-14,
             xtol=1e-14,

@@ -28,7 +28,7 @@ HERE = Path(__file__).parent / "html"
 LOOK = read_text(HERE / "pictures.css")
 _COLOURS = (
     "#D55E00 #56B4E9 #E69F00 #CC79A7 #009E73 #0072B2 #8A6FDF #7A5C2E #5B8C5A #A0522D"
-    " #888888"
+    " #B5651D #7F9F2F #4B6F9E #C25B8A #888888"
 )
 #: Of each cause the colour of its stretches; the last is for those without one.
 SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
@@ -85,8 +85,8 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
-    """A bar a joint, cut at the noise floor: the error over it, before in grey and
-    after in colour.
+    """A bar a joint, cut at the noise floor: the error over it, before in orange
+    and after in blue.
 
     before, after, floor (n,) [N m or N] : RMS errors, after None where there is one
     model alone; floor, or one of it, None where it is not known: errors stand in their
@@ -142,7 +142,7 @@ def _caption_of_bars(what: str, scale: _Scale, is_known: bool, has_change: bool)
     if scale.is_logarithmic:
         caption += "; logarithmic scale"
     if has_change:
-        caption += "; before (grey), after (blue)"
+        caption += "; before (orange), after (blue)"
     return caption
 
 

@@ -6,21 +6,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune, event_lines
-from sdp_vs_penalty.diagnosis.where_it_fails import (
+from sdp_vs_penalty.diagnosis.causes import (
     ACCELERATION,
+    BY_DIRECTION,
     HIGH_SPEED,
+    HUM,
     LOAD,
-    NEAR,
     OTHER_JOINTS,
+    POSE,
     POSITION,
     REVERSAL,
     STANDSTILL,
     TIME,
-    UNNAMED,
+    TURN,
     VELOCITY,
     WAVES,
+)
+from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune, event_lines
+from sdp_vs_penalty.diagnosis.where_it_fails import (
+    NEAR,
+    UNNAMED,
     Failures,
     JointFailure,
     dependences,
@@ -231,6 +237,10 @@ _WHEN = {
     HIGH_SPEED: "most of all at high speed",
     VELOCITY: "by an amount that depends on its velocity",
     POSITION: "by an amount that depends on its position",
+    TURN: "by an amount that depends on where in a turn it is",
+    BY_DIRECTION: "by an amount that depends on its position and direction",
+    POSE: "by an amount that depends on the positions of several joints",
+    HUM: "in a steady hum",
     WAVES: "in waves of its angle",
     ACCELERATION: "by an amount that depends on its acceleration",
     LOAD: "by an amount that depends on its load",
@@ -291,9 +301,9 @@ def picture_title(before: Comparison, after: Comparison, joint: int, cause: str)
         return f"{text}: {before.name}."
     errors = [c.facts()["error_over_noise"].of_joint(joint) for c in (before, after)]
     if "-" in errors:
-        return f"{text}: {before.name} (grey), {after.name} (blue)."
+        return f"{text}: {before.name} (orange), {after.name} (blue)."
     return (
-        f"{text}: {before.name} (grey) {errors[0]} times the noise, {after.name} (blue)"
+        f"{text}: {before.name} (orange) {errors[0]} times the noise, {after.name} (blue)"
         f" {errors[1]} times."
     )
 

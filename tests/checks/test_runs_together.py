@@ -89,3 +89,22 @@ def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
     assert [issue.apply for issue in explanations(bad)] == ["sign:tau2"]
     assert [issue.apply for issue in explanations(also_bad)] == ["sign:tau2"]
     assert not explanations(good)
+
+
+def test_of_a_clipped_channel_nothing_else_is_said(two_link, runs):
+    tau = runs[0].tau.copy()
+    limit = 0.4 * np.abs(tau[:, 1]).max()
+    tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+    (report,) = judged(two_link, replace(runs[0], tau=tau))
+    kinds = {(f.kind, *f.figures["joints"]) for f in report.errors_and_warnings}
+    assert kinds == {("saturation", 2)}
+
+
+def test_rows_that_a_fact_deletes_are_no_event(two_link, runs):
+    """Zeros for a twentieth of a second: the torque there is missing, not odd."""
+    run = runs[0]
+    since = run.t - run.t[0] - 8.0
+    tau = run.tau.copy()
+    tau[(since > 0.0) & (since < 0.05), 1] = 0.0
+    (report,) = judged(two_link, replace(run, tau=tau))
+    assert "one-off event" not in [f.kind for f in report.issues]

@@ -29,8 +29,8 @@ from sdp_vs_penalty.diagnosis.curves.laws import Law, LawFit, recognised, writte
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
-from sdp_vs_penalty.effects.effect import follows_alone
-from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.effects.effect import Effect, follows_alone
+from sdp_vs_penalty.effects.measured_curve import MeasuredCurve, Variable
 from sdp_vs_penalty.robot.arrays import Array
 
 #: The score of a curve, the curve, and the law that it is.
@@ -161,53 +161,97 @@ def _best(
     search: Search, terms: Sequence[ScoredEffect], joint: int, variables: Variables
 ) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
-    data = search.data
-    score = search.score
-    fit = score.fit(search.nuisances.with_law_misfits(terms), search.fit)
-    # What is a curve already is no second one of the same variables.
-    have = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
-    curves = [e for e in have if isinstance(e, MeasuredCurve) and joint in e.joints]
-    taken = {tuple(v.name for v in e.variables(joint)) for e in curves}
-    others = [
-        v
-        for v in pairs_of(joint, variables.robot, variables.warm)
-        if tuple(x.name for x in v) not in taken
-    ]
-    bases = [b for v in others if (b := variables.basis(v)) is not None]
-    gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
-
-    def fitted(basis: Basis, raw: Array, robust: bool) -> SplineFit:
-        raw = gain * raw
-        columns = CurveColumns.of(score, fit, data.white(raw, joint), joint, robust)
-        return smoothed(basis, raw, columns, len(bases))
-
-    rough = [
-        (fitted(b.roughly, variables.coarse(b.roughly), False).J, b) for b in bases
-    ]
-    rough = sorted((r for r in rough if r[0] > EVIDENCE_TO_ADD), key=lambda r: -r[0])
-    close = [
-        b
-        for n in (1, 2)
-        for b in [b for _, b in rough if len(b.axes) == n][
-            : MAX_CANDIDATES_REFINED // 2
-        ]
-    ]
-    exact = [fitted(b, variables.exact(b), True) for b in close]
-    threshold = max(
-        ((1.0 - LAW_TOLERANCE) * f.J - EVIDENCE_TO_DISTINGUISH for f in exact),
-        default=0.0,
-    )
-    equivalent = [f for f in exact if max(threshold, EVIDENCE_TO_ADD) < f.J]
-    if not equivalent:
+    measuring = _Measuring(search, terms, joint, variables)
+    best = measuring.best_spline()
+    if best is None:
         return None
-    best = min(equivalent, key=lambda f: (len(f.basis.axes), -f.J))
-
-    def on_rows(law: Law, constants: Array) -> CurveColumns:
-        raw = gain * variables.of_law(best.basis, lambda x: law.columns(x, constants))
-        return CurveColumns.of(score, fit, data.white(raw, joint), joint, robust=False)
-
-    J, law = recognised(best, on_rows, len(bases))
+    if not search.rules.curve_laws:
+        return best.J, best, None
+    J, law = measuring.recognise(best)
     return max(best.J, J), best, law
+
+
+class _Measuring:
+    """Curves of one joint beside some terms of a search."""
+
+    def __init__(
+        self,
+        search: Search,
+        terms: Sequence[ScoredEffect],
+        joint: int,
+        variables: Variables,
+    ) -> None:
+        data = search.data
+        self.data = data
+        self.score = search.score
+        self.joint = joint
+        self.variables = variables
+        self.fit = search.score.fit(
+            search.nuisances.with_law_misfits(terms), search.fit
+        )
+        self.gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
+        effects = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
+        bases = [variables.basis(v) for v in self._new_variables(effects)]
+        self.bases = [b for b in bases if b is not None]
+        if not search.rules.curves_of_two:
+            self.bases = [b for b in self.bases if len(b.axes) == 1]
+
+    def _new_variables(self, effects: Sequence[Effect]) -> list[tuple[Variable, ...]]:
+        """All but those of which some effect is a curve already."""
+        curves = [
+            e
+            for e in effects
+            if isinstance(e, MeasuredCurve) and self.joint in e.joints
+        ]
+        taken = {tuple(v.name for v in e.variables(self.joint)) for e in curves}
+        return [
+            v
+            for v in pairs_of(self.joint, self.variables.robot, self.variables.warm)
+            if tuple(x.name for x in v) not in taken
+        ]
+
+    def _columns(self, raw: Array, robust: bool) -> CurveColumns:
+        """Of what a curve's functions (M, k) make of the joint's torque."""
+        white = self.data.white(raw, self.joint)
+        return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
+
+    def _smoothed(self, basis: Basis, raw: Array, robust: bool) -> SplineFit:
+        raw = self.gain * raw
+        columns = self._columns(raw, robust)
+        return smoothed(basis, raw, columns, len(self.bases))
+
+    def best_spline(self) -> SplineFit | None:
+        """Of those that score about as much as the best one, that of the fewest
+        variables; None where none has enough evidence."""
+        close = self._most_promising()
+        exact = [self._smoothed(b, self.variables.exact(b), True) for b in close]
+        nearly = (1.0 - LAW_TOLERANCE) * max((f.J for f in exact), default=0.0)
+        threshold = max(nearly - EVIDENCE_TO_DISTINGUISH, EVIDENCE_TO_ADD)
+        equivalent = [f for f in exact if threshold < f.J]
+        return min(equivalent, key=lambda f: (len(f.basis.axes), -f.J), default=None)
+
+    def _most_promising(self) -> list[Basis]:
+        """The best few of one variable and of two, by rough columns."""
+        rough = []
+        for basis in self.bases:
+            columns = self.variables.coarse(basis.roughly)
+            rough.append((self._smoothed(basis.roughly, columns, False).J, basis))
+        rough = [(J, b) for J, b in rough if J > EVIDENCE_TO_ADD]
+        rough.sort(key=lambda pair: -pair[0])
+        out = list[Basis]()
+        for n_variables in (1, 2):
+            same = [b for _, b in rough if len(b.axes) == n_variables]
+            out += same[: MAX_CANDIDATES_REFINED // 2]
+        return out
+
+    def recognise(self, best: SplineFit) -> tuple[float, LawFit | None]:
+        """The law of the dictionary that a spline is, with its score."""
+
+        def on_rows(law: Law, constants: Array) -> CurveColumns:
+            raw = self.variables.of_law(best.basis, lambda x: law.columns(x, constants))
+            return self._columns(self.gain * raw, robust=False)
+
+        return recognised(best, on_rows, len(self.bases))
 
 
 def _measured(

@@ -1,0 +1,328 @@
+"""What an error can depend on: columns of each cause, and how much of an error they
+explain on stretches of the motion that they have not seen.
+
+A cause is what a person sees in a log: a reversal, a standstill, a position, the time.
+Each has columns of which a joint's error may be a combination.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.diagnosis.events import spectral_lines
+from sdp_vs_penalty.effects.effect import smooth_sign
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.signals.segments import SegmentedRuns
+from sdp_vs_penalty.signals.standstill import STILL
+
+REVERSAL = "reversal"
+STANDSTILL = "standstill"
+HIGH_SPEED = "high speed"
+VELOCITY = "velocity"
+POSITION = "position"
+TURN = "position in a turn"
+BY_DIRECTION = "position and direction"
+POSE = "position of several joints"
+WAVES = "waves per turn"
+ACCELERATION = "acceleration"
+LOAD = "load"
+TIME = "time"
+HUM = "hum"
+OTHER_JOINTS = "other joints"
+
+#: Seconds around a velocity reversal over which an error follows it.
+FOLLOWS = 0.4
+#: Share of the largest speed from which on a joint is fast.
+FAST = 0.75
+#: Hat functions of a quantity; an odd number, so that one of them sits at the reversal
+#: itself.
+_HATS = 9
+#: Waves in a turn that count as slow: those of gears are looked for in the spectrum.
+_TURNS = (1, 2, 3, 4)
+#: What a share counts that functions of other joints explain.
+_OTHERS_COUNT = 0.75
+#: Share of a column's energy below which the model makes it itself.
+_ABSORBED = 1e-3
+#: Powers of time: a drift goes on where it was not seen, hats do not.
+_TIME_POWERS = (1, 2, 3)
+
+
+@dataclass(frozen=True)
+class States:
+    """What is known of every row: filtered position, velocity, acceleration and torque
+    (M, n), and time (M,)."""
+
+    rows: SegmentedRuns
+    q: Array
+    dq: Array
+    ddq: Array
+    torque: Array
+    t: Array
+
+    @classmethod
+    def of(cls, rows: SegmentedRuns) -> States:
+        """Of filtered runs."""
+
+        def filtered(name: str) -> Array:
+            parts = [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
+            return np.concatenate(parts)
+
+        q, dq, ddq, torque = map(filtered, ("q", "dq", "ddq", "torque"))
+        return cls(rows, q, dq, ddq, torque, rows.t)
+
+    def others(self, joint: int) -> list[int]:
+        """All joints but one."""
+        return [i for i in range(self.rows.n) if i != joint]
+
+
+@dataclass(frozen=True)
+class JointError:
+    """The error (M,) of one joint (from 0), and the waves per turn that its spectrum
+    shows."""
+
+    joint: int
+    error: Array
+    orders: Sequence[int]
+
+
+def hats(x: Array, knots: Array | None = None) -> Array:
+    """(N, count) piecewise linear functions that add up to one; knots : by default at
+    quantiles."""
+    if knots is None:
+        knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
+    if len(knots) < 2:
+        return np.ones((len(x), 1))
+    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
+
+
+def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
+    """(M,) seconds from the nearest reversal, below zero before it, infinite where there
+    is none; and the direction after it."""
+    row_numbers = np.arange(len(velocity))
+    segment = rows.segment
+    turns = np.sign(velocity[1:]) != np.sign(velocity[:-1])
+    at = np.flatnonzero(turns & (segment[1:] == segment[:-1]))
+    if not len(at):
+        return np.full(len(velocity), np.inf), np.zeros(len(velocity))
+    middle = 0.5 * (rows.t[at] + rows.t[at + 1])
+    sides = np.searchsorted(at, row_numbers) + np.array([[-1], [0]])
+    sides = np.clip(sides, 0, len(at) - 1)
+    seconds = np.where(segment[at[sides]] == segment, rows.t - middle[sides], np.inf)
+    best = np.argmin(np.abs(seconds), axis=0)
+    direction = np.sign(velocity[at[sides[best, row_numbers]] + 1])
+    return seconds[best, row_numbers], direction
+
+
+def travel_since_reversal(q: Array, velocity: Array, rows: SegmentedRuns) -> Array:
+    """(M,) how far a joint has gone since it turned round [rad, m]."""
+    segment = rows.segment
+    begins = np.ones(len(q), bool)
+    turned = np.sign(velocity[1:]) != np.sign(velocity[:-1])
+    begins[1:] = turned | (segment[1:] != segment[:-1])
+    start = np.maximum.accumulate(np.where(begins, np.arange(len(q)), 0))
+    return np.asarray(np.abs(q - q[start]))
+
+
+def _near_reversals(x: States, e: JointError) -> Array:
+    """Any function of the time from a reversal and of the travel since it, and both times
+    the direction."""
+    velocity = x.dq[:, e.joint]
+    since, direction = from_reversal(velocity, x.rows)
+    near = np.abs(since) < FOLLOWS
+    in_time = near[:, None] * hats(since, np.linspace(-FOLLOWS, FOLLOWS, _HATS))
+    travel = travel_since_reversal(x.q[:, e.joint], velocity, x.rows)
+    in_travel = hats(travel) * smooth_sign(velocity)[:, None]
+    return np.hstack([in_time, in_time * direction[:, None], in_travel])
+
+
+def _at_standstill(x: States, e: JointError) -> Array:
+    """A torque in each direction while the joint stands."""
+    still = np.asarray(x.rows.still[:, e.joint] > STILL, float)
+    return np.column_stack([still, still * smooth_sign(x.dq[:, e.joint])])
+
+
+def _at_high_speed(x: States, e: JointError) -> Array:
+    """What grows beyond three quarters of the largest speed."""
+    speed = np.abs(x.dq[:, e.joint])
+    fast = np.maximum(speed - FAST * speed.max(), 0.0)
+    return np.column_stack([fast, fast * smooth_sign(x.dq[:, e.joint])])
+
+
+def _of_velocity(x: States, e: JointError) -> Array:
+    """Any function of the velocity, and its squares."""
+    v = x.dq[:, e.joint]
+    return np.column_stack([hats(v), v**2, v * np.abs(v)])
+
+
+def _of_position(x: States, e: JointError) -> Array:
+    """Any function of the position."""
+    return hats(x.q[:, e.joint])
+
+
+def _in_a_turn(x: States, e: JointError) -> Array:
+    """Slow waves of the position: an eccentric gear, a place that comes back."""
+    angles = [k * x.q[:, e.joint] for k in _TURNS]
+    return np.column_stack([wave(a) for a in angles for wave in (np.sin, np.cos)])
+
+
+def _of_position_by_direction(x: States, e: JointError) -> Array:
+    """A friction that is any function of the position."""
+    direction = smooth_sign(x.dq[:, e.joint])
+    return hats(x.q[:, e.joint]) * direction[:, None]
+
+
+def _of_pose(x: States, e: JointError) -> Array:
+    """Products of sines and cosines of this joint's position and another one's, as
+    gravity makes them."""
+    own = _sine_and_cosine(x.q[:, e.joint])
+    products = [
+        a * b
+        for i in x.others(e.joint)
+        for a in own
+        for b in _sine_and_cosine(x.q[:, i])
+    ]
+    return _columns(products, len(x.t))
+
+
+def _sine_and_cosine(q: Array) -> tuple[Array, Array]:
+    return np.sin(q), np.cos(q)
+
+
+def _columns(parts: Sequence[Array], rows: int) -> Array:
+    """(M, k), also of none."""
+    return np.column_stack(parts) if parts else np.zeros((rows, 0))
+
+
+def _waves(x: States, e: JointError) -> Array:
+    """Filtered sine and cosine of each order of a joint's angle."""
+    parts = []
+    for s in x.rows.segments:
+        q = s.motion.q[:, e.joint]
+        waves = [s.low_pass @ w(k * q) for k in e.orders for w in (np.cos, np.sin)]
+        parts.append(_columns(waves, len(s.t)))
+    return np.concatenate(parts)
+
+
+def _of_acceleration(x: States, e: JointError) -> Array:
+    """Any function of the acceleration, and a line, which goes on."""
+    a = x.ddq[:, e.joint]
+    return np.column_stack([hats(a), a])
+
+
+def _of_load(x: States, e: JointError) -> Array:
+    """Any function of the torque, and a friction that is any function of its size."""
+    torque = x.torque[:, e.joint]
+    direction = smooth_sign(x.dq[:, e.joint])
+    by_size = hats(np.abs(torque)) * direction[:, None]
+    return np.column_stack([hats(torque), by_size, torque])
+
+
+def _of_time(x: States, e: JointError) -> Array:
+    """A drift, of a torque and of a friction in each direction."""
+    t = x.t - x.t.mean()
+    t = t / nonzero_or_one(np.abs(t).max())
+    powers = np.column_stack([t**k for k in _TIME_POWERS])
+    direction = smooth_sign(x.dq[:, e.joint])
+    velocity = x.dq[:, e.joint]
+    return np.hstack([powers, powers * direction[:, None], powers * velocity[:, None]])
+
+
+def _of_hum(x: States, e: JointError) -> Array:
+    """Waves of the frequencies that stand out of the error's spectrum."""
+    pieces = [e.error[x.rows.segment == k] for k in np.unique(x.rows.segment)]
+    longest = max(len(p) for p in pieces)
+    series = [p for p in pieces if 2 * len(p) > longest]
+    lines = spectral_lines(series, x.rows.rate, x.rows.n)
+    angles = [2.0 * np.pi * f * x.t for f in lines if f < x.rows.cutoff]
+    waves = [w(a) for a in angles for w in (np.sin, np.cos)]
+    return _columns(waves, len(x.t))
+
+
+def _of_other_joints(x: States, e: JointError) -> list[Array]:
+    """Any function of one other joint's velocity, or direction, with its acceleration; or
+    of its position."""
+    out = []
+    for i in x.others(e.joint):
+        direction = smooth_sign(x.dq[:, i])
+        moving = [hats(x.dq[:, i]), x.dq[:, [i]], direction[:, None], x.ddq[:, [i]]]
+        out += [np.hstack(moving), hats(x.q[:, i])]
+    return out
+
+
+#: By cause its columns (M, k), or several sets of them of which the best counts, in the
+#: order of a heat map's rows.
+CAUSE_COLUMNS: Mapping[str, Callable[[States, JointError], Array | list[Array]]] = {
+    REVERSAL: _near_reversals,
+    STANDSTILL: _at_standstill,
+    HIGH_SPEED: _at_high_speed,
+    VELOCITY: _of_velocity,
+    POSITION: _of_position,
+    TURN: _in_a_turn,
+    BY_DIRECTION: _of_position_by_direction,
+    POSE: _of_pose,
+    WAVES: _waves,
+    ACCELERATION: _of_acceleration,
+    LOAD: _of_load,
+    TIME: _of_time,
+    HUM: _of_hum,
+    OTHER_JOINTS: _of_other_joints,
+}
+
+
+def ranked_causes(shares: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Causes with the share that each explains, the likeliest first.
+
+    What other joints do is looked for in more ways, so that it has to explain more.
+    """
+
+    def rank(item: tuple[str, float]) -> float:
+        name, share = item
+        return -share * (_OTHERS_COUNT if name in (POSE, OTHER_JOINTS) else 1.0)
+
+    return sorted(shares.items(), key=rank)
+
+
+def explained_share(
+    features: Array, error: Array, fold: NDArray[np.intp], basis: Array
+) -> float:
+    """What columns (M, k) explain of an error (M,) on data left out.
+
+    basis (M, r) : an orthonormal one of the model's columns. A model that was fitted to
+    these rows has taken its part of what it lacks: columns may explain the error by
+    themselves, or beside the model.
+    """
+    alone = held_out_share(features, error, fold)
+    beyond = error - basis @ (basis.T @ error)
+    left = features - basis @ (basis.T @ features)
+    # What the model makes itself is rounding.
+    energy = np.sum(features**2, axis=0)
+    left = left[:, np.sum(left**2, axis=0) > _ABSORBED * energy]
+    part = float(np.sum(beyond**2) / max(np.sum(error**2), 1e-300))
+    return max(alone, part * held_out_share(left, beyond, fold))
+
+
+def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
+    """1 - squared error of the prediction / squared error of none, over held-out folds;
+    >= 0."""
+    if not features.shape[1]:
+        return 0.0
+    norms = nonzero_or_one(np.sqrt(np.mean(features**2, axis=0)))
+    features = features / norms
+    left = total = 0.0
+    for f in np.unique(fold):
+        out = fold == f
+        if out.all():
+            return 0.0
+        A = features[~out]
+        gram = A.T @ A
+        ridge = 1e-3 * np.trace(gram) / A.shape[1]
+        if ridge == 0.0:  # the cause does not occur
+            return 0.0
+        theta = np.linalg.solve(gram + ridge * np.eye(len(gram)), A.T @ error[~out])
+        left += float(np.sum((error[out] - features[out] @ theta) ** 2))
+        total += float(np.sum(error[out] ** 2))
+    return max(0.0, 1.0 - left / total) if total > 0.0 else 0.0

@@ -1,0 +1,129 @@
+"""What these data do not tell apart stands in one set, and is not confident.
+
+The logs are of an arm that shares no code with the library (point_mass_arm).
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from point_mass_arm import (
+    MASSES,
+    PointMassArm,
+    arm_problem,
+    causal_filter,
+    delayed,
+)
+
+from sdp_vs_penalty import Problem, diagnose, identify
+from sdp_vs_penalty.diagnosis import Diagnosis, Finding
+from sdp_vs_penalty.effects import TorqueFilter
+
+EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    return arm_problem(Path(tmp_path_factory.mktemp("arm")))
+
+
+def diagnosed(problem: Problem, arm: PointMassArm) -> Diagnosis:
+    train = arm.run(1)
+    model = identify(problem, train, "ols", effects=EFFECTS, check=False)
+    return diagnose(model, train, arm.run(51, periods=2), check=False)
+
+
+def set_of(finding: Finding) -> set[str]:
+    """The names of a finding and of what is not told from it."""
+    return {finding.effect, *(r.split(":")[0] for r in finding.indistinguishable_from)}
+
+
+def confident(found: Diagnosis) -> set[str]:
+    return {f.text for f in found.effects if f.confidence == "confident"}
+
+
+def test_a_tilt_of_a_twelfth_of_a_degree_is_no_confident_spring(problem):
+    found = diagnosed(problem, PointMassArm(tilt=np.radians(0.08)))
+    assert "base_tilt" in set_of(found.effects[0])
+    assert not confident(found)
+
+
+@pytest.mark.long
+def test_a_spring_is_not_told_from_a_tilt(problem):
+    found = diagnosed(problem, PointMassArm(spring=np.array([0.15, 0.0, 0.0])))
+    assert {"joint_spring", "base_tilt"} <= set_of(found.effects[0])
+    assert not confident(found)
+
+
+@pytest.mark.long
+def test_a_payload_elsewhere_is_no_confident_gain(problem):
+    def loaded(x: float) -> PointMassArm:
+        return PointMassArm(masses=(*MASSES, (2, (x, 0.0, 0.0), 1.0)))
+
+    model = identify(problem, loaded(0.25).run(1), "ols", effects=EFFECTS, check=False)
+    moved = loaded(0.31)
+    found = diagnose(
+        model, moved.run(5), moved.run(6, periods=2), frozen=True, check=False
+    )
+    assert not any("gain" in text for text in confident(found))
+    assert any("payload" in set_of(f) for f in found.effects)
+
+
+@pytest.mark.long
+def test_one_delay_of_all_joints_is_not_those_of_single_ones(problem):
+    found = diagnosed(problem, PointMassArm(channel=delayed(0.001)))
+    assert {"global_delay", "torque_filter"} == set_of(found.effects[0])
+    assert len(found.effects) == 1
+
+
+def test_a_causal_filter_shows_beside_friction_that_turns_over_a_travel(problem):
+    """And leaves the friction as it is."""
+    travel = np.array([0.01, 0.008, 0.01])
+    arm = PointMassArm(channel=causal_filter(60.0), bristle_travel=travel)
+    found = diagnosed(problem, arm)
+    friction = {f.joints[0]: f for f in found.effects if "presliding" in f.effect}
+    for joint, (size, d) in enumerate(zip((1.5, 1.2, 0.7), travel, strict=True), 1):
+        assert friction[joint].size == pytest.approx(size, rel=0.03)
+        assert friction[joint].shape["d"] == pytest.approx(d, rel=0.05)
+    late = next(f for f in found.effects if f.joints == ())
+    assert {"global_delay", "torque_filter"} <= set_of(late)
+    assert np.all(found.held_out_rmse < 1.2 * found.noise_floor)
+
+
+def test_no_drive_looks_ahead(problem):
+    """A filter of zero phase is not told from friction that turns round."""
+    late = TorqueFilter(problem.robot)
+    assert late.resembles == ()
+    assert late.with_shape(phase=2.0).resembles == ("presliding_hysteresis",)
+
+
+@pytest.mark.parametrize(
+    ("reasons", "certain"),
+    [
+        (("another effect fits as well",), True),
+        (("more error is left on its joints than it explains",), True),
+        (("its size is not told from zero",), True),
+        (("its gain is small",), False),
+        (("another effect fits as well", "its gain is small"), False),
+        (("what is sure raises a held-out error with it",), False),
+    ],
+)
+def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
+    finding = Finding(
+        effect="joint_spring",
+        joints=(1,),
+        shape={},
+        size=0.32,
+        unit="N*m/rad",
+        std=1.27,
+        parameters={},
+        confidence="weak",
+        indistinguishable_from=(),
+        held_out_rmse_before=np.ones(2),
+        held_out_rmse_after=np.ones(2),
+        explanation="",
+        text="joint_spring:1",
+        gain=30.0,
+    )
+    assert replace(finding, remarks=reasons).torque_is_certain == certain
