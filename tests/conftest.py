@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,6 +15,13 @@ from typing import TYPE_CHECKING
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Nothing of a test is kept in the user's cache.
 os.environ.setdefault("SDP_VS_PENALTY_CACHE", "")
+
+# Where Python is told to write no bytecode, each worker and each command of a test would
+# compile all modules anew: they share it in pytest's own cache.
+if sys.dont_write_bytecode and os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):
+    sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
+    sys.dont_write_bytecode = False
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 import pytest
 
@@ -29,6 +37,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     if importlib.util.find_spec("xdist") is None:
         parser.addoption("--numprocesses")
         parser.addoption("--dist")
+        parser.addoption("--no-loadscope-reorder", action="store_true")
 
 
 def real_data_folder() -> Path | None:
@@ -44,7 +53,25 @@ if (found := real_data_folder()) is not None:
     os.environ.setdefault("SDP_VS_PENALTY_DATA", str(found))
 
 
+#: Files that take longest: a worker that begins one of them last would end last.
+LONGEST_FIRST = (
+    "test_diagnosis.py",
+    "test_tables.py",
+    "test_page.py",
+    "test_one_voice.py",
+    "test_printed_bytes.py",
+    "test_check.py",
+    "test_long_runs.py",
+    "test_screens.py",
+    "test_docstrings.py",
+    "test_docs.py",
+    "test_wheel.py",
+)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    place = {name: k for k, name in enumerate(LONGEST_FIRST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(place)))
     if real_data_folder() is None:
         skip = pytest.mark.skip(
             reason="the real measurements are absent: set SDP_VS_PENALTY_DATA"

@@ -33,9 +33,9 @@ from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation import verify_proof_file
 from sdp_vs_penalty.exporters.inertials import check_urdf, massless_links
-from sdp_vs_penalty.problem.load import problems_folder
+from sdp_vs_penalty.problem import problems_folder
 from sdp_vs_penalty.regression import load_answers
-from sdp_vs_penalty.robot.mesh import read_mesh
+from sdp_vs_penalty.robot import read_mesh
 from sdp_vs_penalty.solvers import Cone, ConicProblem, solver_types
 
 CORPUS = Path(__file__).parent / "data" / "corpus"
@@ -313,6 +313,18 @@ def test_what_the_reader_takes_the_check_can_judge(path, two_link):
         assert not runs or not np.any(np.abs(runs[0].tau) > 1e-12)
     elif not runs:
         assert all(report.meaningless for report in reports)
+
+
+DOCUMENTS = [
+    path for path in sorted(CORPUS.iterdir()) if path.suffix in (".gltf", ".json")
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*this mesh is left out")
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_a_document_that_broke_a_reader_is_read_or_refused(path, tmp_path):
+    copy = Path(shutil.copy(path, tmp_path))
+    outcome(path.name, lambda: read(copy, path))
 
 
 def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):

@@ -18,12 +18,13 @@ from sdp_vs_penalty.cli.verbs.list import details, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
 from sdp_vs_penalty.research.shootout.contestants import contestants
-from sdp_vs_penalty.simulation import MAKERS, experiment
-from sdp_vs_penalty.simulation.worlds import (
+from sdp_vs_penalty.simulation import (
+    MAKERS,
     Hidden,
     TrueMotion,
     World,
     at_joint,
+    experiment,
     log_uniform,
 )
 from sdp_vs_penalty.solvers import solver_types

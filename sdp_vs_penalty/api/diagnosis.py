@@ -88,8 +88,8 @@ def diagnose(
     --------
     >>> from sdp_vs_penalty import diagnose, identify, simulate
     >>> runs = simulate("two_link", hide="joint_spring:1", seed=1)
-    >>> model = identify("two_link", runs.train)
-    >>> found = diagnose(model, runs.train, runs.test)
+    >>> model = identify("two_link", runs.test)
+    >>> found = diagnose(model, runs.test)
     >>> [finding.effect for finding in found.effects][:1]
     ['joint_spring']
     """

@@ -289,19 +289,23 @@ def _clipped(g: RunSummary, j: int, x: Array) -> Iterator[Issue]:
 
 
 def _is_unsigned(x: Array) -> bool:
-    """Whether a torque comes near zero often, and never below.
+    """Whether a torque comes near zero often, and turns back there like a magnitude.
 
     Whenever it comes near zero, by a fifth of the largest, it comes within a usual step
-    of it: by chance with odds of step to fifth.
+    of it: by chance with odds of step to fifth. A magnitude turns back in a corner: its
+    mean there is half of that fifth. What touches zero smoothly has a third of it.
     """
     if not 0.0 <= x.min() <= 0.01 * x.max():
         return False
     steps = np.abs(np.diff(x))
     near = 0.2 * float(x.max())
     step = min(float(np.median(steps[steps > 0.0])), near)
-    lowest = np.array([x[a:b].min() for a, b in spans(x < near)])
-    n_turns = np.sum((lowest > 0.0) & (lowest < step))
-    return bool(n_turns * np.log(near / step) > c.ODDS)
+    n_corners = 0
+    for first, end in spans(x < near):
+        part = x[first:end]
+        touches = 0.0 < part.min() < step
+        n_corners += bool(touches and part.mean() > 0.38 * near)
+    return bool(n_corners * np.log(near / step) > c.ODDS)
 
 
 def counts(g: RunSummary) -> Iterator[Issue]:

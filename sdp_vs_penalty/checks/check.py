@@ -90,7 +90,29 @@ def check_runs(
     settings: Preprocessing,
     thorough: bool = True,
 ) -> list[Report]:
-    """:func:`check` of runs that have been read, long ones by windows."""
+    """:func:`check` of runs that have been read, long ones by windows.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    runs : sequence of Measurements
+        Single runs of one logger.
+    settings : Preprocessing
+        Filters.
+    thorough : bool
+        Also judge the excitation.
+
+    Returns
+    -------
+    list of Report
+        One a run, in their order.
+
+    Raises
+    ------
+    InputError
+        Where a run has another number of joints, or no torque.
+    """
     for run in runs:
         if len(run.t):
             check_torque(run)
@@ -131,6 +153,20 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
 
     Nothing here fits an arm. A report without an error has a run whose dynamics can be
     judged.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    run : Measurements
+        A single run.
+    settings : Preprocessing
+        Filters, whose standstill says when the arm moves.
+
+    Returns
+    -------
+    Report
+        With facts alone.
     """
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
@@ -168,7 +204,20 @@ def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
 
 
 def judge_ranges(problem: Problem, report: Report) -> Report:
-    """Positions against the joints' ranges: what `identify` refuses is an error."""
+    """Positions against the joints' ranges: what `identify` refuses is an error.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose robot has the ranges.
+    report : Report
+        Of a run, its facts and explanations.
+
+    Returns
+    -------
+    Report
+        With issues about positions.
+    """
     issues = [*report.issues]
     explained = "encoder offset", *POSITION_UNITS
     has_rows = len(report.repaired_all.t) >= RUN
@@ -214,7 +263,22 @@ POSITION_UNITS = "positions in degrees", "position unit"
 def judge_excitation(
     problem: Problem, report: Report, settings: Preprocessing
 ) -> Report:
-    """Base parameters that the motion of a run, as repaired, does not show."""
+    """Base parameters that the motion of a run, as repaired, does not show.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    report : Report
+        Of a run.
+    settings : Preprocessing
+        Filters.
+
+    Returns
+    -------
+    Report
+        With an issue about the excitation, if there is one.
+    """
     if report.unexplained is None:
         return report
     gravity = report.gravity or problem.robot.gravity

@@ -8,7 +8,9 @@ load, a zero, or a fault of its log alone) is claimed with that run named.
 from collections.abc import Sequence
 from dataclasses import replace
 
-from sdp_vs_penalty.checks.constants import NO_DYNAMICS
+import numpy as np
+
+from sdp_vs_penalty.checks.constants import NO_DYNAMICS, TIMES
 from sdp_vs_penalty.checks.faults.fault import Fault
 from sdp_vs_penalty.checks.faults.order import Exchange
 from sdp_vs_penalty.checks.faults.sign import Sign
@@ -34,7 +36,22 @@ UNSCALED = "torque channel kind", "external torque"
 def judge_dynamics(
     problem: Problem, reports: Sequence[Report], settings: Preprocessing
 ) -> list[Report]:
-    """The reports with what explains the torques of all runs together."""
+    """What explains the torques of all runs together.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    reports : sequence of Report
+        Of all runs, with their facts.
+    settings : Preprocessing
+        Filters.
+
+    Returns
+    -------
+    list of Report
+        The same with explanations, and each run as it would be repaired.
+    """
     units = [*problem_units(problem)]
     if units:
         return [with_issues(report, units) for report in reports]
@@ -189,7 +206,7 @@ class LoggerJudge:
         poor = [] if is_poor_motion else [*unexplained_torque(log, known)]
         left = [*size, *poor, *parted]
         explained = [*self._explanations(number, stated, net), *left]
-        new = [f for f in explained if not is_named_by_a_fact(f, report.issues)]
+        new = [f for f in explained if not is_explained_by_a_fact(f, report)]
         work = self.only_in[number].then(net).apply(report.repaired_all)
         for issue in left:
             work = issue.repair(work) if issue.repair is not None else work
@@ -232,9 +249,20 @@ def is_poor(report: Report) -> bool:
     return any(2 * x["rank"] <= x["moving"] for x in ranks)
 
 
-def is_named_by_a_fact(issue: Issue, facts: Sequence[Issue]) -> bool:
-    """Whether a fact has named the same clipped channel."""
-    if issue.kind != "saturation":
-        return False
-    clipped = [f.figures["joints"] for f in facts if f.kind == "saturation"]
-    return issue.figures["joints"] in clipped
+def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
+    """Whether a fact is the cause of what a model makes of the torques: a channel that
+    is clipped, an event where rows are missing."""
+    if issue.kind == "one-off event":
+        return _is_near_gap(report.repaired_all, issue.figures["t"])
+    facts = [f for f in report.issues if f.kind == "saturation"]
+    clipped = {j for f in facts for j in f.figures["joints"]}
+    joints = issue.figures.get("joints", ())
+    return bool(joints) and clipped.issuperset(joints)
+
+
+def _is_near_gap(run: Measurements, t: float) -> bool:
+    """Whether rows are missing within a second of an instant [s]."""
+    steps = np.diff(run.t)
+    is_gap = steps > TIMES * np.median(steps)
+    near = np.abs(run.t[1:] - t) < 1.0
+    return bool(np.any(is_gap & near))

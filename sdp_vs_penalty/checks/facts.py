@@ -58,8 +58,25 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 def mended(
     run: Measurements, robot: Robot, standstill: float
 ) -> tuple[list[Issue], Measurements, Measurements]:
-    """The issues of a run's rows and clock; the run with all of them mended, and with
-    the certain ones."""
+    """What the rules about rows, clock and channels say, each of the run as those
+    before have mended it.
+
+    Parameters
+    ----------
+    run : Measurements
+        As logged.
+    robot : Robot
+        Whose joints have ranges.
+    standstill : float
+        Share of its speed below which the robot stands still.
+
+    Returns
+    -------
+    issues : list of Issue
+        In the order of mending.
+    repaired_all, repaired_certain : Measurements
+        The run with all of them mended, and with the certain ones.
+    """
     issues: list[Issue] = []
     fixed = run
     glance = RunSummary(run, robot, standstill)

@@ -18,7 +18,8 @@ from sdp_vs_penalty.problem.problem import Problem
 
 #: Share of each run that both logs are identified from; the rest is left out.
 TRAINED_ON = 0.7
-#: An error that rises by less is the same: other rows are left out.
+#: An error that rises by less is the same where a fact is repaired: other rows are left
+#: out. What an explanation repairs has to lower it.
 SAME_ERROR = 1.02
 
 
@@ -52,11 +53,30 @@ def fix_runs(
     reports: Sequence[Report],
     apply: Sequence[str] = (),
 ) -> Repaired:
-    """Repaired copies of runs: what is certain by a fact, and the explanations named by
-    their words (``sign:tau3``).
+    """Repaired copies of runs: what is certain by a fact, and what the user names.
 
-    Raises InputError for a word that no report has, for a repair that drops more than a
-    tenth of a run, and for one that does not lower the error on motion left out.
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    runs : sequence of Measurements
+        As logged.
+    reports : sequence of Report
+        What :func:`check_runs` says of them.
+    apply : sequence of str
+        Explanations to repair as well, by their words (``sign:tau3``).
+
+    Returns
+    -------
+    Repaired
+        The copies, what was repaired, and the error on motion left out before and
+        after.
+
+    Raises
+    ------
+    InputError
+        For a word that no report has, for a repair that drops more than a tenth of a
+        run, and for one that does not lower the error on motion left out.
     """
     _check_words(reports, apply)
     repaired = [_fixed(report, apply) for report in reports]
@@ -68,7 +88,7 @@ def fix_runs(
         return Repaired(copies, issues)
     before = _error_left_out(problem, runs)
     after = _error_left_out(problem, copies)
-    _check_errors(before, after)
+    _check_errors(before, after, allowed=1.0 if apply else SAME_ERROR)
     return Repaired(copies, issues, before, after)
 
 
@@ -89,9 +109,10 @@ def _check_rows(before: int, after: int, name: str) -> None:
         raise InputError(what, "log it again: nothing was written", name)
 
 
-def _check_errors(before: float | None, after: float | None) -> None:
-    """InputError for a repair that does not lower the error [%] on motion left out."""
-    if before is None or (after is not None and after <= before * SAME_ERROR):
+def _check_errors(before: float | None, after: float | None, allowed: float) -> None:
+    """InputError for a repair after which the error [%] on motion left out is more than
+    so many times what it was."""
+    if before is None or (after is not None and after <= before * allowed):
         return
     worse = "cannot be identified" if after is None else f"{after:.3g} %"
     raise InputError(

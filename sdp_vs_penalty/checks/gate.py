@@ -26,12 +26,33 @@ def raise_on_errors(
     gains: bool = False,
     warn: Callable[[str], Any] = warnings.warn,
 ) -> dict[str, list[dict[str, Any]]]:
-    """All that the fast part of the check says of each run, by the run's hash, as a
-    model keeps it for a report.
+    """What the fast part of the check says of each run, as a model keeps it.
 
-    otherwise : how to do ``verb`` all the same, in words; gains : whether its work
-    determines the torque channels' gains, so that the check need not; warn : hears its
-    warnings, a sentence each. Raises InputError where that work would be meaningless.
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    measurements : Measurements
+        All runs.
+    verb : str
+        What comes after the check.
+    otherwise : str
+        How to do ``verb`` all the same, in words.
+    gains : bool
+        Whether that work determines the torque channels' gains, so that the check need
+        not.
+    warn : callable
+        Hears warnings, a sentence each.
+
+    Returns
+    -------
+    dict
+        Issues as plain JSON, by the run's hash.
+
+    Raises
+    ------
+    InputError
+        Where that work would be meaningless: a fact says so.
     """
     runs = measurements.runs()
     reports = check_runs(problem, runs, problem.preprocessing, thorough=False)

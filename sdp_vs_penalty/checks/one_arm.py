@@ -50,7 +50,7 @@ _WORDS = {
         "divide tau{j} of this run by {x:.3g}, or multiply the others",
     ),
     "encoder offset": (
-        "the zero of joint {j} is {away} away in {run}",
+        "the zero of joint {j} is {distance} away in {run}",
         "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }
@@ -280,7 +280,9 @@ class RunComparison:
             best = _simplest(faults, odds) if faults else best
         evidence = 0.5 * self.samples * best.gain / (2.0 * c.PARTS)
         is_clear = best.clearness >= c.SIGMAS and evidence >= 3.0 * c.ODDS
-        return best if is_clear else None
+        # Friction that the model lacks differs from run to run, as another arm does.
+        is_unspecific = best.of.is_another_arm and self.times < c.TIMES
+        return best if is_clear and not is_unspecific else None
 
     def issue(self, cause: Cause) -> Issue:
         """The cause in words."""
@@ -335,11 +337,19 @@ def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
 def compare_runs(
     runs: Sequence[RunLog], worse: float = 1.0
 ) -> Iterator[tuple[int, Issue]]:
-    """(number, issue) where the arm of a run is not that of the others; none for a
-    single run.
+    """Where the arm of a run is not that of the others.
 
-    worse : only where one arm for all explains them so many times worse than one for
-    each.
+    Parameters
+    ----------
+    runs : sequence of RunLog
+        Their rows and repairs; of a single one nothing is said.
+    worse : float
+        Only where one arm for all explains them so many times worse than one for each.
+
+    Returns
+    -------
+    iterator of (int, Issue)
+        The number of the run, and what is different in it.
     """
     if len(runs) < 2:
         return

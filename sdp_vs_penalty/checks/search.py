@@ -19,6 +19,7 @@ from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.robot.arrays import Array
 
 #: Faults that a motion shows whose directions are half as many as its joints.
 SHOWN_BY_A_POOR_MOTION = "degrees", "sign", "mounting", "events"
@@ -183,7 +184,7 @@ class RepairSearch:
         is_law = all(e.severity == "note" for e in new)
         return is_law or self.beats_physics(self.log, repair, now)
 
-    def _left_out(self, repair: LogTransform) -> np.ndarray:
+    def _left_out(self, repair: LogTransform) -> Array:
         """(PARTS, n) errors on the parts left out in turn."""
         weights = self.log.score(repair).weights
         return self.log.jackknife_errors(repair, weights)[1]
@@ -195,22 +196,33 @@ class RepairSearch:
         now: LogTransform,
         strict: bool = False,
     ) -> bool:
-        """Whether a fault makes the error on parts left out of a log smaller in some
-        joint, where every law that its joints may have is free to explain the same,
-        with the fault and without.
+        """Whether a fault explains parts left out of a log better than physics does.
+
+        Every law that its joints may have is free to explain the same, with the fault
+        and without. The odds of the fault have to exceed those against any, and the
+        error of some joint has to fall by far.
 
         strict : no joint's error may rise by more than WORSE.
         """
-        rich = log.beside_physics
-        before = np.mean(rich.jackknife_errors(now, rich.score(now).weights)[1], axis=0)
-        after = np.mean(
-            rich.jackknife_errors(repair, rich.score(repair).weights)[1], axis=0
-        )
-        ratio = (before / after)[log.moving]
+        ratio = self._ratios_beside_physics(log, repair, now)
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
             is_harmless = ratio.min() > 1.0 / c.WORSE
-        return bool(ratio.max() > self._least_ratio(repair, now) and is_harmless)
+        is_likely = 0.5 * self.samples * np.log(ratio).sum() > c.ODDS
+        is_large = ratio.max() > self._least_ratio(repair, now)
+        return bool(is_likely and is_large and is_harmless)
+
+    def _ratios_beside_physics(
+        self, log: Likelihood, repair: LogTransform, now: LogTransform
+    ) -> Array:
+        """(K,) energy that is left of each moving joint on parts left out, without what
+        is new over with it."""
+        rich = log.beside_physics
+        energies = []
+        for one in (now, repair):
+            weights = rich.score(one).weights
+            energies.append(np.mean(rich.jackknife_errors(one, weights)[1], axis=0))
+        return np.asarray((energies[0] / energies[1])[log.moving])
 
     def _least_ratio(self, repair: LogTransform, now: LogTransform) -> float:
         """By how much what is new has to divide what is left of some joint."""
@@ -410,7 +422,15 @@ class RepairSearch:
             objection, clearness = self._against_turning(net, j)
             if objection < c.LOUDEST_INERTIA and clearness < 0.5 * c.SIGMAS:
                 others.append(f"the torque of {joints_text(joints)} has the wrong sign")
+        unsigned = [j for j in turned if self._is_unsigned(net.tau_order[j])]
+        if unsigned:
+            others.append(f"the logger wrote magnitudes of {joints_text(unsigned)}")
         return tuple(others)
+
+    def _is_unsigned(self, channel: int) -> bool:
+        """Whether a torque channel (from 0) is never negative."""
+        torque = self.log.data.torque(self.log.data.motion.t)[:, channel]
+        return bool(np.all(torque >= 0.0))
 
     def with_settled_signs(self, net: LogTransform) -> LogTransform:
         """Where some torques count the other way: one joint more, or one less, if

@@ -6,7 +6,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     candidates="list_candidates",
-    comparison="compare predicted",
+    comparison="compare predicted upper_relative_error",
     conclude="Conclusion",
     confidence="Judged reasons_for_doubt",
     events="Event find_events find_hums spectral_lines",
@@ -24,6 +24,7 @@ __getattr__ = lazy_exports(
     refit="least_squares_refit",
     unexplained="remainder unexplained_error",
     white_rows="diagnosis_rows mask_unsettled_rows whiten_rows",
+    constants="COARSENING_ROWS EVIDENCE_TO_DISTINGUISH LAW_TOLERANCE",
     **{
         "curves.accept": "accept_curves",
         "curves.curve": "Curve",

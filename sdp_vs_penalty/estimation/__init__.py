@@ -15,6 +15,7 @@ __getattr__ = lazy_exports(
     build_problem="PoseOptions",
     drive_torque="driven",
     shapes="ShapeEstimate",
-    uncertainty="counts Interval of_regression Sandwich Uncertainty",
-    verdict="changes judge Verdict",
+    uncertainty="Interval NOT_SEEN Sandwich Uncertainty counts of_regression",
+    verdict="GRADES MISSING PREDICTION Verdict changes judge",
+    constants="LEVEL NORMAL_95",
 )

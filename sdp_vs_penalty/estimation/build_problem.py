@@ -49,12 +49,28 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 @dataclass(frozen=True)
 class PoseOptions:
-    """What a user may choose of the posing, as
-    :func:`~sdp_vs_penalty.estimation.identify.identify` takes it: effects, filters
-    (None: the problem's), weighting of the joints ("noise" or "none"), the gains'
-    relative standard deviation (or factor), runs with a known load [kg], the seed,
-    parameters that set the scale of a log without torque, and instruments ("command",
-    "none"; None: the former where no torque was logged)."""
+    """What a user may choose of the posing, as :func:`sdp_vs_penalty.identify` takes it.
+
+    Parameters
+    ----------
+    effects : str, names or Effects, optional
+        Default: the problem's.
+    preprocessing : Preprocessing, optional
+        Filter settings; default: the problem's.
+    weighting : {"noise", "none"}
+        Of the joints' rows.
+    gain_uncertainty : float or (n, e) array
+        Relative standard deviation of the torque channels' gains, or a factor of their
+        covariance.
+    known_loads : sequence of (run, mass)
+        Runs with a known load [kg].
+    seed : int
+        Of everything random.
+    known : mapping of str to float
+        Parameters that set the scale of a log without torque.
+    instruments : {"command", "none"}, optional
+        Default: "command" where no torque was logged.
+    """
 
     effects: str | Sequence[str] | Sequence[Effect] | None = None
     preprocessing: Preprocessing | None = None
@@ -89,11 +105,9 @@ class PoseOptions:
         try:
             settings = recipe["effects"]
             known = {k: float(x) for k, x in recipe["known"].items()}
-            effects = (
-                None
-                if settings is None
-                else [effect_from_dict(e, robot) for e in settings]
-            )
+            effects = None
+            if settings is not None:
+                effects = [effect_from_dict(e, robot) for e in settings]
             return cls(
                 effects, known=known, instruments=recipe["instruments"], **others
             )
@@ -159,62 +173,19 @@ def pose_filtered(
     """
     require_known("instruments", options.instruments or "none", ("command", "none"))
     if isinstance(data, BlackBox):
-        model = problem.model(
-            "rigid_body" if options.effects is None else options.effects
-        )
-        progress("compressing the black box's answers")
-        regression = compress_black_box(data, model)
-        task = make_task(problem, model, regression, "none", options.seed, progress)
-        return EstimationProblem(problem, data, None, regression, task, "none")
-    runs = data
-    log = runs.measurements
+        return _pose_black_box(problem, data, options, progress)
     model = problem.model(options.effects)
     if options.effects is not None:
         options = replace(options, effects=model.effects)
-    details: dict[str, Any] = {}
-    errors = independent_gains(options.gain_uncertainty, problem.robot.n)
-    if log.torque_logged:
-        if drives := [e for e in model.effects if e.forward == "drive"]:
-            details["loop"] = loop_beside_torque(drives, log, runs.settings)
-            model = model.without_drives
-        progress("estimating shape constants")
-        shapes = estimate_shapes(model, runs, options.weighting, workers=workers)
-        model = replace(model, effects=with_shapes(model.effects, shapes))
-        details |= {"shapes": [s.to_dict() for s in shapes]} if shapes else {}
-        if options.instruments == "command":
-            runs = FilteredRuns.of(commanded_motion(log), runs.settings)
-            if not options.known_loads:
-                details["recipe"] = options.recipe()
-        if options.known_loads:
-            progress("determining the gains from the known loads")
-            spread = float(np.max(options.gain_uncertainty))
-            gain, errors = gains_from_loads(model, runs, options.known_loads, spread)
-            problem = replace(problem, gains=tuple(gain.tolist()))
-            model = replace(model, gains=problem.gains)
-            std = gain * np.linalg.norm(errors, axis=1)
-            details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
+    if data.measurements.torque_logged:
+        posed = _pose_torque_log(problem, model, data, options, progress, workers)
     else:
-        model, runs, servo = servo_log(
-            problem,
-            model.effects,
-            data,
-            options.weighting,
-            progress,
-            instruments=options.instruments != "none",
-            chosen=options.effects is not None,
-        )
-        model, scale = with_scale(model, data, options.known, options.known_loads)
-        # Loads are other runs: what they made of the scale is told instead.
-        scaled = (
-            replace(options, known=scale["known"]) if options.known_loads else options
-        )
-        details = {"servo": {**servo, **scale}, "recipe": scaled.recipe()}
-        errors = np.column_stack(
-            [errors, np.full(problem.robot.n, scale["scale_error"])]
-        )
-
-    compressed = partial(in_columns, runs, workers=workers)
-    model = with_reference(problem, model, compressed, options.weighting, progress)
+        posed = _pose_servo_log(problem, model, data, options, progress)
+    problem = posed.problem
+    compressed = partial(in_columns, posed.runs, workers=workers)
+    model = with_reference(
+        problem, posed.model, compressed, options.weighting, progress
+    )
     progress("compressing the measurements")
     regression = compressed(model)
     task = make_task(
@@ -222,14 +193,101 @@ def pose_filtered(
     )
     return EstimationProblem(
         problem=problem,
-        measurements=runs.measurements,
-        runs=runs,
+        measurements=posed.runs.measurements,
+        runs=posed.runs,
         regression=regression,
         task=task,
         weighting=options.weighting,
-        gain_errors=errors,
-        details=details,
+        gain_errors=posed.gain_errors,
+        details=posed.details,
     )
+
+
+@dataclass(frozen=True)
+class _PosedLog:
+    """A log whose shape constants, gains and servos are known; fields as of
+    :class:`EstimationProblem`."""
+
+    problem: Problem
+    model: Model
+    runs: FilteredRuns
+    gain_errors: Array
+    details: dict[str, Any]
+
+
+def _pose_black_box(
+    problem: Problem, data: BlackBox, options: PoseOptions, progress: Progress
+) -> EstimationProblem:
+    """Of a black box's answers: one effect, equal weights."""
+    effects = "rigid_body" if options.effects is None else options.effects
+    model = problem.model(effects)
+    progress("compressing the black box's answers")
+    regression = compress_black_box(data, model)
+    task = make_task(problem, model, regression, "none", options.seed, progress)
+    return EstimationProblem(problem, data, None, regression, task, "none")
+
+
+def _pose_torque_log(
+    problem: Problem,
+    model: Model,
+    runs: FilteredRuns,
+    options: PoseOptions,
+    progress: Progress,
+    workers: Workers,
+) -> _PosedLog:
+    """A log with torque: open shape constants, then gains from known loads."""
+    log = runs.measurements
+    errors = independent_gains(options.gain_uncertainty, problem.robot.n)
+    details: dict[str, Any] = {}
+    if drives := [e for e in model.effects if e.forward == "drive"]:
+        details["loop"] = loop_beside_torque(drives, log, runs.settings)
+        model = model.without_drives
+    progress("estimating shape constants")
+    shapes = estimate_shapes(model, runs, options.weighting, workers=workers)
+    model = replace(model, effects=with_shapes(model.effects, shapes))
+    if shapes:
+        details["shapes"] = [s.to_dict() for s in shapes]
+    if options.instruments == "command":
+        runs = FilteredRuns.of(commanded_motion(log), runs.settings)
+        if not options.known_loads:
+            details["recipe"] = options.recipe()
+    if options.known_loads:
+        progress("determining the gains from the known loads")
+        spread = float(np.max(options.gain_uncertainty))
+        gain, errors = gains_from_loads(model, runs, options.known_loads, spread)
+        problem = replace(problem, gains=tuple(gain.tolist()))
+        model = replace(model, gains=problem.gains)
+        std = gain * np.linalg.norm(errors, axis=1)
+        details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
+    return _PosedLog(problem, model, runs, errors, details)
+
+
+def _pose_servo_log(
+    problem: Problem,
+    model: Model,
+    data: FilteredRuns,
+    options: PoseOptions,
+    progress: Progress,
+) -> _PosedLog:
+    """A log without torque: the servos' law stands for it, a known parameter or load
+    for its scale."""
+    errors = independent_gains(options.gain_uncertainty, problem.robot.n)
+    model, runs, servo = servo_log(
+        problem,
+        model.effects,
+        data,
+        options.weighting,
+        progress,
+        instruments=options.instruments != "none",
+        chosen=options.effects is not None,
+    )
+    model, scale = with_scale(model, data, options.known, options.known_loads)
+    if options.known_loads:
+        # Loads are other runs: the recipe says what they made of the scale instead.
+        options = replace(options, known=scale["known"])
+    common = np.full(problem.robot.n, scale["scale_error"])
+    details = {"servo": {**servo, **scale}, "recipe": options.recipe()}
+    return _PosedLog(problem, model, runs, np.column_stack([errors, common]), details)
 
 
 def in_columns(

@@ -79,48 +79,53 @@ class Certificate(Shown, JsonRecord):
 
     def summary(self) -> list[tuple[str, str]]:
         """What matters of it: names and texts."""
-        broken = {family: v for family, v in self.violations.items() if v > 0.0}
-        worst = sorted(broken.items(), key=lambda item: -item[1])
-        text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
-        if self.gap is not None and set(broken) == {BarycentricBound.family}:
-            text += " (not convex, hence not imposed); every other constraint holds"
-        bound = "no lower bound: this method is not convex, or has no constraints"
-        if self.gap is not None:
-            # Once each: a joint may have its effect with a shape constant of its own.
-            names = ", ".join(
-                dict.fromkeys(re.split("[:@]", text)[0] for text in self.held)
-            )
-            held = f", with {names} held fixed" if self.held else ""
-            bound = f"{self.gap:.1e} of the loss (certified lower bound){held}"
         out = [
-            ("worst violation", text or "0 (every constraint holds)"),
+            ("worst violation", self._violations_text()),
             ("loss", f"{self.loss:.6g} (sum of squared weighted torque errors)"),
-            ("optimality gap", bound),
+            ("optimality gap", self._gap_text()),
         ]
         if self.smallest_thickness is not None:
-            out.append(
-                ("smallest thickness", f"{1e3 * self.smallest_thickness:.1f} mm")
-            )
+            thickness = f"{1e3 * self.smallest_thickness:.1f} mm"
+            out.append(("smallest thickness", thickness))
         if self.largest_gyration is not None and self.body_share is not None:
-            fits = (
-                "at most"
-                if self.body_share <= 1.0
-                else "beyond what any mass inside can have:"
-            )
-            text = (
-                f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a"
-                " link's body)"
-            )
-            out.append(("largest radius of gyration", text))
+            out.append(("largest radius of gyration", self._gyration_text()))
         if self.density is not None:
             span = " to ".join(dict.fromkeys(f"{x:.3g}" for x in self.density))
             out.append(("mean density", f"{span} kg/m^3 of the links' geometry"))
         if self.positive_mass_matrices is not None:
-            text = (
-                "positive definite in"
-                f" {100.0 * self.positive_mass_matrices:.4g} % of 10 000 random poses"
-            )
+            share = 100.0 * self.positive_mass_matrices
+            text = f"positive definite in {share:.4g} % of 10 000 random poses"
             if self.at_every_pose:
                 text = "valid in every pose"
             out.append(("inertia matrix", text))
         return out
+
+    def _violations_text(self) -> str:
+        """The violated constraints, the worst first."""
+        broken = {family: v for family, v in self.violations.items() if v > 0.0}
+        if not broken:
+            return "0 (every constraint holds)"
+        worst = sorted(broken.items(), key=lambda item: -item[1])
+        text = ", ".join(f"{family} {value:.2g}" for family, value in worst)
+        if self.gap is not None and set(broken) == {BarycentricBound.family}:
+            text += " (not convex, hence not imposed); every other constraint holds"
+        return text
+
+    def _gap_text(self) -> str:
+        """The distance to the optimum, or why there is none."""
+        if self.gap is None:
+            return "no lower bound: this method is not convex, or has no constraints"
+        # Once each: a joint may have its effect with a shape constant of its own.
+        kinds = dict.fromkeys(re.split("[:@]", text)[0] for text in self.held)
+        held = f", with {', '.join(kinds)} held fixed" if self.held else ""
+        return f"{self.gap:.1e} of the loss (certified lower bound){held}"
+
+    def _gyration_text(self) -> str:
+        """The largest radius of gyration beside its link's body."""
+        fits = "at most"
+        if self.body_share is not None and self.body_share > 1.0:
+            fits = "beyond what any mass inside can have:"
+        return (
+            f"{self.largest_gyration:.3g} m ({fits} {self.body_share:.2g} of a"
+            " link's body)"
+        )

@@ -31,7 +31,7 @@ from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem, problem_from_dict, problem_to_dict
-from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot import inertia
@@ -325,18 +325,23 @@ class Estimate(Record):
             if x.shape != states[0].shape or x.shape[1:] != (n,):
                 what = f"predict({name}=...) has shape {np.shape(x)}"
                 raise InputError(what, f"give q, dq and ddq as (N, {n})")
-        for e in self.model.effects if t is None else ():
-            if e.has_memory or any(s.role == "clock" for s in e.shapes.values()):
-                raise InputError(
-                    f"predict(): {e.name} depends on time", "pass t, (N,) in seconds"
-                )
-        times = np.zeros(len(states[0])) if t is None else np.asarray(t, float)
-        if times.shape != (len(states[0]),):
-            what = (
-                f"predict(t=...): shape {times.shape}, but q has {len(states[0])} rows"
-            )
+        count = len(states[0])
+        if t is None:
+            self._require_no_time()
+            t = np.zeros(count)
+        times = np.asarray(t, float)
+        if times.shape != (count,):
+            what = f"predict(t=...): shape {times.shape}, but q has {count} rows"
             raise InputError(what, "give one time a row")
         return self.torque(Motion(times, states[0], states[1], states[2]))
+
+    def _require_no_time(self) -> None:
+        """Raises InputError where an effect depends on time or on earlier motion."""
+        for effect in self.model.effects:
+            has_clock = any(s.role == "clock" for s in effect.shapes.values())
+            if effect.has_memory or has_clock:
+                what = f"predict(): {effect.name} depends on time"
+                raise InputError(what, "pass t, (N,) in seconds")
 
     def plot(self, axes: Any = None) -> Any:
         """Draw link masses and the other effects' parameters with 95 % intervals; what
@@ -507,53 +512,72 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
         raise TypeError(f"method: {given(data['method'])} is no text")
     robot = Robot.from_dict(data["robot"])
     problem = problem_from_dict(data["problem"], robot)
-    reference = data.get("reference")
-    effects = tuple(effect_from_dict(e, robot) for e in data["effects"])
-    known = None if reference is None else np.array(reference, float)
-    model = Model(robot, effects, known, problem.gains)
-    if known is not None and len(known) != len(model.parameters):
-        raise ValueError("reference and parameters differ in length")
-    named = {p["name"]: p for p in data["parameters"]}
-    names = [p.name for p in model.parameters]
-    for missing in (name for name in names if name not in named):
-        raise KeyError(f"parameters: {missing}")
-    entries = [named[name] for name in names]
-    theta = np.array([float(p["value"]) for p in entries])
+    model = _model_from_dict(data, problem)
+    entries = _entries_of(data["parameters"], model)
+    theta = np.array([float(entry["value"]) for entry in entries])
     if not np.all(np.isfinite(theta)):
         raise ValueError("a parameter's value is not a finite number")
-    motion = data.get("training_motion")  # earlier versions did not keep it
-    if motion is not None:
-        motion = MotionRecord.from_dict(motion)
-        if len(motion.centre) != 2 * robot.n:
-            raise ValueError("training_motion is of another number of joints")
-    uncertainty = Uncertainty.from_dict({**data["uncertainty"], "standard": entries})
     details = data["details"]
     if not isinstance(details, dict) or not isinstance(
         details.get("undetermined", {}), dict
     ):
         raise ValueError("details: undetermined names who decides which parameter")
-    provenance = data["provenance"]
+    _check_provenance(data["provenance"], robot.n)
+    return Estimate(
+        problem=problem,
+        model=model,
+        theta=theta,
+        uncertainty=Uncertainty.from_dict({**data["uncertainty"], "standard": entries}),
+        method=data["method"],
+        certificate=Certificate.from_dict(data["certificate"]),
+        preprocessing=Preprocessing(**data["preprocessing"]),
+        settings=data["settings"],
+        details=details,
+        provenance=data["provenance"],
+        training_motion=_motion_from_dict(data.get("training_motion"), robot.n),
+    )
+
+
+def _model_from_dict(data: dict[str, Any], problem: Problem) -> Model:
+    """The model of a problem's robot, with the current model that it refers to."""
+    effects = tuple(effect_from_dict(e, problem.robot) for e in data["effects"])
+    reference = data.get("reference")
+    if reference is not None:
+        reference = np.array(reference, float)
+    model = Model(problem.robot, effects, reference, problem.gains)
+    if reference is not None and len(reference) != len(model.parameters):
+        raise ValueError("reference and parameters differ in length")
+    return model
+
+
+def _entries_of(listed: list[dict[str, Any]], model: Model) -> list[dict[str, Any]]:
+    """What a file says of each of the model's parameters, in their order."""
+    by_name = {entry["name"]: entry for entry in listed}
+    for parameter in model.parameters:
+        if parameter.name not in by_name:
+            raise KeyError(f"parameters: {parameter.name}")
+    return [by_name[parameter.name] for parameter in model.parameters]
+
+
+def _motion_from_dict(data: dict[str, Any] | None, n: int) -> MotionRecord | None:
+    """The training motion of n joints; earlier versions did not keep it."""
+    if data is None:
+        return None
+    motion = MotionRecord.from_dict(data)
+    if len(motion.centre) != 2 * n:
+        raise ValueError("training_motion is of another number of joints")
+    return motion
+
+
+def _check_provenance(provenance: dict[str, Any], n: int) -> None:
+    """Raises ValueError for a verdict or noise that whoever asks for it could not
+    read."""
     if provenance.get("verdict") is not None:
-        Verdict.from_dict(
-            provenance["verdict"]
-        )  # refused here, not by whoever asks for it
+        Verdict.from_dict(provenance["verdict"])
     if provenance.get("noise") is not None:
         floor = NoiseFloor.from_dict(provenance["noise"]).floor
-        if floor is not None and floor.shape != (robot.n,):
+        if floor is not None and floor.shape != (n,):
             raise ValueError("noise: not a number for each joint")
-    return Estimate(
-        problem,
-        model,
-        theta,
-        uncertainty,
-        data["method"],
-        Certificate.from_dict(data["certificate"]),
-        Preprocessing(**data["preprocessing"]),
-        data["settings"],
-        details,
-        provenance,
-        motion,
-    )
 
 
 #: One Estimate or the path of a model.json; a sequence of these; or a mapping from

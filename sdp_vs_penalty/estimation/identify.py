@@ -430,54 +430,66 @@ def verify_proof_file(
         raise
     except Exception as error:
         return False, f"refused: {path}: {error or type(error).__name__}"
-    sentences = [
-        f"accepted: {path}: no parameters satisfy all constraints, in exact arithmetic"
-    ]
-    if problems is not None:
-        low, high = (float(x) for x in problems)
-        gap = verify_proof.relative_gap(proof)
-        sentences = [
-            f"accepted: {path}: the least objective lies in [{low!r}, {high!r}], in"
-            " exact arithmetic"
-        ]
-        if gap is not None:
-            sentences.append(f"its gap is {verify_proof.in_words(gap)} of the loss")
-        sentences += [
-            "proved is this of the numbers in the file; that the model describes the"
-            " robot is not"
-        ]
-    fault = ""
+    sentences = [f"accepted: {path}: {_what_is_proved(proof, problems)}"]
     if model is None:
         sentences.append("name --model and --data to see what the numbers are made of")
-    elif fault := _other_model(proof, model):
-        return False, f"refused: {path}: {fault}"
+        fault = ""
     else:
+        fault = _other_model(proof, model)
         sentences.append("it is of this model")
-    if model is not None and data is not None:
-        runs = as_measurements(
-            data, model.robot.n, model.robot.joint_names, "verify(data=...)"
-        )
-        if proof["data"] != runs.data_hash:
-            fault = "it is of other measurements (or of another --window)"
-            return False, f"refused: {path}: {fault}"
-        reposed = _reposed(model, runs)
-        if reposed is not None and (fault := difference(proof, reposed)):
-            fault = f"these measurements make another problem: {fault}"
-            return False, f"refused: {path}: {fault}"
-        how = "make its numbers, constraints and bounds (recomputed in floating point)"
-        if reposed is None:
-            how = (
-                "are the ones it names (its numbers, constraints and bounds were not"
-                " recomputed)"
+        if not fault and data is not None:
+            runs = as_measurements(
+                data, model.robot.n, model.robot.joint_names, "verify(data=...)"
             )
-        sentences.append(f"these measurements {how}")
-    if problems is not None:
+            fault, sentence = _other_data(proof, model, runs)
+            sentences.append(sentence)
+    if not fault and problems is not None:
         fault = verify_proof.weakness(proof)
         if not fault and model is not None:
             fault = _wider_than_certified(proof, model)
-    return (
-        (False, f"refused: {path}: {fault}") if fault else (True, "; ".join(sentences))
+    if fault:
+        return False, f"refused: {path}: {fault}"
+    return True, "; ".join(sentences)
+
+
+def _what_is_proved(
+    proof: Mapping[str, Any], interval: tuple[Fraction, Fraction] | None
+) -> str:
+    """What a proof says of its own numbers; interval : of the least objective, None
+    where nothing satisfies the constraints."""
+    if interval is None:
+        return "no parameters satisfy all constraints, in exact arithmetic"
+    low, high = (float(x) for x in interval)
+    sentences = [
+        f"the least objective lies in [{low!r}, {high!r}], in exact arithmetic"
+    ]
+    gap = verify_proof.relative_gap(proof)
+    if gap is not None:
+        sentences.append(f"its gap is {verify_proof.in_words(gap)} of the loss")
+    sentences.append(
+        "proved is this of the numbers in the file; that the model describes the robot"
+        " is not"
     )
+    return "; ".join(sentences)
+
+
+def _other_data(
+    proof: dict[str, Any], model: Estimate, runs: Measurements
+) -> tuple[str, str]:
+    """In what a proof is of other measurements, "" where it is of these; and what these
+    have to do with it."""
+    if proof["data"] != runs.data_hash:
+        return "it is of other measurements (or of another --window)", ""
+    reposed = _reposed(model, runs)
+    how = "make its numbers, constraints and bounds (recomputed in floating point)"
+    if reposed is None:
+        how = (
+            "are the ones it names (its numbers, constraints and bounds were not"
+            " recomputed)"
+        )
+    elif other := difference(proof, reposed):
+        return f"these measurements make another problem: {other}", ""
+    return "", f"these measurements {how}"
 
 
 def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:

@@ -174,40 +174,28 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     links = model.rigid_indices
     nominal = problem.nominal(model)
     other_parameters = np.setdiff1d(np.arange(p), gains)
-    white = list[Array]()
-    for f, at in zip(regression.per_joint, gains, strict=True):
-        wide = np.zeros((len(f.triangle), p))
-        wide[:, f.indices] = f.triangle[:, :-1]
-        left = np.linalg.norm(partialled(wide[:, other_parameters], wide[:, at]))
-        all_links = np.linalg.norm(wide[:, at])
-        s = max(float(left), 1e-9 * float(all_links)) / np.sqrt(max(f.rows, 1))
-        if s == 0.0:
-            what = (
-                f"joint {f.joint + 1} does not move, or follows its command without"
-                " error"
-            )
-            raise InputError(what, "check the columns qcmd1..qcmdn")
-        white.append(wide / s)
+    white = [
+        _in_units_of_error(f, at, other_parameters, p)
+        for f, at in zip(regression.per_joint, gains, strict=True)
+    ]
     rows = np.vstack(white)
     owner = np.repeat(np.arange(len(gains)), [len(x) for x in white])
     e = -rows[np.arange(len(rows)), gains[owner]]
     L = rows[:, other_parameters]
-    L_links = rows[:, links]
-    pulls = [
-        np.linalg.norm(white_links[:, links] @ nominal[links]) for white_links in white
-    ]
+    pulls = [np.linalg.norm(of_joint[:, links] @ nominal[links]) for of_joint in white]
     pushes = [
-        np.linalg.norm(white_links[:, at])
-        for white_links, at in zip(white, gains, strict=True)
+        np.linalg.norm(of_joint[:, at])
+        for of_joint, at in zip(white, gains, strict=True)
     ]
     start = np.maximum(np.divide(pulls, pushes), 1e-6)
+    is_own = owner[:, None] == np.arange(len(gains))
 
     def fitted(x: Array) -> tuple[Array, Array, Array]:
         """psi, what remains, and its change with ln kp (Kaufman, BIT 1975)."""
         columns = L / (start * np.exp(x))[owner, None]
         U, V = column_space(columns)
         psi = V @ (U.T @ e)
-        slopes = (columns @ psi)[:, None] * (owner[:, None] == np.arange(len(gains)))
+        slopes = (columns @ psi)[:, None] * is_own
         return psi, e - U @ (U.T @ e), slopes - U @ (U.T @ slopes)
 
     far = np.full(len(gains), np.log(Servo.range))
@@ -220,12 +208,31 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
         steps=100 * len(gains),
     )
     theta = np.empty(p)
-    theta[gains], theta[other_parameters] = start * np.exp(best), fitted(best)[0]
+    theta[gains] = start * np.exp(best)
+    theta[other_parameters] = fitted(best)[0]
     # As the links should weigh, by the torque that they make.
+    L_links = rows[:, links]
     link_energy = L_links @ theta[links]
     stated = L_links @ nominal[links]
     size = float(link_energy @ stated) / nonzero_or_one(link_energy @ link_energy)
     return theta * (size if size > 0.0 else 1.0)
+
+
+def _in_units_of_error(
+    factor: Factor, error: int, other_parameters: Array, p: int
+) -> Array:
+    """(r, p) a joint's rows over s_j; error : the place of its error's column. Raises
+    InputError for a joint whose error is zero."""
+    wide = np.zeros((len(factor.triangle), p))
+    wide[:, factor.indices] = factor.triangle[:, :-1]
+    left = np.linalg.norm(partialled(wide[:, other_parameters], wide[:, error]))
+    total = np.linalg.norm(wide[:, error])
+    s = max(float(left), 1e-9 * float(total)) / np.sqrt(max(factor.rows, 1))
+    if s == 0.0:
+        joint = factor.joint + 1
+        what = f"joint {joint} does not move, or follows its command without error"
+        raise InputError(what, "check the columns qcmd1..qcmdn")
+    return np.asarray(wide / s)
 
 
 _SCALES = (
@@ -252,12 +259,8 @@ def with_scale(
     error = 0.0
     stated = dict(known) or dict(model.known)
     assert theta is not None
-    columns = {"kt": "current", "ku": "voltage"}
-    n = model.robot.n
-    names = {
-        f"{key}{j + 1}": (name, j) for key, name in columns.items() for j in range(n)
-    }
-    if motors := {names[name]: value for name, value in known.items() if name in names}:
+    motors = _motor_constants(model.robot.n, known)
+    if motors:
         factor = _factor_of_motors(model, theta, runs, motors)
     elif known:
         factor = _factor_of_known(model, compress(runs, model), theta, known)
@@ -278,6 +281,20 @@ def with_scale(
         "scale_error": error,
     }
     return replace(model, known=stated, reference=factor * theta), details
+
+
+def _motor_constants(
+    n: int, known: Mapping[str, float]
+) -> dict[tuple[str, int], float]:
+    """Of known values those of n motors' constants, by the channel and joint (from 0)
+    that they belong to."""
+    motors = {}
+    for key, channel in (("kt", "current"), ("ku", "voltage")):
+        for joint in range(n):
+            value = known.get(f"{key}{joint + 1}")
+            if value is not None:
+                motors[channel, joint] = value
+    return motors
 
 
 def _factor_of_known(

@@ -9,7 +9,7 @@ uniformly in its own scale. With its estimate columns are computed anew: a step 
 and Newton, each a pass over the data (:func:`fit_constants_jointly`).
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -106,35 +106,35 @@ class ShapeSensitivity(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         columns: dict[tuple[int, int], Array] = {}
         for k, (upper, lower, unit) in enumerate(self.varied):
-            up = turning(motion, upper)
-            down = turning(motion, lower)
-            pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
-            for e, theta in self.finer:
-                if e.shape_of:
-                    columns_by_constant = [
-                        e.with_shape(**{c: x.shape[c] for c in e.shape})
-                        for x in (upper, lower)
-                    ]
-                    pairs.append(
-                        (
-                            columns_by_constant[0].blocks(motion),
-                            columns_by_constant[1].blocks(motion),
-                            theta,
-                        )
-                    )
-                elif up is not motion:
-                    pairs.append((e.blocks(up), e.blocks(down), theta))
-            for above_all, below_all, theta in pairs:
+            for above_all, below_all, theta in self._pairs(motion, upper, lower):
                 for above, below in zip(above_all, below_all, strict=True):
-                    change = (
-                        unit * (above.columns - below.columns) @ theta[above.parameters]
-                    )
+                    difference = unit * (above.columns - below.columns)
+                    change = difference @ theta[above.parameters]
                     where = above.joint, k
                     columns[where] = columns.get(where, 0.0) + change
         return [
             Block(j, np.array([k]), column[:, None])
             for (j, k), column in columns.items()
         ]
+
+    def _pairs(
+        self, motion: Motion, upper: Effect, lower: Effect
+    ) -> list[tuple[list[Block], list[Block], Array]]:
+        """Columns with a constant above and below its value, and their parameters: of
+        the effect, and of those whose columns change with it."""
+        up = turning(motion, upper)
+        down = turning(motion, lower)
+        pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
+        for effect, theta in self.finer:
+            if effect.shape_of:
+                above, below = (
+                    effect.with_shape(**{c: x.shape[c] for c in effect.shape})
+                    for x in (upper, lower)
+                )
+                pairs.append((above.blocks(motion), below.blocks(motion), theta))
+            elif up is not motion:
+                pairs.append((effect.blocks(up), effect.blocks(down), theta))
+        return pairs
 
 
 def moved(effect: Effect, key: str, step: float) -> Effect:
@@ -207,104 +207,166 @@ def fit_constants_jointly(
     compressed : the measurements in the columns of a model; weighting : of the joints'
     rows, "noise" or "none". Effects with a wanted constant act on one joint each.
     """
-    first = compressed(model)
-    weights = np.ones(model.robot.n)
-    p = len(model.parameters)
-    data = first.least_squares()
-    white = max(
-        white_variance(data, first.oversampling),
-        1e-24 * data.tau_squared / max(data.rows, 1),
-    )
+    fit = _ConstantFit(model, free_keys, compressed, weighting)
+    optima = [_Descent(fit, effects).settle() for effects in fit.starting_effects()]
+    return min(optima, key=lambda optimum: optimum.error)
 
-    def solved(wide: Regression) -> tuple[LeastSquares, Array]:
+
+@dataclass(frozen=True)
+class _Constant:
+    """A shape constant of the model's effect at ``place``; has_range : it moves
+    continuously; is_free : it is one of those to be fitted."""
+
+    place: int
+    key: Key
+    has_range: bool
+    is_free: bool
+
+    @property
+    def name(self) -> str:
+        """What its effect calls it."""
+        return self.key[2]
+
+
+class _ConstantFit:
+    """Least squares in a model's parameters and some of its shape constants.
+
+    weights (n,) : of the joints' rows; start (p,) : parameters for the constants as the
+    model has them; steps_of : the constants that move, d of them; unit (d,) : their
+    deviations before anything is measured; moving_columns : which of the constants'
+    columns, behind the parameters', are theirs.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        free_keys: Collection[Key],
+        compressed: Callable[[Model], Regression],
+        weighting: str,
+    ) -> None:
+        self.model = model
+        self.compressed = compressed
+        self.n_parameters = len(model.parameters)
+        self.weights = np.ones(model.robot.n)
+        first = compressed(model)
+        data = first.least_squares()
+        rounding = 1e-24 * data.tau_squared / max(data.rows, 1)
+        self.white_variance = max(white_variance(data, first.oversampling), rounding)
+        self.start = self.solve(first)[1]
+        if weighting == "noise":
+            self.weights = joint_weights(first, self.start)
+        self.free_keys = free_keys
+        constants = self._constants()
+        moving = [c.is_free and c.has_range for c in constants]
+        self.moving_columns = np.array(moving)
+        self.steps_of = [c for c in constants if c.is_free and c.has_range]
+        self.on_grid = [c for c in constants if c.is_free and not c.has_range]
+        self.unit = np.array(
+            [prior_deviation(model.effects[c.place], c.name) for c in self.steps_of]
+        )
+
+    def keys_of(self, effect: Effect) -> list[Key]:
+        """All free constants of an effect of which one is to be fitted."""
+        keys = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
+        return [] if set(keys).isdisjoint(self.free_keys) else keys
+
+    def _constants(self) -> list[_Constant]:
+        """Those of :meth:`keys_of` of all effects, in their order."""
+        constants = []
+        for place, effect in enumerate(self.model.effects):
+            for key in self.keys_of(effect):
+                has_range = effect.shapes[key[2]].bounds is not None
+                is_free = key in self.free_keys
+                constants.append(_Constant(place, key, has_range, is_free))
+        return constants
+
+    def starting_effects(self) -> Iterator[tuple[Effect, ...]]:
+        """The model's effects with each combination of the values on a grid."""
+        grids = [self.model.effects[c.place].shapes[c.name].grid for c in self.on_grid]
+        for values in product(*grids):
+            effects = list(self.model.effects)
+            for constant, value in zip(self.on_grid, values, strict=True):
+                effect = effects[constant.place]
+                effects[constant.place] = effect.with_shape(**{constant.name: value})
+            yield tuple(effects)
+
+    def solve(self, wide: Regression) -> tuple[LeastSquares, Array]:
         """Least squares of all columns, and theta (p,) of the parameters, which come
         first, alone."""
-        data = wide.least_squares(weights)
-        if np.isfinite(model.plausible).any():
-            data = data.with_prior(
-                np.append(model.plausible, np.full(wide.p - p, np.inf)), white
-            )
+        p = self.n_parameters
+        data = wide.least_squares(self.weights)
+        if np.isfinite(self.model.plausible).any():
+            unknown = np.full(wide.p - p, np.inf)
+            deviations = np.append(self.model.plausible, unknown)
+            data = data.with_prior(deviations, self.white_variance)
         return data, min_norm_lstsq(data.R[:, :p], data.rho)
 
-    _, start = solved(first)
-    if weighting == "noise":
-        weights = joint_weights(first, start)
 
-    def keys_of(effect: Effect) -> list[Key]:
-        """All free constants of an effect of which one is wanted."""
-        keys = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
-        return [] if set(keys).isdisjoint(free_keys) else keys
+class _Descent:
+    """Gauss-Newton steps (d,) of the constants from those of ``begin``.
 
-    places = [
-        (k, key) for k, effect in enumerate(model.effects) for key in keys_of(effect)
-    ]
-    ranged = [model.effects[k].shapes[key[2]].bounds is not None for k, key in places]
-    #: Which of the constants' columns behind the parameters' are of those that move.
-    mine = np.array(
-        [key in free_keys and has for (_, key), has in zip(places, ranged, strict=True)]
-    )
-    free = [x for x, moving in zip(places, mine, strict=True) if moving]
-    gridded = [
-        x
-        for x, has in zip(places, ranged, strict=True)
-        if not has and x[1] in free_keys
-    ]
-    unit = np.array([prior_deviation(model.effects[k], key[2]) for k, key in free])
+    theta (p,) : the parameters at the last constants; variances : of the noise, by the
+    steps at which it was estimated.
+    """
 
-    def descended(begin: tuple[Effect, ...]) -> Settled:
-        """Where no step (d,) lowers the squared error any more."""
-        theta = start
-        variances = dict[bytes, float]()
+    def __init__(self, fit: _ConstantFit, begin: tuple[Effect, ...]) -> None:
+        self.fit = fit
+        self.begin = begin
+        self.theta = fit.start
+        self.variances: dict[bytes, float] = {}
 
-        def at(steps: Array) -> Model:
-            out = list(begin)
-            for (k, key), step in zip(free, steps.tolist(), strict=True):
-                out[k] = moved(out[k], key[2], step)
-            return replace(model, effects=tuple(out))
-
-        def left(steps: Array) -> tuple[Array, Array]:
-            """What least squares leave (m,), and its slopes (m, d) with the parameters
-            eliminated."""
-            nonlocal theta
-            wide = compressed(
-                with_sensitivities(at(steps), theta, lambda e: bool(keys_of(e)))
-            )
-            data, theta = solved(wide.keeping(np.append(np.ones(p, bool), mine)))
-            variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-            columns = -partialled(data.R[:, :p], data.R[:, p:]) / unit
-            residual = np.append(data.rho - data.R[:, :p] @ theta, data.residual_norm)
-            return residual, np.vstack([columns, np.zeros((1, len(free)))])
-
-        if not free:
-            return Settled(at(unit), {}, float(np.sum(left(unit)[0] ** 2)))
-        low, high = np.transpose([_room(begin[k], key[2]) for k, key in free])
+    def settle(self) -> Settled:
+        """Where no step lowers the squared error any more."""
+        fit = self.fit
+        if not fit.steps_of:
+            residual, _ = self.residual(fit.unit)
+            return Settled(self.model_at(fit.unit), {}, float(np.sum(residual**2)))
+        rooms = [_room(self.begin[c.place], c.name) for c in fit.steps_of]
+        low, high = np.transpose(rooms)
         best, residual, slopes = least_squares(
-            left, 0.0 * unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15
+            self.residual, 0.0 * fit.unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15
         )
-        std = np.sqrt(variances[best.tobytes()]) * deviations(slopes)
-        # With as many digits of its constants as a written effect has.
-        digits = [
-            {key: float(f"{x:.6g}") for key, x in e.shape.items()}
-            for e in at(best).effects
-        ]
-        effects = tuple(
-            e.with_shape(**constants)
-            for e, constants in zip(begin, digits, strict=True)
-        )
-        known = dict(zip((key for _, key in free), std.tolist(), strict=True))
+        std = np.sqrt(self.variances[best.tobytes()]) * deviations(slopes)
+        keys = [c.key for c in fit.steps_of]
         return Settled(
-            replace(model, effects=effects), known, float(residual @ residual)
+            replace(fit.model, effects=self._rounded(best)),
+            dict(zip(keys, std.tolist(), strict=True)),
+            float(residual @ residual),
         )
 
-    optima = []
-    for values in product(
-        *(model.effects[k].shapes[key[2]].grid for k, key in gridded)
-    ):
-        effects = list(model.effects)
-        for (k, key), value in zip(gridded, values, strict=True):
-            effects[k] = effects[k].with_shape(**{key[2]: value})
-        optima.append(descended(tuple(effects)))
-    return min(optima, key=lambda s: s.error)
+    def model_at(self, steps: Array) -> Model:
+        """The model with the constants after such steps (d,)."""
+        effects = list(self.begin)
+        for constant, step in zip(self.fit.steps_of, steps.tolist(), strict=True):
+            effect = effects[constant.place]
+            effects[constant.place] = moved(effect, constant.name, step)
+        return replace(self.fit.model, effects=tuple(effects))
+
+    def residual(self, steps: Array) -> tuple[Array, Array]:
+        """What least squares leave (m,), and its slopes (m, d) with the parameters
+        eliminated."""
+        fit = self.fit
+        p = fit.n_parameters
+        wide_model = with_sensitivities(
+            self.model_at(steps), self.theta, lambda e: bool(fit.keys_of(e))
+        )
+        chosen = np.append(np.ones(p, bool), fit.moving_columns)
+        wide = fit.compressed(wide_model)
+        data, self.theta = fit.solve(wide.keeping(chosen))
+        self.variances[steps.tobytes()] = white_variance(data, wide.oversampling)
+        own = data.R[:, :p]
+        slopes = -partialled(own, data.R[:, p:]) / fit.unit
+        residual = np.append(data.rho - own @ self.theta, data.residual_norm)
+        return residual, np.vstack([slopes, np.zeros((1, len(fit.steps_of)))])
+
+    def _rounded(self, steps: Array) -> tuple[Effect, ...]:
+        """The effects after such steps, with as many digits of their constants as a
+        written effect has."""
+        effects = []
+        for effect, after in zip(self.begin, self.model_at(steps).effects, strict=True):
+            digits = {key: float(f"{x:.6g}") for key, x in after.shape.items()}
+            effects.append(effect.with_shape(**digits))
+        return tuple(effects)
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:

@@ -19,6 +19,7 @@ changed at random as long as that helps (a (1 + 1) evolution strategy: Rechenber
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import optimize, special
@@ -208,81 +209,123 @@ def separate(
     hypotheses that cannot be separated.
     """
     hypotheses = Hypotheses(estimate, effects, level)
-    rng = np.random.default_rng(seed)
-    bounds = Limits.of_robot(estimate.robot) if limits is None else limits
-    low = bounds.middle + -1.0 * _SHARE * bounds.half
-    high = bounds.middle + 1.0 * _SHARE * bounds.half
-    # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
-    limited = bounds.velocity, bounds.acceleration, bounds.acceleration / 0.1
+    limits = Limits.of_robot(estimate.robot) if limits is None else limits
     effort = np.array([j.effort for j in estimate.robot.joints])
-    looked = 0
-    best: tuple[float, PointTrajectory | None, _Plan] = (
-        -1.0,
-        None,
-        (low[None], low, low),
-    )
-
-    def improves(plan: _Plan) -> bool:
-        """Whether a motion is allowed and better than the best."""
-        nonlocal best, looked
-        points, slow, pauses = plan
-        moves = slow * shortest_moves(points, *(_SHARE * x for x in limited))
-        # As many points as fit; the rest of the time goes into the moves.
-        fit = int(np.searchsorted(np.cumsum(moves + pauses[1:]) + pauses[0], duration))
-        if fit < 2:
-            return False
-        moves = moves[:fit]
-        rests = pauses[: fit + 1]
-        moves = moves * (duration - rests.sum()) / moves.sum()
-        trajectory = PointTrajectory(points[: fit + 1], moves, rests)
-        motion = hypotheses.motion(trajectory.states, duration)
-        if np.any(np.abs(motion.modelled) > _SHARE * effort):
-            return False
-        looked += 1
-        value = hypotheses.distance(motion)
-        poses = trajectory.states(np.arange(0.0, duration, 0.1))[0]
-        if value <= best[0] or (free is not None and not free(poses)):
-            return False
-        best = value, trajectory, plan
-        return True
-
-    for _ in range(20 * _DRAWN):
-        improves(_drawn(rng, low, high))
-        if best[0] >= 0.0 and looked >= _DRAWN:
-            break
+    search = _MotionSearch(hypotheses, limits, effort, duration, free)
+    rng = np.random.default_rng(seed)
+    search.start(rng)
     reach = 0.3
-    for k in range(iterations if best[0] >= 0.0 else 0):
-        better = improves(_changed(rng, best[2], low, high, reach))
-        reach = min(0.5, reach * 1.3) if better else max(0.02, reach * 0.93)
-        progress(
-            f"separating: {k + 1} of {iterations} changes, delta {best[0] ** 0.5:.2f}"
-        )
-    value, trajectory, _ = best
-    if trajectory is None:
+    for k in range(iterations if search.trajectory is not None else 0):
+        is_better = search.improve(_changed(rng, search.plan, *search.range, reach))
+        reach = min(0.5, reach * 1.3) if is_better else max(0.02, reach * 0.93)
+        distance = search.value**0.5
+        progress(f"separating: {k + 1} of {iterations} changes, delta {distance:.2f}")
+    if search.trajectory is None:
         remedy = (
             "widen the limits of position or torque, or lengthen the motion with"
             " --duration"
         )
         raise InputError("no motion from point to point keeps the limits", remedy)
     usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
-    default = float(
-        np.median([hypotheses.distance(hypotheses.motion(s, duration)) for s in usual])
-    )
+    distances = [hypotheses.distance(hypotheses.motion(s, duration)) for s in usual]
+    default = float(np.median(distances))
     return Separation(
-        trajectory,
-        delta2=value,
+        search.trajectory,
+        delta2=search.value,
         default_delta2=default,
-        right=hypotheses.right(value, duration),
+        right=hypotheses.right(search.value, duration),
         default_right=hypotheses.right(default, duration),
-        seconds=hypotheses.needed(value, duration),
+        seconds=hypotheses.needed(search.value, duration),
         default_seconds=hypotheses.needed(default, duration),
         sizes=hypotheses.scale,
         collisions=free is not None,
     )
 
 
-#: Points (W, n), slowness (W - 1,) of each move over the fastest, pauses (W,) [s].
-_Plan = tuple[Array, Array, Array]
+class _Plan(NamedTuple):
+    """points (W, n); slowness (W - 1,) of each move over the fastest; pauses (W,) [s]."""
+
+    points: Array
+    slowness: Array
+    pauses: Array
+
+
+class _MotionSearch:
+    """The best motion from point to point so far.
+
+    range : lowest and highest positions (n,); value : its distance, -1 before there is
+    one; n_judged : motions within the limits that were looked at.
+    """
+
+    def __init__(
+        self,
+        hypotheses: Hypotheses,
+        limits: Limits,
+        effort: Array,
+        duration: float,
+        free: Callable[[Array], bool] | None,
+    ) -> None:
+        self.hypotheses = hypotheses
+        self.effort = effort
+        self.duration = duration
+        self.free = free
+        low = limits.middle + -1.0 * _SHARE * limits.half
+        high = limits.middle + 1.0 * _SHARE * limits.half
+        self.range = (low, high)
+        # Where nothing states a limit of jerk: acceleration within .1 s of its limit.
+        jerk = limits.acceleration / 0.1
+        self.velocity = _SHARE * limits.velocity
+        self.acceleration = _SHARE * limits.acceleration
+        self.jerk = _SHARE * jerk
+        self.value = -1.0
+        self.trajectory: PointTrajectory | None = None
+        self.plan = _Plan(low[None], low, low)
+        self.n_judged = 0
+
+    def start(self, rng: np.random.Generator) -> None:
+        """The best of motions that are drawn."""
+        for _ in range(20 * _DRAWN):
+            self.improve(_drawn(rng, *self.range))
+            if self.trajectory is not None and self.n_judged >= _DRAWN:
+                break
+
+    def improve(self, plan: _Plan) -> bool:
+        """Whether a motion is allowed and better than the best, which it then is."""
+        trajectory = self._trajectory(plan)
+        if trajectory is None:
+            return False
+        motion = self.hypotheses.motion(trajectory.states, self.duration)
+        if np.any(np.abs(motion.modelled) > _SHARE * self.effort):
+            return False
+        self.n_judged += 1
+        value = self.hypotheses.distance(motion)
+        if value <= self.value or not self._is_free(trajectory):
+            return False
+        self.value = value
+        self.trajectory = trajectory
+        self.plan = plan
+        return True
+
+    def _trajectory(self, plan: _Plan) -> PointTrajectory | None:
+        """As many points as fit; the time that is left goes into the moves."""
+        points, slowness, pauses = plan
+        fastest = shortest_moves(points, self.velocity, self.acceleration, self.jerk)
+        moves = slowness * fastest
+        ends = np.cumsum(moves + pauses[1:]) + pauses[0]
+        fit = int(np.searchsorted(ends, self.duration))
+        if fit < 2:
+            return None
+        moves = moves[:fit]
+        rests = pauses[: fit + 1]
+        moves = moves * (self.duration - rests.sum()) / moves.sum()
+        return PointTrajectory(points[: fit + 1], moves, rests)
+
+    def _is_free(self, trajectory: PointTrajectory) -> bool:
+        """Whether the arm touches itself nowhere along it."""
+        if self.free is None:
+            return True
+        poses = trajectory.states(np.arange(0.0, self.duration, 0.1))[0]
+        return self.free(poses)
 
 
 def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
@@ -292,7 +335,8 @@ def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
     still = rng.random(n) < rng.choice([0.0, 0.3, 0.7])
     points[:, still] = points[0, still]
     slow = np.exp(rng.uniform(0.0, np.log(_SLOWEST), count - 1) * rng.random())
-    return points, slow, rng.uniform(0.0, _PAUSE, count) * rng.random()
+    pauses = rng.uniform(0.0, _PAUSE, count) * rng.random()
+    return _Plan(points, slow, pauses)
 
 
 def _changed(
@@ -303,11 +347,7 @@ def _changed(
     step = reach * (high - low) * rng.normal(size=points.shape)
     points = np.clip(points + step * (rng.random(points.shape) < share), low, high)
     which = rng.random(len(slow)) < share
-    slow = np.clip(
-        slow * np.exp(which * reach * 2.0 * rng.normal(size=len(slow))), 1.0, _SLOWEST
-    )
-    return (
-        points,
-        slow,
-        np.clip(pauses + reach * _PAUSE * rng.normal(size=len(pauses)), 0.0, _PAUSE),
-    )
+    factors = np.exp(which * reach * 2.0 * rng.normal(size=len(slow)))
+    slow = np.clip(slow * factors, 1.0, _SLOWEST)
+    shift = reach * _PAUSE * rng.normal(size=len(pauses))
+    return _Plan(points, slow, np.clip(pauses + shift, 0.0, _PAUSE))

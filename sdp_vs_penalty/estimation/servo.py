@@ -13,7 +13,7 @@ the command's derivatives (Taylor's series in T about the last T), are compresse
 together: each law at each delay is a small problem.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -128,38 +128,39 @@ def find_law(
     if not any(e.name == "torque_offset" for e in load):
         wide.append(effect_types()["torque_offset"](load[0].robot))
     about = delay or 0.0
-    first = joints = _joints(wide, runs, about)
+    first = _joints(wide, runs, about)
+    joints = first
     while True:
-        delay_by_law = {
-            name: 0.0 if delay is not None else _extra_delay(joints, name, about)
-            for name in names
-        }
-        scores = {name: _score(joints, name, delay_by_law[name]) for name in names}
-        best = min(scores, key=lambda name: float(scores[name].mean()))
-        for name in names:
-            more = scores[name] - scores[best]
-            if more.mean() <= max(
-                2.0 * np.log(c.FEWER_GAINS), more.std(ddof=1) / np.sqrt(len(more))
-            ):
-                break
-        delay_found = about + delay_by_law[name]
-        if (
-            abs(delay_by_law[name]) < 0.95 * c.DELAY_REACH
-            or delay_found > 0.95 * LATEST
-        ):
-            without = float(np.mean(_score(first, name, 0.0) - scores[name]))
-            delay_found = (
-                delay_found
-                if delay is not None or without > np.log(c.FEWER_GAINS)
-                else 0.0
-            )
-            ratios = {
-                k: float(np.exp(0.5 * np.mean(s - scores[best])))
-                for k, s in scores.items()
-            }
-            return name, delay_found, ratios
-        about = delay_found
+        extra = dict.fromkeys(names, 0.0)
+        if delay is None:
+            extra = {name: _extra_delay(joints, name, about) for name in names}
+        scores = {name: _score(joints, name, extra[name]) for name in names}
+        name, best = _fewest_gains(scores)
+        total = about + extra[name]
+        if abs(extra[name]) < 0.95 * c.DELAY_REACH or total > 0.95 * LATEST:
+            break
+        about = total
         joints = _joints(wide, runs, about)
+    if delay is None:
+        without = float(np.mean(_score(first, name, 0.0) - scores[name]))
+        total = total if without > np.log(c.FEWER_GAINS) else 0.0
+    ratios = {
+        k: float(np.exp(0.5 * np.mean(score - scores[best])))
+        for k, score in scores.items()
+    }
+    return name, total, ratios
+
+
+def _fewest_gains(scores: Mapping[str, Array]) -> tuple[str, str]:
+    """Of laws in the order of their gains the first that is as good as the best, and
+    the best; scores : logarithms of held-out errors, by law."""
+    best = min(scores, key=lambda name: float(scores[name].mean()))
+    for name, score in scores.items():
+        more = score - scores[best]
+        standard_error = more.std(ddof=1) / np.sqrt(len(more))
+        if more.mean() <= max(2.0 * np.log(c.FEWER_GAINS), standard_error):
+            return name, best
+    return best, best
 
 
 def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint]:
@@ -170,24 +171,16 @@ def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint
     cells = compress_cells(runs, model, split)
     out = []
     for joint in range(robot.n):
-        triangle_by_block = {
+        of_block = {
             f.block: f.triangle[:, :-1] for f in cells.factors if f.joint == joint
         }
         folds = []
         for fold in range(c.SHAPE_FOLDS):
-            train = [
-                triangle_by_block[b]
-                for b in split.training(fold)
-                if b in triangle_by_block
-            ]
-            test = [
-                triangle_by_block[b]
-                for b in split.tested(fold)
-                if b in triangle_by_block
-            ]
+            train = [of_block[b] for b in split.training(fold) if b in of_block]
+            test = [of_block[b] for b in split.tested(fold) if b in of_block]
             if train and test:
                 folds.append(_project_out_load(np.vstack(train), np.vstack(test)))
-        rows = np.vstack(list(triangle_by_block.values()))
+        rows = np.vstack(list(of_block.values()))
         out.append((_project_out_load(rows, rows)[0], folds))
     return out
 
@@ -343,36 +336,15 @@ def servo_log(
             what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0]
         )
     drives = [e for e in effects if e.forward == "drive"]
-    load = [e for e in effects if e.forward != "drive"]
-    if not drives:  # kd and viscous friction have one column: kd is their sum
-        load = [e for e in load if e.name != "viscous_friction"]
-    if (
-        not chosen
-        and "rotor_inertia" not in {e.name for e in load}
-        and problem.robot.n > 1
-    ):
-        # A drive has a rotor. A single joint's cannot be told from what it moves.
-        load.append(effect_types()["rotor_inertia"](problem.robot))
-    given_delay = next((e.shape["T"] for e in drives if "T" in e.given), None)
-    names = tuple(LAWS)
-    if drives:
-        drive_names = {e.name for e in drives}
-        names = (
-            tuple(name for name, law in LAWS.items() if set(law) == drive_names)
-            or names[-1:]
-        )
+    load = _load_of(problem, effects, has_law=bool(drives), chosen=chosen)
+    given_delay = _given_delay(drives)
+    names = _laws_of(drives) if drives else tuple(LAWS)
     progress("choosing the servo law")
     law, delay, errors = find_law(load, runs, names, given_delay)
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
-    loop = _Loop(
-        problem,
-        runs,
-        weighting,
-        tuple(load),
-        of_law,
-        given_delay is None and delay > 0.0,
-    )
+    moves_delay = given_delay is None and delay > 0.0
+    loop = _Loop(problem, runs, weighting, tuple(load), of_law, moves_delay)
     # The load's shape constants beside given gains: errors stand for a torque then.
     model, theta = loop.fitted_at_delay(delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
@@ -380,9 +352,8 @@ def servo_log(
         replace(model, known=gains), runs, weighting, widest=c.TURNS[-1]
     )
     loop = replace(loop, load=with_shapes(load, shapes))
-    model, rows, apart = _refined(
-        loop, loop.fitted_at_delay(delay)[0], instruments, progress
-    )
+    model, _ = loop.fitted_at_delay(delay)
+    model, rows, apart = _refined(loop, model, instruments, progress)
     details = {
         "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
@@ -391,6 +362,32 @@ def servo_log(
         "motion": apart.tolist(),
     }
     return model, rows, details
+
+
+def _load_of(
+    problem: Problem, effects: Sequence[Effect], *, has_law: bool, chosen: bool
+) -> list[Effect]:
+    """The effects that drives work against; chosen : whether somebody asked for them."""
+    load = [e for e in effects if e.forward != "drive"]
+    if not has_law:  # kd and viscous friction have one column: kd is their sum
+        load = [e for e in load if e.name != "viscous_friction"]
+    has_rotors = any(e.name == "rotor_inertia" for e in load)
+    # A drive has a rotor. A single joint's cannot be told from what it moves.
+    if not chosen and not has_rotors and problem.robot.n > 1:
+        load.append(effect_types()["rotor_inertia"](problem.robot))
+    return load
+
+
+def _given_delay(drives: Sequence[Effect]) -> float | None:
+    """The delay [s] that somebody gave a law's effects."""
+    return next((e.shape["T"] for e in drives if "T" in e.given), None)
+
+
+def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:
+    """The laws that have just these effects, else the last one."""
+    drive_names = {e.name for e in drives}
+    same = tuple(name for name, law in LAWS.items() if set(law) == drive_names)
+    return same or tuple(LAWS)[-1:]
 
 
 def _refined(
@@ -439,10 +436,8 @@ def loop_beside_torque(
         raise InputError(
             "a servo's law needs the command", "log qcmd1..qcmdn", data.names[0]
         )
-    robot, turned = (
-        drives[0].robot,
-        replace(data, tau=-data.tau),
-    )  # a drive's torque counts negative
+    robot = drives[0].robot
+    turned = replace(data, tau=-data.tau)  # a drive's torque counts negative
     offset = effect_types()["torque_offset"](robot)
     runs = FilteredRuns.of(turned, settings)
 
@@ -456,7 +451,7 @@ def loop_beside_torque(
         _, rows, theta = fitted(delay)
         return float(np.sum(np.log(at_least_tiny(rows.joint_losses(theta)))))
 
-    given_delay = next((e.shape["T"] for e in drives if "T" in e.given), None)
+    given_delay = _given_delay(drives)
     if given_delay is None:
         from scipy.optimize import minimize_scalar
 

@@ -18,6 +18,8 @@ simpler model (Breiman et al., Classification and Regression Trees, 1984, 3.4.3)
 an error of a constant makes is in sensitivity.py.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -101,14 +103,7 @@ def estimate_shapes(
     part, default all; workers : who compresses the runs; widest : up to which value the
     grids go on beyond their own, each twice the last one.
     """
-    # of effects with one column a joint, of the kind that is estimated, and not given
-    open_constants = [
-        (effect, joint, key)
-        for effect in model.effects
-        for key in effect.estimated
-        if key not in effect.given and len(effect.parameters) == len(effect.joints)
-        for joint in effect.joints
-    ]
+    open_constants = _open_constants(model)
     if not open_constants:
         return []
     folds = PhaseFolds(motion_clocks(tracks_of(runs.measurements)), SHAPE_FOLDS)
@@ -117,35 +112,46 @@ def estimate_shapes(
         """One pass over the chosen rows, in blocks by folds of the motion."""
         wide, base, banks = _with_banks(model, open_constants, widest)
         cells = compress_cells(runs, wide, _Cells(folds, chosen), workers)
-        cells = cells.select(
-            sorted({f.block for f in cells.factors if f.block < SHAPE_FOLDS})
-        )
-        return _Profile(cells, weighting, base, banks)
+        blocks = {f.block for f in cells.factors if f.block < SHAPE_FOLDS}
+        return _Profile(cells.select(sorted(blocks)), weighting, base, banks)
 
     model = model.reference_free
     estimates = profile_of(model, open_constants).confirmed()
-    # Splines in the grid are good to a per cent: what is told more finely is found once
-    # more, about itself, where they are exact.
-    known = {
-        (s.effect, s.joint, s.shape): s.after
+    # Splines in the grid are good to a per cent: what the data tell more finely is found
+    # once more, about itself, where they are exact.
+    fine = {
+        (s.effect, s.joint, s.shape)
         for s in estimates
         if s.after != s.before and not s.at_end and s.std < 0.01 * s.after
     }
-    if known:
-        near = replace(model, effects=with_shapes(model.effects, estimates))
-        again = [
-            (e, j, key)
-            for e in near.effects
-            for j in e.joints
-            for key in e.estimated
-            if (e.name, j, key) in known
-        ]
-        profile = profile_of(near, again)
-        best = profile.best(profile.now, np.arange(len(again)))
-        known = {(s.effect, s.joint, s.shape): s.after for s in profile.estimates(best)}
+    if not fine:
+        return estimates
+    near = replace(model, effects=with_shapes(model.effects, estimates))
+    again = [
+        (effect, joint, key)
+        for effect in near.effects
+        for joint in effect.joints
+        for key in effect.estimated
+        if (effect.name, joint, key) in fine
+    ]
+    profile = profile_of(near, again)
+    best = profile.best(profile.now, np.arange(len(again)))
+    refined = {(s.effect, s.joint, s.shape): s.after for s in profile.estimates(best)}
     return [
-        replace(s, after=known.get((s.effect, s.joint, s.shape), s.after))
+        replace(s, after=refined.get((s.effect, s.joint, s.shape), s.after))
         for s in estimates
+    ]
+
+
+def _open_constants(model: Model) -> list[_Open]:
+    """Of effects with one column a joint the constants that are estimated, and not
+    given."""
+    return [
+        (effect, joint, key)
+        for effect in model.effects
+        for key in effect.estimated
+        if key not in effect.given and len(effect.parameters) == len(effect.joints)
+        for joint in effect.joints
     ]
 
 
@@ -207,19 +213,8 @@ def _with_banks(
     parts = list[_Grid]()
     splines = dict[tuple[float, ...], Any]()
     for effect, joint, key in open_constants:
-        grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
-        while grid[-1] < widest:
-            grid = (*grid, 2.0 * grid[-1])
-        ends = (grid[0], grid[-1])
         now = effect.shape[key]
-        if (
-            ends[0] <= now <= ends[-1]
-        ):  # in place of those within a tenth of it: exact there as well
-            grid = tuple(
-                sorted(
-                    {now, *(g for g in grid if g in ends or abs(np.log(g / now)) > 0.1)}
-                )
-            )
+        grid = _grid_with(effect, joint, key, now, widest)
         parts.append(
             _Grid([effect.with_shape([joint], **{key: value}) for value in grid])
         )
@@ -230,11 +225,24 @@ def _with_banks(
         banks.append(
             _Bank(effect.with_shape([joint]), joint, key, now, splines[grid], columns)
         )
-    return (
-        Model(model.robot, (*fixed, *parts), gains=model.gains, known=model.known),
-        base,
-        banks,
-    )
+    effects = (*fixed, *parts)
+    wide = Model(model.robot, effects, gains=model.gains, known=model.known)
+    return wide, base, banks
+
+
+def _grid_with(
+    effect: Effect, joint: int, key: str, now: float, widest: float
+) -> tuple[float, ...]:
+    """The values of a constant's grid, doubled up to ``widest``. Within it the value
+    ``now`` takes the place of those within a tenth: columns are exact there as well."""
+    grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
+    while grid[-1] < widest:
+        grid = (*grid, 2.0 * grid[-1])
+    ends = (grid[0], grid[-1])
+    if not ends[0] <= now <= ends[-1]:
+        return grid
+    others = {g for g in grid if g in ends or abs(np.log(g / now)) > 0.1}
+    return tuple(sorted({now, *others}))
 
 
 class _Grid(Effect):
@@ -291,25 +299,21 @@ class _Profile:
         data = folds.least_squares()
         self.weights = np.ones(folds.joints)
         if weighting == "noise":
-            theta = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")[
-                0
-            ]
-            self.weights = joint_weights(folds, theta)
+            fit = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")
+            self.weights = joint_weights(folds, fit[0])
             data = folds.least_squares(self.weights)
         both = np.column_stack([data.R[:, len(base) :], data.rho])
         shown, self.shown = column_space(data.R[:, base])
-        projections = shown.T @ both
-        left = triangular([both - shown @ projections])
+        left = triangular([both - shown @ (shown.T @ both)])
         self.torque = left[:, -1]
         self.count = left.shape[1] - 1
         U = span(left[:, :-1])
-        error = (
-            float(np.sum((self.torque - U @ (U.T @ self.torque)) ** 2))
-            + data.residual_norm**2
-        )
+        residual = self.torque - U @ (U.T @ self.torque)
+        error = float(np.sum(residual**2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
         error = max(error, 1e-12 * data.tau_squared) or 1.0
-        free = max(data.rows - folds.oversampling * (U.shape[1] + shown.shape[1]), 1.0)
+        n_columns = U.shape[1] + shown.shape[1]
+        free = max(data.rows - folds.oversampling * n_columns, 1.0)
         self.variance = folds.oversampling * error / free
         self.parts = [
             np.ascontiguousarray(left.T[b.columns - len(base)]) for b in banks
@@ -320,35 +324,42 @@ class _Profile:
 
     def _made(self, u: Array) -> tuple[Array, Array]:
         """The columns (r, B) at constants ln u (B,), and their derivatives."""
-        pairs = zip(self.banks, self.parts, u.tolist(), strict=True)
-        A, D = np.array([bank.weights(x) @ part for bank, part, x in pairs]).transpose(
-            1, 2, 0
-        )
-        return A, D
+        made = [
+            bank.weights(x) @ part
+            for bank, part, x in zip(self.banks, self.parts, u.tolist(), strict=True)
+        ]
+        values, derivatives = np.array(made).transpose(1, 2, 0)
+        return values, derivatives
 
     def at(self, u: Array) -> tuple[Array, Array]:
         """What is left of the torque (r,) at constants ln u (B,), and its slopes (r,
         B); a column that would push instead of brake is left out."""
-        (A, D), theta = self._made(u), np.zeros(len(u))
-        used = pushes = np.ones(len(u), bool)
+        columns, derivatives = self._made(u)
+        theta = np.zeros(len(u))
+        used = np.ones(len(u), bool)
+        pushes = used
         while pushes.any():
-            U, V = column_space(A[:, used])
-            theta[used], theta[~used] = V @ (U.T @ self.torque), 0.0
+            U, V = column_space(columns[:, used])
+            theta[used] = V @ (U.T @ self.torque)
+            theta[~used] = 0.0
             pushes = self.brakes & (theta < 0.0)
             used = used & ~pushes
-        slopes = D * theta
-        return self.torque - U @ (U.T @ self.torque), U @ (U.T @ slopes) - slopes
+        slopes = derivatives * theta
+        left = self.torque - U @ (U.T @ self.torque)
+        return left, U @ (U.T @ slopes) - slopes
 
     def _products(self, T: Array) -> Array:
         """(F, k + d, k + d) in each fold of what all other columns make in the
         directions that data show, and of combinations T (P + 1, d) of the banks'
         columns and the torque."""
-        (b, k), p = self.shown.shape, self.count
-        out = np.zeros((len(self.folds.blocks), k + T.shape[1], k + T.shape[1]))
+        n_others, n_shown = self.shown.shape
+        size = n_shown + T.shape[1]
+        out = np.zeros((len(self.folds.blocks), size, size))
         for joint, indices, blocks, rows in self.folds.by_joint():
-            first = int(np.sum(indices < b))  # the others come first
+            first = int(np.sum(indices < n_others))  # the others come first
             products = rows[..., :first] @ self.shown[indices[:first]]
-            combined = rows[..., first:] @ T[np.append(indices[first:] - b, p)]
+            of_bank = np.append(indices[first:] - n_others, self.count)
+            combined = rows[..., first:] @ T[of_bank]
             both = self.weights[joint] * np.concatenate([products, combined], axis=2)
             out[blocks] += both.swapaxes(1, 2) @ both
         return out
@@ -357,57 +368,66 @@ class _Profile:
         """(B,) what each constant alone takes from the squared error of the folds that
         are left out, in variances, and what noise would."""
         moved = [k for k, s in enumerate(estimates) if s.after != s.before]
-        count = len(self.folds.blocks)
-        k = self.shown.shape[1]
-        taken, needed = np.zeros((2, len(estimates)))
-        if not moved or count < 2:
+        n_folds = len(self.folds.blocks)
+        taken = np.zeros(len(estimates))
+        needed = np.zeros(len(estimates))
+        if not moved or n_folds < 2:
             return taken, needed
-        # Columns in which a fit near what was found is linear: all others, each bank's
-        # at the value that the model has, and, of a constant that moves, those at its
-        # new value and, within its range, their derivative. Of these whose each is (-1:
-        # of no bank), and whether it is new.
-        parts = list[Array]()
-        of = [-1] * k
-        new = [False] * k
-        for j, (bank, s) in enumerate(zip(self.banks, estimates, strict=True)):
-            several = bank.weights(float(np.log(s.after)))[: 1 if s.at_end else 2]
-            places = [
-                bank.weights(self.now[j])[0],
-                *(several if s.after != s.before else ()),
-            ]
-            of += [j] * len(places)
-            new += [False, *[True] * (len(places) - 1)]
-            parts += places
-        T = np.zeros((self.count + 1, len(parts) + 1))
-        for out, weights, j in zip(T.T, parts, of[k:], strict=False):
-            out[self.banks[j].columns - len(self.shown)] = weights
-        T[-1, -1] = 1.0  # the torque
-        grams = self._products(T)
+        local = self._local_columns(estimates)
+        grams = self._products(local.combinations)
         size = nonzero_or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
         grams /= size * size[:, None]
-        other_folds = grams.sum(axis=0) - grams + UNSEEN * np.eye(len(size))
-        fits = np.zeros((len(moved) + 1, count, len(size)))
-        for fit, j in zip(fits, (-2, *moved), strict=True):  # none of them, each alone
-            used = np.flatnonzero(np.where(np.equal(of, j), new, np.logical_not(new)))
-            fit[:, used] = np.linalg.solve(
-                other_folds[:, used[:, None], used], other_folds[:, used, -1:]
-            )[..., 0]
+        fits = self._fits_to_others(grams, local, moved)
         fits[..., -1] = -1.0
-        both = fits, fits[1:] - fits[0]
-        loss, apart = (
-            np.sum(np.squeeze(grams @ x[..., None], 3) * x, axis=2) for x in both
-        )
+        losses = _quadratic(grams, fits)
         scale = size[-1] ** 2 / self.variance
-        gains = scale * (loss[0] - loss[1:])
-        changes = scale * apart
-        noise = np.maximum(
-            np.sum((gains - changes) ** 2, axis=1), 4.0 * changes.sum(axis=1)
-        )
-        taken[moved], needed[moved] = (
-            gains.sum(axis=1),
-            stdtrit(count - 1, 0.975) * np.sqrt(noise),
-        )
+        gains = scale * (losses[0] - losses[1:])
+        changes = scale * _quadratic(grams, fits[1:] - fits[0])
+        noise = np.sum((gains - changes) ** 2, axis=1)
+        noise = np.maximum(noise, 4.0 * changes.sum(axis=1))
+        taken[moved] = gains.sum(axis=1)
+        needed[moved] = stdtrit(n_folds - 1, 0.975) * np.sqrt(noise)
         return taken, needed
+
+    def _local_columns(self, estimates: Sequence[ShapeEstimate]) -> _LocalColumns:
+        """Columns in which a fit near the estimates is linear: all others, each bank's
+        at the value that the model has, and, of a constant that moves, those at its new
+        value and, within its range, their derivative."""
+        n_shown = self.shown.shape[1]
+        bank_of = [-1] * n_shown
+        is_new = [False] * n_shown
+        weights = list[Array]()
+        for j, (bank, estimate) in enumerate(zip(self.banks, estimates, strict=True)):
+            weights.append(bank.weights(self.now[j])[0])
+            bank_of.append(j)
+            is_new.append(False)
+            if estimate.after != estimate.before:
+                new = bank.weights(float(np.log(estimate.after)))
+                new = new[:1] if estimate.at_end else new
+                weights += [*new]
+                bank_of += [j] * len(new)
+                is_new += [True] * len(new)
+        combinations = np.zeros((self.count + 1, len(weights) + 1))
+        for column, values, j in zip(
+            combinations.T, weights, bank_of[n_shown:], strict=False
+        ):
+            column[self.banks[j].columns - len(self.shown)] = values
+        combinations[-1, -1] = 1.0  # the torque
+        return _LocalColumns(combinations, np.array(bank_of), np.array(is_new))
+
+    def _fits_to_others(
+        self, grams: Array, local: _LocalColumns, moved: Sequence[int]
+    ) -> Array:
+        """(1 + len(moved), F, k + d) coefficients that are best in all folds but one:
+        with the model's constants, then with each new one alone."""
+        n_folds, size = grams.shape[:2]
+        others = grams.sum(axis=0) - grams + UNSEEN * np.eye(size)
+        fits = np.zeros((len(moved) + 1, n_folds, size))
+        for fit, bank in zip(fits, (None, *moved), strict=True):
+            used = np.flatnonzero(local.used_for(bank))
+            gram = others[:, used[:, None], used]
+            fit[:, used] = np.linalg.solve(gram, others[:, used, -1:])[..., 0]
+        return fits
 
     def confirmed(self) -> list[ShapeEstimate]:
         """The constants that together explain most, of those that folds that are left
@@ -436,7 +456,8 @@ class _Profile:
             products = left @ self.torque
             products = np.maximum(products, 0.0) if self.brakes[k] else products
             best = int(np.argmax(products**2 / nonzero_or_one(np.sum(left**2, axis=1))))
-            u[k], columns[:, k] = bank.spline.x[best], part[best]
+            u[k] = bank.spline.x[best]
+            columns[:, k] = part[best]
         return u
 
     def best(self, start: Array, free: NDArray[np.intp]) -> Array:
@@ -451,11 +472,12 @@ class _Profile:
             left, slopes = self.at(u)
             return left, slopes[:, free]
 
-        out, (low, high) = start.copy(), self.ends[free].T
-        ftol = (
-            1e-3 * self.variance / float(np.sum(self.at(start)[0] ** 2))
-        )  # of what noise decides
-        out[free] = least_squares(at, start[free], (low, high), 1e-4, ftol, steps=50)[0]
+        low, high = self.ends[free].T
+        left, _ = self.at(start)
+        ftol = 1e-3 * self.variance / float(np.sum(left**2))  # of what noise decides
+        best, *_ = least_squares(at, start[free], (low, high), 1e-4, ftol, steps=50)
+        out = start.copy()
+        out[free] = best
         return out
 
     def estimates(self, u: Array) -> list[ShapeEstimate]:
@@ -469,9 +491,40 @@ class _Profile:
             after = bank.now if x == now else float(f"{np.exp(x):.6g}")
             std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf
             end = x != now and at_end(x, low, high)
-            one = bank.effect.name, bank.joint, bank.key
-            out.append(ShapeEstimate(*one, bank.now, after, std, at_end=bool(end)))
+            out.append(
+                ShapeEstimate(
+                    effect=bank.effect.name,
+                    joint=bank.joint,
+                    shape=bank.key,
+                    before=bank.now,
+                    after=after,
+                    std=std,
+                    at_end=bool(end),
+                )
+            )
         return out
+
+
+@dataclass(frozen=True)
+class _LocalColumns:
+    """combinations (P + 1, d) of the banks' columns and the torque, the torque last;
+    bank_of (k + d - 1,) : whose a column is (-1: of no bank); is_new : whether it is at
+    the constant's new value."""
+
+    combinations: Array
+    bank_of: NDArray[np.intp]
+    is_new: NDArray[np.bool_]
+
+    def used_for(self, bank: int | None) -> NDArray[np.bool_]:
+        """The columns of a fit in which only this bank's constant is new."""
+        of_bank = np.equal(self.bank_of, -2 if bank is None else bank)
+        return np.where(of_bank, self.is_new, ~self.is_new)
+
+
+def _quadratic(grams: Array, coefficients: Array) -> Array:
+    """(..., F) c^T G c in each fold, of grams (F, s, s) and coefficients (..., F, s)."""
+    products = np.squeeze(grams @ coefficients[..., None], 3)
+    return np.asarray(np.sum(products * coefficients, axis=2))
 
 
 def with_shapes(

@@ -82,28 +82,25 @@ class Sandwich:
         z = V.T @ (factor_rows.R.T @ factor_rows.rho)
         B = len(regression.blocks)
         r = V.shape[1]
-        self.grams, self.scores = np.zeros((B, r, r)), np.zeros((B, r))
+        self.grams = np.zeros((B, r, r))
+        self.scores = np.zeros((B, r))
         for joint, indices, blocks, rows in regression.by_joint():
             visible_rows = rows[..., :-1] @ (weights[joint] * V[indices])
             left = weights[joint] * rows[..., -1] - visible_rows @ z
             self.grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
             self.scores[blocks] += (left[:, None] @ visible_rows)[:, 0]
-        excess = float(
-            np.sum(np.trace(self.grams, axis1=1, axis2=2)) - np.sum(self.grams**2)
-        )
+        traces = np.trace(self.grams, axis1=1, axis2=2)
+        excess = float(np.sum(traces) - np.sum(self.grams**2))
         inflation = 1.0
         if excess > 1e-6 * r and self.white > 0.0:
             inflation = float(np.sum(self.scores**2)) / excess / self.white
-        self.pooled, self.kernel = (
-            inflation * self.white,
-            _kernel(regression, inflation),
-        )
+        self.pooled = inflation * self.white
+        self.kernel = _kernel(regression, inflation)
         self.prior = V.T * (strength / prior_scale**2) @ V
         self.norms = factor_rows.column_norms
         self.solution = V @ z
-        self._basis = np.linalg.qr(V * self.norms[:, None])[
-            0
-        ]  # of the visible directions, at unit norm
+        # Of the visible directions, at unit norm.
+        self._basis = np.linalg.qr(V * self.norms[:, None])[0]
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
         """Which linear functions (k, p) of theta the data determine."""
@@ -144,29 +141,28 @@ class Sandwich:
         if self.taken_white:
             prior = np.sum((w @ self.prior) * w, axis=1)
             return self.white * (np.sum(w * w, axis=1) - prior), np.full(len(w), np.inf)
-        K, (B, r) = self.kernel, self.scores.shape
-        AB, h = (
-            np.moveaxis(self.grams @ w.T, 2, 0),
-            w @ self.scores.T,
-        )  # (c, B, r), (c, B)
+        K = self.kernel
+        n_blocks, r = self.scores.shape
+        AB = np.moveaxis(self.grams @ w.T, 2, 0)  # (c, B, r)
+        h = w @ self.scores.T  # (c, B)
         variances = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
-        KAB = np.moveaxis(
-            (K @ np.moveaxis(AB, 1, 0).reshape(B, -1)).reshape(B, len(w), r), 1, 0
-        )
+        by_block = np.moveaxis(AB, 1, 0).reshape(n_blocks, -1)
+        KAB = np.moveaxis((K @ by_block).reshape(n_blocks, len(w), r), 1, 0)
         # tr (K G)^2 of G's second part, by the smaller of (A B)'K A B and K A B (A B)'.
-        M = np.swapaxes(AB, 1, 2) @ KAB if r < B else KAB @ np.swapaxes(AB, 1, 2)
+        transposed = np.swapaxes(AB, 1, 2)
+        M = transposed @ KAB if r < n_blocks else KAB @ transposed
         information = variances.sum(axis=1)
         expected = information - np.trace(M, axis1=1, axis2=2)
         square = np.sum(variances * (K.power(2) @ variances.T).T, axis=1)
         square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2))
         square -= 2.0 * np.sum(variances * np.sum(KAB**2, axis=2), axis=1)
         estimates = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
-        is_told = (expected > 1e-6 * information) & (square > 0.0)
-        safe = np.where(is_told, expected, 1.0)
-        freedom = np.where(is_told, safe**2 / np.where(is_told, square, 1.0), 0.0)
-        moderated = (POOLED * self.pooled + freedom * estimates / safe) / (
-            POOLED + freedom
-        )
+        is_shown = (expected > 1e-6 * information) & (square > 0.0)
+        safe = np.where(is_shown, expected, 1.0)
+        safe_square = np.where(is_shown, square, 1.0)
+        freedom = np.where(is_shown, safe**2 / safe_square, 0.0)
+        of_data = freedom * estimates / safe
+        moderated = (POOLED * self.pooled + of_data) / (POOLED + freedom)
         return moderated * information, freedom + POOLED
 
     @cached_property
@@ -289,6 +285,10 @@ def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     return {verdict: verdicts.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
 
 
+#: No parameter of an arm is as large in any unit.
+_LARGEST = 1e100
+
+
 @dataclass(frozen=True)
 class Uncertainty(JsonRecord):
     """standard : all parameters of the model; base : the combinations that make torque.
@@ -318,6 +318,10 @@ class Uncertainty(JsonRecord):
         )
         if shapes != ((p,), (p, n), (n,)):
             raise ValueError("uncertainty: arrays of other parameters or joints")
+        for name in ("spread", "gain_response", "torque_noise", "gain_errors"):
+            # Their squares are the covariance.
+            if np.any(np.abs(getattr(self, name)) > _LARGEST):
+                raise ValueError(f"uncertainty: {name} beyond {_LARGEST:g}")
 
     @cached_property
     def factor(self) -> Array:
@@ -427,73 +431,152 @@ def of_regression(
     these data, gains (p, n) : its response to the gains, where they have been worked out already; extra
     (p, e) : a factor of the covariance of an error that is known beside.
     """
-    parameters = task.model.parameters
     p = len(task.bound)
-    data = task.data
+    n = own_regression.joints
     value = task.ols if theta is None else np.asarray(theta, float)
-    gain_errors = (
-        np.zeros((own_regression.joints, 0)) if gain_errors is None else gain_errors
-    )
     known = known or _sandwich_of(task, wide or own_regression, white)
-    gains = known.gain_response(value)[:p] if gains is None else gains
-    extra = np.zeros((p, 0)) if extra is None else extra
-    low = np.full(p, -np.inf)
-    high = np.full(p, np.inf)
-    if constrained:  # masses and moments of inertia are not negative, nor is friction
-        low = np.maximum(-task.bound, [q.lower for q in parameters])
-        high = task.bound
-        low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
-        for body in (
-            c for c in task.constraints.convex if c.family == "pseudo-inertia"
-        ):
+    if gain_errors is None:
+        gain_errors = np.zeros((n, 0))
+    if gains is None:
+        gains = known.gain_response(value)[:p]
+    if extra is None:
+        extra = np.zeros((p, 0))
+    intervals = _Intervals(
+        task=task,
+        value=value,
+        known=known,
+        ends=_allowed(task) if constrained else np.outer([-np.inf, np.inf], np.ones(p)),
+        extra=extra,
+        gains=gains,
+        gain_errors=gain_errors,
+    )
+    names = [q.name for q in task.model.parameters]
+    standard = BaseParameters(np.eye(p), names, list(range(p)))
+    mean_squares = own_regression.joint_losses(value) / np.maximum(
+        own_regression.joint_rows(), 1
+    )
+    return Uncertainty(
+        standard=intervals.of(standard),
+        base=intervals.of(base),
+        spread=np.hstack([known.factor[:p], extra]),
+        gain_response=gains,
+        torque_noise=np.sqrt(mean_squares),
+        gain_errors=gain_errors,
+    )
+
+
+def _allowed(task: Task) -> Array:
+    """(2, p) what physics and bounds allow of each parameter: masses and moments of
+    inertia are not negative, nor is friction."""
+    low = np.maximum(-task.bound, [q.lower for q in task.model.parameters])
+    low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
+    for body in task.constraints.convex:
+        if body.family == "pseudo-inertia":
             diagonal = body.indices[[0, 4, 6, 9]]
             low[diagonal] = np.maximum(low[diagonal], 0.0)
-    norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
-    largest = np.fmin(task.bound, np.sqrt(data.tau_squared) / norms)
-    apart = np.zeros(p)
-    if known.regression.p > p:
-        # Constants that stay on a grid, or were given, are one step from the least
-        # loss.
-        apart = known.solution[:p] - min_norm_lstsq(data.R, data.rho)
+    return np.stack([low, task.bound])
 
-    def told(base: BaseParameters) -> tuple[Interval, ...]:
+
+@dataclass(frozen=True)
+class _Intervals:
+    """What intervals of linear functions of theta are made of.
+
+    value (p,) : the estimate; ends (2, p) : what is allowed of each parameter; extra
+    (p, e), gains (p, n) and gain_errors (n, e) : errors that are no noise, as of
+    :func:`of_regression`.
+    """
+
+    task: Task
+    value: Array
+    known: Sandwich
+    ends: Array
+    extra: Array
+    gains: Array
+    gain_errors: Array
+
+    @cached_property
+    def _offset(self) -> Array:
+        """(p,) what one step to the least loss changes: constants that stay on a grid,
+        or were given, are not there."""
+        p = len(self.task.bound)
+        if self.known.regression.p <= p:
+            return np.zeros(p)
+        data = self.task.data
+        return self.known.solution[:p] - min_norm_lstsq(data.R, data.rho)
+
+    @cached_property
+    def _largest(self) -> Array:
+        """(p,) the largest value that bounds or the measured torque allow."""
+        data = self.task.data
+        norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
+        return np.fmin(self.task.bound, np.sqrt(data.tau_squared) / norms)
+
+    def _ends_of(self, rows: Array) -> Array:
+        """(2, b) the smallest and the largest value of linear functions (b, p)."""
+        low, high = self.ends
+        below = np.where(rows > 0.0, low, high)
+        above = np.where(rows > 0.0, high, low)
+        ends = np.stack([below, above])
+        return np.asarray(np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2))
+
+    def of(self, base: BaseParameters) -> tuple[Interval, ...]:
+        """An interval for each of some linear functions of theta."""
         rows = base.rows
-        out = []
-        ends = np.where(
-            rows > 0.0, np.stack([low, high])[:, None], np.stack([high, low])[:, None]
-        )
-        ends = np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2)
-        noise = np.hypot(known.half_widths(rows) / NORMAL_95, rows @ apart)
-        other = np.hstack([rows @ extra, rows @ gains @ gain_errors])
+        lowest, highest = self._ends_of(rows)
+        noise = self.known.half_widths(rows) / NORMAL_95
+        noise = np.hypot(noise, rows @ self._offset)
+        of_gains = rows @ self.gains @ self.gain_errors
+        other = np.hstack([rows @ self.extra, of_gains])
         std = np.hypot(noise, np.linalg.norm(other, axis=1))
-        sizes = np.fmin(np.abs(rows) @ task.bound, largest[base.leading])
-        figures = rows @ value, rows @ task.ols, std, *ends, sizes
-        intervals_of = zip(
-            base.names, base.leading, *(x.tolist() for x in figures), strict=True
+        sizes = np.fmin(np.abs(rows) @ self.task.bound, self._largest[base.leading])
+        values = rows @ self.value
+        least_squares = rows @ self.task.ols
+        parameters = self.task.model.parameters
+        return tuple(
+            _interval(
+                name=name,
+                unit=parameters[base.leading[k]].unit,
+                value=float(values[k]),
+                centre=float(least_squares[k]),
+                std=float(std[k]),
+                ends=(float(lowest[k]), float(highest[k])),
+                size=float(sizes[k]),
+            )
+            for k, name in enumerate(base.names)
         )
-        for name, k, x, allowed, spread, lowest, highest, size in intervals_of:
-            half = NORMAL_95 * spread
-            interval = Interval(name, parameters[k].unit, x)
-            if not np.isnan(spread):
-                rough = size if np.isfinite(size) else 0.0
-                enough = (
-                    verdict
-                    for verdict, (share, absolute) in WIDTHS.items()
-                    if half <= max(share * min(abs(allowed), size), absolute * rough)
-                )
-                lower = min(max(allowed - half, lowest), x)
-                upper = max(min(allowed + half, highest), x)
-                limits = {"std": spread, "lower": lower, "upper": upper}
-                interval = replace(interval, **limits, verdict=next(enough, NOT_SEEN))
-            out.append(interval)
-        return tuple(out)
 
-    as_base = BaseParameters(np.eye(p), [q.name for q in parameters], list(range(p)))
-    noise = np.sqrt(
-        own_regression.joint_losses(value) / np.maximum(own_regression.joint_rows(), 1)
+
+def _interval(
+    *,
+    name: str,
+    unit: str,
+    value: float,
+    centre: float,
+    std: float,
+    ends: tuple[float, float],
+    size: float,
+) -> Interval:
+    """The interval around ``centre`` within its ends, with the verdict; size : the
+    largest value that counts."""
+    if np.isnan(std):
+        return Interval(name, unit, value)
+    half = NORMAL_95 * std
+    rough = size if np.isfinite(size) else 0.0
+    verdict = NOT_SEEN
+    for word, (share, absolute) in WIDTHS.items():
+        if half <= max(share * min(abs(centre), size), absolute * rough):
+            verdict = word
+            break
+    lowest, highest = ends
+    return Interval(
+        name=name,
+        unit=unit,
+        value=value,
+        std=std,
+        lower=min(max(centre - half, lowest), value),
+        upper=max(min(centre + half, highest), value),
+        verdict=verdict,
     )
-    spread = np.hstack([known.factor[:p], extra])
-    return Uncertainty(told(as_base), told(base), spread, gains, noise, gain_errors)
 
 
 def beside_held(
@@ -514,7 +597,9 @@ def beside_held(
     explain; held_base : its base parameters; gain_errors : as of :func:`of_regression`,
     by default those of the held model.
     """
-    (fixed, old), k, wide = held, len(theta), regression.given_first(held[0])
+    fixed, old = held
+    k = len(theta)
+    wide = regression.given_first(fixed)
     known = _sandwich_of(task, wide)
     everything = np.zeros(regression.p)
     everything[: len(fixed) + k] = np.concatenate([fixed, theta])
@@ -531,13 +616,17 @@ def beside_held(
     gains = known.response(through_gains)[:k]
     errors = old.gain_errors if gain_errors is None else gain_errors
     narrow = wide.keeping(np.arange(wide.p) < k)
-    settings: dict[str, Any] = {
-        "known": known,
-        "gains": gains,
-        "extra": extra,
-        "gain_errors": errors,
-    }
-    new = of_regression(task, narrow, base, theta, constrained=True, **settings)
+    new = of_regression(
+        task,
+        narrow,
+        base,
+        theta,
+        constrained=True,
+        known=known,
+        gains=gains,
+        extra=extra,
+        gain_errors=errors,
+    )
     old = old.with_gain_errors(errors, held_base.rows)
     # The last columns of the new spread are what the old one makes of it.
     own_spread, through_old = np.split(

@@ -183,10 +183,7 @@ def judge(
     motion of this length does not rule out.
     """
     over = over_noise(rmse, floor)
-    beyond = relative  # without what the noise explains, where that is known
-    if floor is not None and np.isfinite(relative) and np.any(rmse > 0.0):
-        left = np.maximum(rmse**2 - floor**2, 0.0).sum()
-        beyond = float(relative * np.sqrt(left / np.sum(rmse**2)))
+    beyond = relative if floor is None else _beyond_noise(relative, rmse, floor)
     fit = _fit(over, beyond, relative, noise_source, np.asarray(r2) < 0.0)
     prediction_words = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
@@ -199,10 +196,12 @@ def judge(
             prediction_words + believed,
         )
     far = outside > CHANGES or floor is None
-    prediction_words = (
-        f"; {100.0 * outside:.0f} % of the rows lie outside of a measured curve's table"
-    )
-    end = f"{prediction_words if outside > 0.0 else ''}.{f' {forward}' if forward else ''}"
+    end = "."
+    if outside > 0.0:
+        share = f"{100.0 * outside:.0f} %"
+        end = f"; {share} of the rows lie outside of a measured curve's table."
+    if forward:
+        end = f"{end} {forward}"
     lines = [
         fit,
         _prediction(beyond, relative, new_share, far, end, seconds, highest),
@@ -215,6 +214,14 @@ def judge(
         (None, "") if over is None else (tuple(map(float, over)), noise_source)
     )
     return Verdict(weakest_first, ratios, source, tuple(judged_on), remark)
+
+
+def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
+    """The relative error [%] without what the noise (n,) explains of it."""
+    if not np.isfinite(relative) or not np.any(rmse > 0.0):
+        return relative
+    left = np.maximum(rmse**2 - floor**2, 0.0).sum()
+    return float(relative * np.sqrt(left / np.sum(rmse**2)))
 
 
 def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
@@ -286,7 +293,7 @@ def _prediction(
     the sentence; highest : the error [%] that the judged motion does not rule out, None
     where that is not known."""
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
-    percent = "" if share is None else f"{100.0 * share:.0f} %"
+    percent = "" if share is None else formatting.percent(share, 2)
     if share is None or share < MOSTLY_NEW:
         known = "the model does not record its own motion"
         if percent:

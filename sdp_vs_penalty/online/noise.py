@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -79,21 +80,11 @@ class ResidualNoise:
                 "give a run that moves all joints",
             )
         squares = np.nanmean(moving**2, axis=0)
-        correlation = 1.0 / _RATE
-        for seconds in _STRETCHES:
-            means = [x.means(seconds) for x in stretches]
-            squared_means = np.concatenate(means) ** 2
-            is_moving = np.isfinite(squared_means)
-            if np.any(is_moving.sum(axis=0) < _ENOUGH):
-                break
-            share = np.mean(np.nanmean(squared_means, axis=0) / squares)
-            if 0.0 < share < 1.0:
-                correlation = max(correlation, seconds * share / (1.0 - share))
         noise = cls(
-            np.sqrt(squares),
-            float(correlation),
-            1.0,
-            np.max([x.acceleration for x in stretches], axis=0),
+            std=np.sqrt(squares),
+            correlation=_correlation(stretches, squares),
+            inflation=1.0,
+            acceleration=np.max([x.acceleration for x in stretches], axis=0),
         )
         return replace(noise, inflation=noise._inflation(stretches, prior))
 
@@ -111,6 +102,21 @@ class ResidualNoise:
                 ratio = float(np.quantile(errors, 0.95)) / NORMAL_95
                 largest = max(largest, ratio)
         return largest
+
+
+def _correlation(stretches: Sequence[_Stretch], squares: Array) -> float:
+    """Seconds for which residuals agree with themselves, from how the mean squares (n,)
+    of their means fall with the length."""
+    correlation = 1.0 / _RATE
+    for seconds in _STRETCHES:
+        squared_means = np.concatenate([x.means(seconds) for x in stretches]) ** 2
+        is_moving = np.isfinite(squared_means)
+        if np.any(is_moving.sum(axis=0) < _ENOUGH):
+            break
+        share = np.mean(np.nanmean(squared_means, axis=0) / squares)
+        if 0.0 < share < 1.0:
+            correlation = max(correlation, seconds * share / (1.0 - share))
+    return float(correlation)
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,10 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    load="as_problem check_fields load_problem with_bounds with_filters",
+    load=(
+        "EXAMPLE as_problem check_fields load_problem problems_folder with_bounds "
+        "with_filters"
+    ),
     published="measured_runs published_cell published_links published_values",
     problem="CentreOfMassCone open_box problem_from_dict problem_to_dict",
     bodies="link_bodies plausible_links",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import Model
@@ -56,52 +57,58 @@ class BaseParameters:
 def base_rows(problem: Problem, model: Model) -> BaseParameters:
     """The base parameters of a model, those of the links with the names that the
     problem gives them."""
+    matrix, places, lead = _rigid_base(problem, model)
     p = len(model.parameters)
-    rigid = model.rigid_indices
-    present = {e.name for e in model.effects}
-    # A rotor acts like inertia of the first links, an offset like the weight of a link
-    # that slides upright: their common combinations are what counts.
-    merged_effects = {"rotor_inertia"} | (
-        {"torque_offset"} if "m" in model.robot.position_units else set()
-    )
-    if len(rigid) and present & merged_effects:
-        part = Model(
-            model.robot,
-            tuple(
-                e for e in model.effects if e.name in ("rigid_body", *merged_effects)
-            ),
-        )
-        names = [p.name for p in model.parameters]
-        places = np.array([names.index(q.name) for q in part.parameters])
-        states = part.robot.random_states
-        motion = Motion(np.zeros(len(states[0])), *states)
-        stacked = np.swapaxes(part.dense_columns(motion), 0, 1).reshape(-1, len(places))
-        # Of columns that stand for each other the first leads, whatever rounding says:
-        # links first.
-        matrix, lead = structure(
-            stacked, preference=np.linspace(1.0, 1.0 - 1e-4, len(places))
-        )
-        kept = [int(places[k]) for k in lead]
-    elif len(rigid):
-        try:
-            matrix, lead = base_parameters(model, problem.independent)
-        except InputError:  # the list was made for another direction of gravity
-            matrix, lead = base_parameters(model)
-        places = rigid
-        kept = [int(rigid[k]) for k in lead]
-    else:
-        matrix = np.zeros((0, 0))
-        places = rigid
-        kept = []
     others = np.setdiff1d(np.arange(p), places)
     unit = np.eye(p)
     rows = np.vstack([matrix @ unit[places], unit[others]])
-    leading = [*kept, *others.tolist()]
-    names = [
-        model.parameters[k].name + (" + ..." if np.count_nonzero(row) > 1 else "")
-        for row, k in zip(rows, leading, strict=True)
-    ]
+    leading = [*(int(places[k]) for k in lead), *others.tolist()]
+    names = []
+    for row, k in zip(rows, leading, strict=True):
+        is_sum = np.count_nonzero(row) > 1
+        names.append(model.parameters[k].name + (" + ..." if is_sum else ""))
     return BaseParameters(rows, names, leading)
+
+
+def _rigid_base(
+    problem: Problem, model: Model
+) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
+    """B (b, k) of the links' parameters and of those that act like them; where these k
+    stand in theta; which of them lead."""
+    rigid = model.rigid_indices
+    if not len(rigid):
+        return np.zeros((0, 0)), rigid, ()
+    present = {e.name for e in model.effects}
+    # A rotor acts like inertia of the first links, an offset like the weight of a link
+    # that slides upright: their common combinations are what counts.
+    merged = {"rotor_inertia"}
+    if "m" in model.robot.position_units:
+        merged.add("torque_offset")
+    if present & merged:
+        return _merged_base(model, ("rigid_body", *merged))
+    try:
+        matrix, lead = base_parameters(model, problem.independent)
+    except InputError:  # the list was made for another direction of gravity
+        matrix, lead = base_parameters(model)
+    return matrix, rigid, lead
+
+
+def _merged_base(
+    model: Model, effects: Sequence[str]
+) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
+    """:func:`_rigid_base` of all parameters of some effects together."""
+    part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
+    names = [p.name for p in model.parameters]
+    places = np.array([names.index(q.name) for q in part.parameters])
+    states = part.robot.random_states
+    motion = Motion(np.zeros(len(states[0])), *states)
+    columns = part.dense_columns(motion)
+    stacked = np.swapaxes(columns, 0, 1).reshape(-1, len(places))
+    # Of columns that stand for each other the first leads, whatever rounding says:
+    # links first.
+    preference = np.linspace(1.0, 1.0 - 1e-4, len(places))
+    matrix, lead = structure(stacked, preference=preference)
+    return matrix, places, lead
 
 
 def structure(
@@ -111,12 +118,12 @@ def structure(
 ) -> tuple[Array, tuple[int, ...]]:
     """B and the independent columns of stacked ones (N, k): ``leading``, or what a pivoted
     QR chooses of them, at unit norm times ``preference`` (k,)."""
-    stacked = triangular(
-        [stacked]
-    )  # the same columns' lengths and angles, in as many rows as columns
+    # The same columns' lengths and angles, in as many rows as columns.
+    stacked = triangular([stacked])
     norms = np.linalg.norm(stacked, axis=0)
     unseen = norms <= 1e-10 * norms.max()
-    scaled = np.where(unseen, 0.0, stacked / np.where(unseen, 1.0, norms)) * preference
+    unit = stacked / np.where(unseen, 1.0, norms)
+    scaled = np.where(unseen, 0.0, unit) * preference
     _, r, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
     rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))
     if leading is None:
@@ -148,13 +155,19 @@ def base_parameter_symbols(problem: Problem) -> dict[str, str]:
         for link in range(1, problem.robot.links + 1)
         for name in parameter_names(link)
     ]
-    out = {}
-    for row, lead in zip(base, independent, strict=True):
-        terms = enumerate(zip(row, rigid, strict=True))
-        others = [(v, name) for k, (v, name) in terms if v and k != lead]
-        description = rigid[lead]
-        for value, name in others:
-            size = "" if abs(abs(value) - 1.0) < 1e-9 else f"{abs(value):.4g} "
-            description += f"{' + ' if value > 0.0 else ' - '}{size}{name}"
-        out[rigid[lead]] = description
-    return out
+    return {
+        rigid[lead]: _written_out(row, rigid, lead)
+        for row, lead in zip(base, independent, strict=True)
+    }
+
+
+def _written_out(row: Array, names: Sequence[str], lead: int) -> str:
+    """A linear function (k,) of named parameters, the leading one first."""
+    description = names[lead]
+    for k, (value, name) in enumerate(zip(row, names, strict=True)):
+        if k == lead or not value:
+            continue
+        sign = " + " if value > 0.0 else " - "
+        size = "" if abs(abs(value) - 1.0) < 1e-9 else f"{abs(value):.4g} "
+        description += f"{sign}{size}{name}"
+    return description

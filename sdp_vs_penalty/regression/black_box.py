@@ -10,6 +10,7 @@ et al. 2019, sec. III.
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -73,13 +74,9 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     of several.
     """
     paths = list(source) if isinstance(source, list | tuple) else [source]
-    answers = list[Path]()
-    for path in (Path(x) for x in paths if isinstance(x, str | Path)):
-        # Of a damaged file whoever reads it as measurements says what is wrong.
-        with suppress(zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
-            if path.suffix == ".npz" and path.is_file():
-                with zipfile.ZipFile(path) as archive:
-                    answers += [path] * ("mass_matrix.npy" in archive.namelist())
+    answers = [
+        Path(x) for x in paths if isinstance(x, str | Path) and _holds_answers(Path(x))
+    ]
     if not answers:
         return None
     path = answers[0]
@@ -90,6 +87,33 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
             path,
         )
     arrays = numeric_arrays(path)
+    _check_shapes(arrays, path)
+    q = arrays["q"]
+    if joints is not None and q.shape[1] != joints:
+        raise other_robot(q.shape[1], joints, path)
+    matrices = arrays["mass_matrix"]
+    difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
+    worst = int(np.argmax(difference))
+    # A library prints a few digits.
+    if difference[worst] > 1e-3 * np.abs(matrices).max():
+        what = f"array mass_matrix, configuration {worst + 1}: not symmetric"
+        raise InputError(what, "give M(q) in full", path)
+    return BlackBox(q, arrays["gravity"], matrices, (path.name,))
+
+
+def _holds_answers(path: Path) -> bool:
+    """Whether a file is an archive with mass matrices. Of a damaged one whoever reads it
+    as measurements says what is wrong."""
+    with suppress(zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
+        if path.suffix == ".npz" and path.is_file():
+            with zipfile.ZipFile(path) as archive:
+                return "mass_matrix.npy" in archive.namelist()
+    return False
+
+
+def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
+    """Raises InputError for an array that is missing, has another shape than q's, or
+    holds no finite numbers."""
     q = arrays.get("q", np.zeros(0))
     if q.ndim != 2 or not q.size:
         raise InputError(
@@ -111,17 +135,6 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
         if len(bad):
             what = f"array {name}, configuration {bad[0][0] + 1}: not a finite number"
             raise InputError(what, "leave that configuration out", path)
-    if joints is not None and q.shape[1] != joints:
-        raise other_robot(q.shape[1], joints, path)
-    matrices = arrays["mass_matrix"]
-    difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
-    worst = int(np.argmax(difference))
-    if (
-        difference[worst] > 1e-3 * np.abs(matrices).max()
-    ):  # a library prints a few digits
-        what = f"array mass_matrix, configuration {worst + 1}: not symmetric"
-        raise InputError(what, "give M(q) in full", path)
-    return BlackBox(q, arrays["gravity"], matrices, (path.name,))
 
 
 def compress_black_box(box: BlackBox, model: Model) -> Regression:
@@ -147,14 +160,14 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     factors = []
     for joint, links in enumerate(robot.subtree):
         columns = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
-        sides = [(inertial[k], box.mass_matrix[:, joint, k]) for k in range(joint, n)]
+        equations = [(gravity, box.gravity[:, joint])]
+        for k in range(joint, n):
+            equations.append((inertial[k], box.mass_matrix[:, joint, k]))
         stack = [
             np.column_stack([rows[:, joint, columns], values])
-            for rows, values in [(gravity, box.gravity[:, joint]), *sides]
+            for rows, values in equations
         ]
-        factors.append(
-            Factor(joint, 0, columns, triangular(stack), sum(map(len, stack)))
-        )
-    return Regression(
-        model.parameters, n, ((0, 0.0, 0.0),), tuple(factors), oversampling=1.0
-    )
+        n_rows = sum(map(len, stack))
+        factors.append(Factor(joint, 0, columns, triangular(stack), n_rows))
+    block = (0, 0.0, 0.0)
+    return Regression(model.parameters, n, (block,), tuple(factors), oversampling=1.0)

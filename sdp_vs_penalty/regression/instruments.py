@@ -82,80 +82,89 @@ def instrumented(
     and the rows (r, k + 1) [Z, tau^]."""
     p = len(model.parameters)
     parts = []
-    for (
-        joint,
-        indices,
-        rows,
-    ) in factors:  # columns without instruments serve as their own
-        k = len(indices) // 2 if np.any(indices >= p) else len(indices)
+    for joint, indices, rows in factors:
+        # Columns without instruments serve as their own.
+        has_instruments = np.any(indices >= p)
+        k = len(indices) // 2 if has_instruments else len(indices)
         parts.append((joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
     instruments, theta = _estimate(model, parts)
-    pairs = zip(parts, instruments, strict=True)
-    return [
-        (at, np.column_stack([Z, X[:, -1] + (Z - X[:, :-1]) @ theta[at]]))
-        for (_, at, _, X), Z in pairs
-    ]
+    out = []
+    for (_, at, _, X), Z in zip(parts, instruments, strict=True):
+        torque = X[:, -1] + (Z - X[:, :-1]) @ theta[at]
+        out.append((at, np.column_stack([Z, torque])))
+    return out
+
+
+def _residuals(model: Model, parts: Sequence[Instrumented], theta: Array) -> Array:
+    """(n,) squares of what theta leaves of each joint's torque."""
+    out = np.zeros(model.robot.n)
+    for joint, indices, _, X in parts:
+        out[joint] += np.sum((X[:, :-1] @ theta[indices] - X[:, -1]) ** 2)
+    return out
+
+
+def _instruments_of(part: Instrumented, model: Model, theta: Array | None) -> Array:
+    """(r, k) Z, with the errors that the model of theta makes in place of the
+    servo's."""
+    joint, indices, both, _ = part
+    Z = both[:, :-1]
+    at = model.error_gains[joint]
+    place = np.flatnonzero(indices == at)
+    if theta is None or not len(place):
+        return Z
+    if not np.any(Z[:, place[0]]) or theta[at] <= 0.0:
+        return Z
+    coefficients = theta[indices]
+    coefficients[place[0]] = 0.0
+    Z = Z.copy()
+    Z[:, place[0]] = (both[:, -1] - Z @ coefficients) / theta[at]
+    return Z
 
 
 def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
     """The instruments of each part, and theta^ (p,), joints weighted by their
     residuals."""
     theta = model.reference if model.drives.any() else None
-    p = len(model.parameters)
-
-    def residuals(theta: Array) -> Array:
-        """(n,) squares of what theta leaves of each joint's torque."""
-        out = np.zeros(model.robot.n)
-        for joint, indices, _, X in parts:
-            out[joint] += np.sum((X[:, :-1] @ theta[indices] - X[:, -1]) ** 2)
-        return out
-
-    def instruments(f: Instrumented) -> Array:
-        """(r, k) Z, with the errors that the model of theta makes in place of the
-        servo's."""
-        joint, indices, both, _ = f
-        Z = both[:, :-1]
-        at = model.error_gains[joint]
-        place = np.flatnonzero(indices == at)
-        if (
-            theta is None
-            or not len(place)
-            or not np.any(Z[:, place[0]])
-            or theta[at] <= 0.0
-        ):
-            return Z
-        coefficients = theta[indices]
-        Z = Z.copy()
-        coefficients[place[0]] = 0.0
-        Z[:, place[0]] = (both[:, -1] - Z @ coefficients) / theta[at]
-        return Z
-
-    left = np.ones(model.robot.n) if theta is None else residuals(theta)
-    known = np.array([q.name in model.known for q in model.parameters])
+    left = np.ones(model.robot.n)
+    if theta is not None:
+        left = _residuals(model, parts, theta)
     for _ in range(4):  # in which joints' weights and the model's own errors settle
-        Z = [instruments(f) for f in parts]
+        instruments = [_instruments_of(part, model, theta) for part in parts]
         weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
-        zz = np.zeros((p, p))
-        zx = np.zeros((p, p))
-        right = np.zeros(p)
-        for (joint, indices, _, X), instrument in zip(parts, Z, strict=True):
-            weighted = weights[joint] * instrument.T
-            at = np.ix_(indices, indices)
-            zz[at] += weighted @ instrument
-            zx[at] += weighted @ X[:, :-1]
-            right[indices] += weighted @ X[:, -1]
-        size = np.sqrt(np.diag(zz))
-        used = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
-        values, vectors = np.linalg.eigh(
-            zz[np.ix_(used, used)] / np.outer(size[used], size[used])
-        )
-        # Where the instruments' columns, of unit norm, are shorter noise of X alone
-        # would decide.
-        is_determined = values > 1e-6**2 * values.max(initial=0.0)
-        V = vectors[:, is_determined] / size[used, None]
-        solution = np.zeros(p)
-        middle = V.T @ zx[np.ix_(used, used)] @ V
-        solution[used] = V @ np.linalg.lstsq(middle, V.T @ right[used], rcond=None)[0]
+        solution = _solution(len(model.parameters), parts, instruments, weights)
         theta = model.with_known(solution)
-        left = residuals(theta)
-    return Z, np.where(known, 0.0, solution)
+        left = _residuals(model, parts, theta)
+    known = np.array([q.name in model.known for q in model.parameters])
+    return instruments, np.where(known, 0.0, solution)
+
+
+def _solution(
+    p: int,
+    parts: Sequence[Instrumented],
+    instruments: Sequence[Array],
+    weights: Array,
+) -> Array:
+    """theta^ (p,) of Z^T (tau - X theta^) = 0, the joints' rows weighted."""
+    zz = np.zeros((p, p))
+    zx = np.zeros((p, p))
+    right = np.zeros(p)
+    for (joint, indices, _, X), Z in zip(parts, instruments, strict=True):
+        weighted = weights[joint] * Z.T
+        at = np.ix_(indices, indices)
+        zz[at] += weighted @ Z
+        zx[at] += weighted @ X[:, :-1]
+        right[indices] += weighted @ X[:, -1]
+    size = np.sqrt(np.diag(zz))
+    used = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))
+    of_used = np.ix_(used, used)
+    unit = zz[of_used] / np.outer(size[used], size[used])
+    values, vectors = np.linalg.eigh(unit)
+    # Where the instruments' columns, of unit norm, are shorter noise of X alone would
+    # decide.
+    is_determined = values > 1e-6**2 * values.max(initial=0.0)
+    V = vectors[:, is_determined] / size[used, None]
+    middle = V.T @ zx[of_used] @ V
+    inner = np.linalg.lstsq(middle, V.T @ right[used], rcond=None)[0]
+    solution = np.zeros(p)
+    solution[used] = V @ inner
+    return solution

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -23,13 +24,20 @@ def column_space(A: Array) -> tuple[Array, Array]:
     Columns are brought to unit norm first; of smaller norm than 1e-10 of the largest
     they show nothing.
     """
-    norms = np.linalg.norm(A, axis=0)
-    nonzero = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
-    u, s, vt = np.linalg.svd(A[:, nonzero] / norms[nonzero], full_matrices=False)
+    unit, nonzero, norms = _unit_columns(A)
+    u, s, vt = np.linalg.svd(unit, full_matrices=False)
     good = s > UNSEEN * s.max(initial=0.0)
     V = np.zeros((A.shape[1], int(good.sum())))
-    V[nonzero] = (vt[good] / s[good, None]).T / norms[nonzero, None]
+    V[nonzero] = (vt[good] / s[good, None]).T / norms[:, None]
     return u[:, good], V
+
+
+def _unit_columns(A: Array) -> tuple[Array, NDArray[np.intp], Array]:
+    """The columns of A (r, p) that are not zero beside the largest, at unit norm; which
+    they are; their norms."""
+    norms = np.linalg.norm(A, axis=0)
+    nonzero = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
+    return A[:, nonzero] / norms[nonzero], nonzero, norms[nonzero]
 
 
 def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
@@ -51,14 +59,13 @@ def deviations(A: Array) -> Array:
 def span(A: Array) -> Array:
     """U (r, k) with U'U = 1 of what the columns A (r, p) make, in a third of the time of
     :func:`column_space`."""
-    norms = np.linalg.norm(A, axis=0)
-    nonzero = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
+    unit, nonzero, _ = _unit_columns(A)
     if not len(nonzero):
         return np.zeros((len(A), 0))
-    unit = A[:, nonzero] / norms[nonzero]
     q, r, _ = scipy.linalg.qr(unit, mode="economic", pivoting=True, check_finite=False)
     size = np.abs(np.diagonal(r))
-    return np.asarray(q[:, : int(np.sum(size > UNSEEN * size[0]))])
+    rank = int(np.sum(size > UNSEEN * size[0]))
+    return np.asarray(q[:, :rank])
 
 
 def partialled(A: Array, others: Array) -> Array:
@@ -68,22 +75,28 @@ def partialled(A: Array, others: Array) -> Array:
     return np.asarray(others - U @ (U.T @ others))
 
 
-def in_turn(
-    at: Callable[[Array], tuple[Array, Array]],
-) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+class InTurn:
     """Residual and Jacobian as SciPy asks for them, one after the other at the same x,
     of ``at``, which computes them together; once for each x."""
-    last_x = np.full(1, np.nan)
-    answer = (np.zeros(0), np.zeros(0))
 
-    def both(x: Array) -> tuple[Array, Array]:
-        nonlocal last_x, answer
-        if not np.array_equal(x, last_x):
-            last_x = x.copy()
-            answer = at(x)
-        return answer
+    def __init__(self, at: Callable[[Array], tuple[Array, Array]]) -> None:
+        self._at = at
+        self._last_x = np.full(1, np.nan)
+        self._answer = (np.zeros(0), np.zeros(0))
 
-    return lambda x: both(x)[0], lambda x: both(x)[1]
+    def residual(self, x: Array) -> Array:
+        """r (m,) at x (p,)."""
+        return self._both(x)[0]
+
+    def jacobian(self, x: Array) -> Array:
+        """J (m, p) at x (p,)."""
+        return self._both(x)[1]
+
+    def _both(self, x: Array) -> tuple[Array, Array]:
+        if not np.array_equal(x, self._last_x):
+            self._last_x = x.copy()
+            self._answer = self._at(x)
+        return self._answer
 
 
 def least_squares(
@@ -103,13 +116,13 @@ def least_squares(
     """
     from scipy import optimize
 
-    residual, jacobian = in_turn(at)
+    both = InTurn(at)
     # SciPy's reflected step, which it discards, and its step along a gradient of 0.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         solution = optimize.least_squares(
-            residual,
+            both.residual,
             np.clip(start, *ends),
-            jacobian,
+            both.jacobian,
             bounds=ends,
             xtol=xtol,
             ftol=ftol,

@@ -158,13 +158,19 @@ class Regression:
         numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
         place = {block: k for k, block in enumerate(numbers.tolist())}
         factors = []
-        for f in (f for f in self.factors if f.block in place):
-            count = int(counts[new := place[f.block]])
-            triangle = f.triangle if count == 1 else float(np.sqrt(count)) * f.triangle
-            factors.append(Factor(f.joint, new, f.indices, triangle, count * f.rows))
-        return replace(
-            self, blocks=tuple(self.blocks[b] for b in numbers), factors=tuple(factors)
-        )
+        for f in self.factors:
+            if f.block not in place:
+                continue
+            new = place[f.block]
+            count = int(counts[new])
+            triangle = f.triangle
+            if count > 1:
+                triangle = float(np.sqrt(count)) * triangle
+            factors.append(
+                replace(f, block=new, triangle=triangle, rows=count * f.rows)
+            )
+        chosen = tuple(self.blocks[b] for b in numbers)
+        return replace(self, blocks=chosen, factors=tuple(factors))
 
     def keeping(self, kept_columns: NDArray[np.bool_]) -> Regression:
         """The same of only the wanted (p,) parameters; rows keep their order."""
@@ -188,11 +194,10 @@ class Regression:
         factors = []
         for f in self.factors:
             is_fixed = f.indices < k
-            torque = (
-                f.triangle[:, -1]
-                - f.triangle[:, :-1][:, is_fixed] @ fixed[f.indices[is_fixed]]
-            )
-            rows = np.column_stack([f.triangle[:, :-1][:, ~is_fixed], torque])
+            columns = f.triangle[:, :-1]
+            explained = columns[:, is_fixed] @ fixed[f.indices[is_fixed]]
+            torque = f.triangle[:, -1] - explained
+            rows = np.column_stack([columns[:, ~is_fixed], torque])
             factors.append(replace(f, indices=f.indices[~is_fixed] - k, triangle=rows))
         return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
 
@@ -204,9 +209,8 @@ class Regression:
         for joint in range(self.joints):
             parts = [f for f in self.factors if f.joint == joint] or [none]
             triangle = triangular([f.triangle for f in parts])
-            merged.append(
-                Factor(joint, 0, parts[0].indices, triangle, sum(f.rows for f in parts))
-            )
+            n_rows = sum(f.rows for f in parts)
+            merged.append(Factor(joint, 0, parts[0].indices, triangle, n_rows))
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
@@ -215,10 +219,9 @@ class Regression:
         scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
         stack = []
         for factor in self.per_joint:
-            stack.append(np.zeros((len(factor.triangle), self.p + 1)))
-            stack[-1][:, [*factor.indices, self.p]] = (
-                scale[factor.joint] * factor.triangle
-            )
+            rows = np.zeros((len(factor.triangle), self.p + 1))
+            rows[:, [*factor.indices, self.p]] = scale[factor.joint] * factor.triangle
+            stack.append(rows)
         return LeastSquares.stacked(stack, sum(f.rows for f in self.per_joint))
 
     def by_joint(
@@ -228,26 +231,26 @@ class Regression:
         it, and their rows (B, r, k + 1), of zeros where a block has fewer."""
         for joint in range(self.joints):
             factors = [f for f in self.factors if f.joint == joint]
+            if not factors:
+                continue
             rows = dict[int, list[Array]]()
             for f in factors:  # several runs may show one fold
                 rows.setdefault(f.block, []).append(f.triangle)
-            if factors:
-                stacks = [x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()]
-                blocks = np.zeros(
-                    (len(stacks), max(map(len, stacks)), stacks[0].shape[1])
-                )
-                for place, stack in zip(blocks, stacks, strict=True):
-                    place[: len(stack)] = stack
-                yield joint, factors[0].indices, np.array(list(rows)), blocks
+            stacks = [x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()]
+            longest = max(map(len, stacks))
+            blocks = np.zeros((len(stacks), longest, stacks[0].shape[1]))
+            for place, stack in zip(blocks, stacks, strict=True):
+                place[: len(stack)] = stack
+            yield joint, factors[0].indices, np.array(list(rows)), blocks
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
         x = np.asarray(theta, float)
-        left = (
-            f.triangle[:, :-1] @ x[f.indices] - f.triangle[:, -1]
-            for f in self.per_joint
-        )
-        return np.array([float(residual @ residual) for residual in left])
+        losses = []
+        for f in self.per_joint:
+            residual = f.triangle[:, :-1] @ x[f.indices] - f.triangle[:, -1]
+            losses.append(float(residual @ residual))
+        return np.array(losses)
 
     def joint_rows(self) -> NDArray[np.int64]:
         """(joints,) number of rows of each joint."""
@@ -278,12 +281,13 @@ def compress(
     s each); workers : who does it, a run each; the factors come back and are merged in
     the order of the runs.
     """
-    spans = [(float(run.t[0]), float(run.t[-1])) for run in runs.measurements.runs()]
-    counts = [max(1, min(blocks_per_run, int((b - a) / 0.5))) for a, b in spans]
-    edges = tuple(
-        np.linspace(a, b, n + 1) for (a, b), n in zip(spans, counts, strict=True)
-    )
-    regression = compress_cells(runs, model, _TimeBlocks(edges), workers)
+    edges = []
+    for run in runs.measurements.runs():
+        start = float(run.t[0])
+        stop = float(run.t[-1])
+        count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
+        edges.append(np.linspace(start, stop, count + 1))
+    regression = compress_cells(runs, model, _TimeBlocks(tuple(edges)), workers)
     return regression.select(sorted({f.block for f in regression.factors}))
 
 
@@ -302,8 +306,9 @@ class _TimeBlocks:
         ]
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
-        first = sum(len(edges) - 1 for edges in self.edges[:run])
-        return first + np.searchsorted(self.edges[run][1:-1], t, side="right")
+        n_before = sum(len(edges) - 1 for edges in self.edges[:run])
+        inner_edges = self.edges[run][1:-1]
+        return n_before + np.searchsorted(inner_edges, t, side="right")
 
 
 class Cells(Protocol):
@@ -322,38 +327,41 @@ def compress_cells(
     """The same with one block for each cell (of folds by phase), whichever runs and
     periods show it."""
     one = partial(_cells_of_run, model=model, folds=folds)
-    factors_by_run = workers.map(one, list(enumerate(runs.runs)))
-    factors = [factor for run_factors, _ in factors_by_run for factor in run_factors]
-    rows = sum(f.rows for f in factors if f.joint == 0)
+    by_run = workers.map(one, list(enumerate(runs.runs)))
+    factors = [factor for of_run, _ in by_run for factor in of_run]
+    n_rows = sum(f.rows for f in factors if f.joint == 0)
+    n_samples = sum(samples for _, samples in by_run)
     own_errors = model.drives.any() and model.reference is not None
     if own_errors or any("qsim" in run.run.commanded for run in runs.runs):
-        instruments = instrumented(
-            model, [(f.joint, f.indices, f.triangle) for f in factors]
-        )
-        factors = [
-            replace(f, indices=run_factors, triangle=_folded(full))
-            for f, (run_factors, full) in zip(factors, instruments, strict=True)
-        ]
-    oversampling = rows / sum(samples for _, samples in factors_by_run)
+        factors = _with_instruments(model, factors)
     return Regression(
-        model.parameters,
-        model.robot.n,
-        tuple(folds.places),
-        tuple(factors),
-        oversampling,
+        parameters=model.parameters,
+        joints=model.robot.n,
+        blocks=tuple(folds.places),
+        factors=tuple(factors),
+        oversampling=n_rows / n_samples,
     )
+
+
+def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
+    """The factors in columns that the noise of the positions is no part of."""
+    parts = [(f.joint, f.indices, f.triangle) for f in factors]
+    both = zip(factors, instrumented(model, parts), strict=True)
+    return [
+        replace(f, indices=indices, triangle=_folded(rows))
+        for f, (indices, rows) in both
+    ]
 
 
 def _cells_of_run(
     numbered: tuple[int, FilteredRun], model: Model, folds: Cells
 ) -> tuple[list[Factor], float]:
     """One run's factors by cell, and its independent samples."""
-    (index, run), count, cells = numbered, 0, dict[tuple[int, int], Factor]()
-    of_run = (
-        instrumented_rows(run, model)
-        if "qsim" in run.run.commanded
-        else run.rows(model)
-    )
+    index, run = numbered
+    count = 0
+    cells = dict[tuple[int, int], Factor]()
+    has_instruments = "qsim" in run.run.commanded
+    of_run = instrumented_rows(run, model) if has_instruments else run.rows(model)
     for rows in of_run:
         count += len(rows.torque)
         _take(cells, rows, folds.cell(index, rows.motion.t))
@@ -369,14 +377,12 @@ def _take(
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
-        both = np.column_stack([columns.columns, rows.torque[:, joint]]).take(
-            order, axis=0
-        )
-        for block, piece in zip(
-            blocks.tolist(), np.split(both, begin[1:]), strict=True
-        ):
-            old = cells.get(
-                (block, joint), Factor(joint, block, columns.indices, both[:0], 0)
-            )
-            piece, count = np.vstack([old.triangle, piece]), old.rows + len(piece)
-            cells[block, joint] = replace(old, triangle=_folded(piece), rows=count)
+        both = np.column_stack([columns.columns, rows.torque[:, joint]])
+        both = both.take(order, axis=0)
+        pieces = np.split(both, begin[1:])
+        for block, piece in zip(blocks.tolist(), pieces, strict=True):
+            empty = Factor(joint, block, columns.indices, both[:0], 0)
+            old = cells.get((block, joint), empty)
+            folded = _folded(np.vstack([old.triangle, piece]))
+            n_rows = old.rows + len(piece)
+            cells[block, joint] = replace(old, triangle=folded, rows=n_rows)

@@ -11,10 +11,13 @@ __getattr__ = lazy_exports(
         "safe_depth smallest_eigenvalue"
     ),
     trajectory="FourierTrajectory joint_trajectory random_trajectory",
-    joint="Joint parse_transmission Transmission",
+    joint="Joint SIDES Transmission parse_transmission",
     robot="joint_limits Robot",
     urdf="load_urdf",
     geometry="Geometry link_geometry self_collision",
     isolated="parse_isolated ParserEndedError",
     mesh="read_mesh",
+    mjcf="load_mjcf",
+    plausible_units="LinkSizes odd_units",
+    arrays="Array",
 )

@@ -144,15 +144,13 @@ def _valleys(
     parabola.
     """
     x = _evenly(a, step, scale)
-    y = _evenly(b, step, scale)
+    y = x if b is a else _evenly(b, step, scale)
     middle = x.mean(axis=1, keepdims=True)
     x = x - middle
     y = y - middle
     n, M = x.shape
     N = y.shape[1]
-    length = fft.next_fast_len(M + N, real=True)
-    spectrum = np.conj(fft.rfft(x, length)) * fft.rfft(y, length)
-    product = fft.irfft(np.sum(spectrum, axis=0), length)[lags]
+    product = _correlation(x, y)[lags]
     first = np.maximum(0, -lags)
     last = np.minimum(M, N - lags)
     squares_of_x = np.append(0.0, np.cumsum(np.sum(x**2, axis=0)))
@@ -181,6 +179,18 @@ def _evenly(track: Track, step: float, scale: Array) -> Array:
     """(n, M) positions in units of the scale (n,), at evenly spaced instants."""
     t, q = track
     return interpolated(np.arange(t[0], t[-1], step), t, q / scale).T
+
+
+def _correlation(x: Array, y: Array) -> Array:
+    """(L,) sum over joints and k of x(k) y(k + lag) by the lag, x (n, M), y (n, N).
+
+    Negative lags stand at the end. One joint after the other, in the memory of one.
+    """
+    length = fft.next_fast_len(x.shape[1] + y.shape[1], real=True)
+    spectrum = np.zeros(length // 2 + 1, complex)
+    for of_joint, other in zip(x, y, strict=True):
+        spectrum += np.conj(fft.rfft(of_joint, length)) * fft.rfft(other, length)
+    return np.asarray(fft.irfft(spectrum, length))
 
 
 def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:

@@ -5,7 +5,13 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     experiments="Experiment experiment innovation_share Sensor sigmoid_friction",
-    hidden_runs="HiddenRuns MAKERS true_world",
+    hidden_runs="HiddenRuns LEVELS MAKERS true_world",
     engines="engine_types",
-    **{"engines.engine": "Engine"},
+    worlds=(
+        "DryFriction Hidden TrueMotion World at_joint bristles log_uniform "
+        "misplaced shifted torques"
+    ),
+    **{
+        "engines.engine": "Engine",
+    },
 )

@@ -8,12 +8,12 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.channels import lockstep
+from sdp_vs_penalty.checks.channels import lockstep, torques
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.velocity import velocity
 from sdp_vs_penalty.data import concatenate
-from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
+from sdp_vs_penalty.robot import LinkSizes, odd_units
 
 PROBLEM = load_problem("two_link")
 RUN = small_run(PROBLEM, seconds=8.0)
@@ -255,3 +255,18 @@ def test_positions_out_of_reach_end_the_judging_of_torques():
     (report,) = check(replace(PROBLEM, robot=robot), log, thorough=False)
     assert "position range" in [f.kind for f in report.issues]
     assert {f.nature for f in report.issues} == {"fact"}
+
+
+def test_a_torque_that_touches_zero_smoothly_is_no_magnitude():
+    """As one that a spring or the weight makes: it turns back without a corner."""
+    tau = RUN.tau.copy()
+    tau[:, 1] = 5.0 * (1.0 - np.cos(2.0 * RUN.t)) + 1e-4
+    issues = torques(summary(replace(RUN, tau=tau)))
+    assert "torque magnitude" not in [issue.kind for issue in issues]
+
+
+def test_a_torque_without_its_sign_is_a_magnitude():
+    tau = RUN.tau.copy()
+    tau[:, 1] = np.abs(5.0 * np.cos(2.0 * RUN.t) + 1e-3)
+    issues = torques(summary(replace(RUN, tau=tau)))
+    assert "torque magnitude" in [issue.kind for issue in issues]

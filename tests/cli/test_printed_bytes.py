@@ -151,12 +151,13 @@ def archive(home: Path, folder: Path) -> Path:
 
 
 def test_a_shell_reads_the_words_that_were_meant(tmp_path):
-    code = "import os,sys; sys.stdout.buffer.write(b'|'.join(map(os.fsencode,sys.argv[1:])))"
-    for name in hostile_names(200, of_files=True):
-        line = command_line([sys.executable, "-c", code, name, "end"])
-        assert line.isprintable()
-        done = subprocess.run(["bash", "-c", line], capture_output=True, cwd=tmp_path)
-        assert done.stdout == os.fsencode(name) + b"|end"
+    names = [*hostile_names(200, of_files=True)]
+    lines = [command_line(["printf", "%s|", name, "end"]) for name in names]
+    assert all(line.isprintable() for line in lines)
+    script = "".join(f"{line}\nprintf '\\0'\n" for line in lines)
+    done = subprocess.run(["bash", "-c", script], capture_output=True, cwd=tmp_path)
+    read = done.stdout.split(b"\0")[:-1]
+    assert read == [os.fsencode(name) + b"|end|" for name in names]
     assert not [*tmp_path.iterdir()]
 
 

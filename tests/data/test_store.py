@@ -21,7 +21,7 @@ def mapped(array: np.ndarray | None) -> bool:
     return isinstance(base.obj if isinstance(base, memoryview) else base, mmap.mmap)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet", ".mcap"])
+@pytest.mark.parametrize("suffix", [".csv", ".npz", ".parquet", ".mcap"])
 def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
     run = small_run(load_problem("two_link"), seconds=8.0)
     path = tmp_path / f"run{suffix}"
@@ -32,7 +32,14 @@ def test_read_in_pieces_to_the_last_bit(suffix, tmp_path, monkeypatch):
         save(run, path)
     whole = load_measurements(path)
     monkeypatch.setattr(store, "LARGEST_IN_MEMORY", 1 << 12)
-    for home in ("store", "measurements", "formats.parquet", "formats.bag"):
+    monkeypatch.setattr("sdp_vs_penalty.data.formats.npz.LARGEST_IN_MEMORY", 1 << 12)
+    for home in (
+        "store",
+        "measurements",
+        "formats.npz",
+        "formats.parquet",
+        "formats.bag",
+    ):
         monkeypatch.setattr(f"sdp_vs_penalty.data.{home}.PART", 77)
     pieces = load_measurements(path)
     assert mapped(pieces.q)

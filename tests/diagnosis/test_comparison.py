@@ -154,20 +154,20 @@ def test_a_ripple_is_seen_by_its_order_and_amplitude(two_link):
 
 
 def test_a_relative_error_of_few_stretches_rules_nothing_out():
-    from sdp_vs_penalty.diagnosis.comparison import upper_relative_error
+    from sdp_vs_penalty.diagnosis import upper_relative_error
 
     assert upper_relative_error(np.array([1.0, 1.0]), np.array([9.0, 9.0])) == np.inf
 
 
 def test_a_relative_error_of_equal_stretches_is_certain():
-    from sdp_vs_penalty.diagnosis.comparison import upper_relative_error
+    from sdp_vs_penalty.diagnosis import upper_relative_error
 
     found = upper_relative_error(np.full(20, 1.0), np.full(20, 100.0))
     assert found == pytest.approx(10.0)
 
 
 def test_a_relative_errors_interval_grows_with_what_differs():
-    from sdp_vs_penalty.diagnosis.comparison import upper_relative_error
+    from sdp_vs_penalty.diagnosis import upper_relative_error
 
     errors = np.ones(20)
     errors[0] = 30.0

@@ -16,6 +16,8 @@ from challenge.worlds.runs import draw_motion, draw_world, log_run, urdf_of
 from sdp_vs_penalty import Estimate, add, compare, diagnose, identify, load_problem
 from sdp_vs_penalty.data import Measurements, concatenate
 from sdp_vs_penalty.diagnosis import (
+    EVIDENCE_TO_DISTINGUISH,
+    LAW_TOLERANCE,
     Diagnosis,
     Library,
     Search,
@@ -23,12 +25,11 @@ from sdp_vs_penalty.diagnosis import (
     measure_curves,
     whiten_rows,
 )
-from sdp_vs_penalty.diagnosis.constants import EVIDENCE_TO_DISTINGUISH, LAW_TOLERANCE
 from sdp_vs_penalty.diagnosis.curves.measure import _instead
 from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
 from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
-from sdp_vs_penalty.robot.arrays import Array
-from sdp_vs_penalty.simulation.worlds import TrueMotion, at_joint
+from sdp_vs_penalty.robot import Array
+from sdp_vs_penalty.simulation import TrueMotion, at_joint
 
 JOINT = 1
 SIZE = 0.4

@@ -10,6 +10,9 @@ from small_runs import small_run
 
 from sdp_vs_penalty import Problem, identify
 from sdp_vs_penalty.diagnosis import (
+    COARSENING_ROWS,
+    EVIDENCE_TO_DISTINGUISH,
+    LAW_TOLERANCE,
     Batch,
     Candidate,
     CurveColumns,
@@ -22,11 +25,6 @@ from sdp_vs_penalty.diagnosis import (
     list_candidates,
     spectral_lines,
     whiten_rows,
-)
-from sdp_vs_penalty.diagnosis.constants import (
-    COARSENING_ROWS,
-    EVIDENCE_TO_DISTINGUISH,
-    LAW_TOLERANCE,
 )
 from sdp_vs_penalty.signals import coloured_noise
 

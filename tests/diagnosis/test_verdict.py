@@ -15,7 +15,7 @@ from sdp_vs_penalty.diagnosis import (
     remainder,
 )
 from sdp_vs_penalty.diagnosis.conclude import _standstill
-from sdp_vs_penalty.signals.noise import REPETITION
+from sdp_vs_penalty.signals import REPETITION
 
 FLOOR = np.array([0.2, 3.0])
 #: What is given, what is concluded, and why.

@@ -11,8 +11,7 @@ from scipy import special
 from unchecked import identify
 
 from sdp_vs_penalty import Estimate, InputError, Problem, load_problem
-from sdp_vs_penalty.estimation import Limits, excitation, separation
-from sdp_vs_penalty.estimation.constants import LEVEL
+from sdp_vs_penalty.estimation import LEVEL, Limits, excitation, separation
 from sdp_vs_penalty.robot import Robot, joint_trajectory, self_collision
 from sdp_vs_penalty.simulation import experiment
 

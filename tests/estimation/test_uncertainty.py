@@ -8,6 +8,8 @@ import pytest
 from sdp_vs_penalty import InputError, Measurements, Problem
 from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation import (
+    NORMAL_95,
+    NOT_SEEN,
     Sandwich,
     Uncertainty,
     bootstrap,
@@ -15,8 +17,6 @@ from sdp_vs_penalty.estimation import (
     of_regression,
 )
 from sdp_vs_penalty.estimation.build_problem import build_problem
-from sdp_vs_penalty.estimation.constants import NORMAL_95
-from sdp_vs_penalty.estimation.uncertainty import NOT_SEEN
 from sdp_vs_penalty.estimators import LmiSdp, PosedSdp, make_task
 from sdp_vs_penalty.regression import base_rows, compress
 from sdp_vs_penalty.robot import inertia, random_trajectory

@@ -6,8 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sdp_vs_penalty.estimation import Certificate, Verdict, judge
-from sdp_vs_penalty.estimation.verdict import GRADES, MISSING, PREDICTION
+from sdp_vs_penalty.estimation import (
+    GRADES,
+    MISSING,
+    PREDICTION,
+    Certificate,
+    Verdict,
+    judge,
+)
 
 RMSE = np.array([0.1, 0.2])
 R2 = np.array([0.99, 0.98])

@@ -16,8 +16,7 @@ from lxml import etree
 
 from sdp_vs_penalty import Estimate, load_problem
 from sdp_vs_penalty.effects import Model, parse_effects
-from sdp_vs_penalty.estimation import Certificate
-from sdp_vs_penalty.estimation.uncertainty import Interval, Uncertainty
+from sdp_vs_penalty.estimation import Certificate, Interval, Uncertainty
 from sdp_vs_penalty.robot import Robot, inertia, load_urdf
 from sdp_vs_penalty.signals import Preprocessing
 

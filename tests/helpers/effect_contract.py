@@ -29,14 +29,16 @@ from sdp_vs_penalty.effects import (
 )
 from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.robot import FourierTrajectory, Joint, Robot, random_trajectory
-from sdp_vs_penalty.simulation import MAKERS, experiment, true_world
-from sdp_vs_penalty.simulation.worlds import (
+from sdp_vs_penalty.simulation import (
+    MAKERS,
     DryFriction,
     Hidden,
     TrueMotion,
     World,
     at_joint,
+    experiment,
     shifted,
+    true_world,
 )
 
 Array = NDArray[np.float64]

@@ -6,7 +6,8 @@ import numpy as np
 
 from sdp_vs_penalty import Estimate, Measurements, Problem, identify
 from sdp_vs_penalty.online import PayloadChange, PayloadEstimator
-from sdp_vs_penalty.simulation.hidden_runs import LEVELS, hidden_runs
+from sdp_vs_penalty.simulation import LEVELS
+from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 
 def thinned(run: Measurements, rate: float) -> Measurements:

@@ -65,7 +65,7 @@ def files(hidden: HiddenRuns, tmp_path_factory: pytest.TempPathFactory) -> list[
     folder = tmp_path_factory.mktemp("runs")
     paths = [folder / name for name in ("run1.csv", "run2.npz", "run3.npz", "test.npz")]
     for run, path in zip(hidden.runs, paths, strict=True):
-        save(run, path)
+        save(run.window(0.0, 12.0), path)
     return paths
 
 

@@ -13,6 +13,7 @@ from recorded import refusal
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimators import interior_point
 from sdp_vs_penalty.problem import (
+    EXAMPLE,
     CentreOfMassCone,
     check_fields,
     load_problem,
@@ -23,7 +24,6 @@ from sdp_vs_penalty.problem import (
     published_values,
     with_bounds,
 )
-from sdp_vs_penalty.problem.load import EXAMPLE
 from sdp_vs_penalty.regression.base_parameters import base_parameters
 from sdp_vs_penalty.research.tables.errata import pi_p_hat
 from sdp_vs_penalty.robot import Joint, Robot, inertia

@@ -18,13 +18,13 @@ from sdp_vs_penalty.exporters.content import Content
 from sdp_vs_penalty.exporters.mjcf import make_mjcf
 from sdp_vs_penalty.exporters.urdf import edit_urdf, make_urdf
 from sdp_vs_penalty.robot import (
+    SIDES,
     Robot,
     Transmission,
     load_urdf,
     parse_transmission,
     random_trajectory,
 )
-from sdp_vs_penalty.robot.joint import SIDES
 
 #: A lift, a parallelogram whose loop is cut, and a gripper whose second finger mimics
 #: the first: one follower is a follower's, one slides where its leader turns, one link

@@ -14,7 +14,7 @@ from small_runs import small_run
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.errors import Remark
-from sdp_vs_penalty.robot.mjcf import load_mjcf
+from sdp_vs_penalty.robot import load_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

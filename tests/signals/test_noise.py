@@ -12,6 +12,8 @@ from sdp_vs_penalty import Measurements
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.signals import (
+    REPETITION,
+    SPECTRUM,
     Kernel,
     Preprocessing,
     SegmentedRuns,
@@ -19,7 +21,6 @@ from sdp_vs_penalty.signals import (
     segmented,
     spectral_floor,
 )
-from sdp_vs_penalty.signals.noise import REPETITION, SPECTRUM
 
 DT = 4e-3
 CUTOFF = 8.0

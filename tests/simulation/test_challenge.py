@@ -15,8 +15,7 @@ from challenge.worlds.conditions import FrictionLaw
 from committed import RESULTS
 from recorded import differences
 
-from sdp_vs_penalty.simulation import worlds
-from sdp_vs_penalty.simulation.worlds import bristles
+from sdp_vs_penalty.simulation import bristles, worlds
 
 
 @pytest.mark.slow

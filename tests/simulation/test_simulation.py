@@ -21,14 +21,16 @@ from sdp_vs_penalty.robot import random_trajectory
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import (
     Sensor,
+    TrueMotion,
     experiment,
     innovation_share,
+    misplaced,
     sigmoid_friction,
+    torques,
     true_world,
 )
 from sdp_vs_penalty.simulation.experiments import simulate
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
-from sdp_vs_penalty.simulation.worlds import TrueMotion, misplaced, torques
 
 
 def test_an_ideal_sensor_shows_the_truth(panda):

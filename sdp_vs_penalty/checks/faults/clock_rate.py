@@ -22,11 +22,13 @@ class Clock(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
+        """One more thing of this kind, from the repair as it is now."""
         yield replace(now, reversed=not now.reversed)
         for factor in _RATES if any(now.gravity) else ():
             yield replace(now, rate=now.rate * factor)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        """What the repair does of this kind."""
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy = "reverse q and tau in time"

@@ -20,6 +20,7 @@ class Degrees(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
+        """One more thing of this kind, from the repair as it is now."""
         reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
         far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
         if not far:
@@ -30,6 +31,7 @@ class Degrees(Transformation):
             yield now.times("scale", (j,), factor)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        """What the repair does of this kind."""
         joints = tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())
         if not joints:
             return

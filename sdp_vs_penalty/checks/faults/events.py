@@ -29,6 +29,7 @@ class Beside(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
+        """One more thing of this kind, from the repair as it is now."""
         yield from _laws(log, now, score)
         t = log.data.motion.t
         drift = score.gained(_own_part(log, now, score, LogEvent(0).shape(t)))
@@ -38,6 +39,7 @@ class Beside(Transformation):
         yield from _likeliest_step(log, now, score)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        """What the repair does of this kind."""
         for event in repair.events:
             if isinstance(event.at, str):
                 yield _law(log, repair, event)

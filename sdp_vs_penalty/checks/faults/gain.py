@@ -32,6 +32,7 @@ class Gain(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
+        """One more thing of this kind, from the repair as it is now."""
         if len(log.joints) < 2:
             return
         # A small one is seen at its best value alone: a step of the grid off, the fit
@@ -44,6 +45,7 @@ class Gain(Transformation):
             yield from map(at, (*_GAINS, factor))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        """What the repair does of this kind."""
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             yield _gain(log, repair, j)
 

@@ -31,6 +31,7 @@ class Mounting(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
+        """One more thing of this kind, from the repair as it is now."""
         gravity = np.array(now.gravity)
         size = float(np.linalg.norm(gravity))
         known = _earthly(size)
@@ -48,6 +49,7 @@ class Mounting(Transformation):
             yield _under(now, size * turned / np.linalg.norm(turned))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        """What the repair does of this kind."""
         assumed = np.array(log.problem.robot.gravity)
         g = np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):

@@ -30,11 +30,13 @@ class Saturation(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
+        """One more thing of this kind, from the repair as it is now."""
         for j in log.joints:
             for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
                 yield now.with_entries("bend", (j,), 1.0 - x)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        """What the repair does of this kind."""
         for j in np.flatnonzero(repair.bend).tolist():
             x = repair.bend[j]
             k = repair.tau_order[j]

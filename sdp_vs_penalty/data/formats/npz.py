@@ -1,8 +1,10 @@
 """NPZ: NumPy's own archive of arrays t, q1..qn, dq1..dqn, tau1..taun, or whole q, dq,
 tau (N, n)."""
 
+import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from sdp_vs_penalty.data.formats.columns import (
 )
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.data.store import LARGEST_IN_MEMORY, PART, concatenate_chunks
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import reading, writing
 from sdp_vs_penalty.robot.arrays import Array
@@ -24,17 +27,66 @@ _KIND = ".npz file of numbers", "write it anew with numpy.savez"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """The run of an archive; InputError naming the array that cannot be used."""
+    """The run of an archive; InputError naming the array that cannot be used.
+
+    A long run is read and kept in pieces.
+    """
     with (
         understood(path, *_KIND),
         reading(path),
         np.load(path, allow_pickle=False) as file,
     ):
         header = Header.of(path, list(file.files), choice)
-        arrays = {
-            name: _real_numbers(path, name, file[name]) for name in header.columns
-        }
-    return header.read(arrays)
+        arrays = {name: _channel(path, file, name) for name in header.columns}
+    lengths = {len(array) for array in arrays.values()}
+    if len(lengths) > 1 or max(lengths, default=0) <= PART or "t" not in header.groups:
+        return header.read(arrays)
+    return header.gather(_pieces(header, arrays))
+
+
+def _pieces(header: Header, arrays: Mapping[str, Array]) -> Iterator[Measurements]:
+    """Consecutive pieces of the run of arrays (N, ...) of the same length."""
+    count = len(arrays[header.columns[0]])
+    for start in range(0, count, PART):
+        part = slice(start, start + PART)
+        yield header.run({name: array[part] for name, array in arrays.items()})
+
+
+def _channel(path: Path, file: Any, name: str) -> Array:
+    """An array of an archive as floating-point numbers, a large one on the disk."""
+    if f"{name}.npy" in file.zip.namelist():
+        with file.zip.open(f"{name}.npy") as member:
+            shape, dtype = _row_layout(member)
+            if dtype.itemsize * math.prod(shape) > LARGEST_IN_MEMORY:
+                rows = _rows(member, shape, dtype)
+                return concatenate_chunks(_real_numbers(path, name, x) for x in rows)
+    return _real_numbers(path, name, file[name])
+
+
+def _row_layout(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and type of an array that is stored row by row; no shape for another."""
+    read_header = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }.get(np.lib.format.read_magic(member))
+    if read_header is None:
+        return (0,), np.dtype(float)
+    shape, is_column_major, dtype = read_header(member)
+    is_by_row = len(shape) == 1 or not is_column_major
+    return (shape if is_by_row and dtype.kind in "fiu" else (0,)), dtype
+
+
+def _rows(
+    member: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any]
+) -> Iterator[Array]:
+    """The rows of an array, PART at a time. Raises ValueError where the file ends."""
+    size = dtype.itemsize * math.prod(shape[1:])
+    for start in range(0, shape[0], PART):
+        count = min(PART, shape[0] - start)
+        content = member.read(count * size)
+        if len(content) < count * size:
+            raise ValueError("an array ends early")
+        yield np.frombuffer(content, dtype).reshape(count, *shape[1:])
 
 
 def inspect(path: Path) -> CellTable:
