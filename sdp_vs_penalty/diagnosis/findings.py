@@ -492,7 +492,7 @@ class Diagnosis(Record, JsonRecord):
                 f" {formatting.joints(above)} (joint {worst + 1}: {times} times)."
             )
         return (
-            "Nothing is missing that these measurements could show: fitted again, no"
+            "Nothing is missing that these measurements could show: no"
             f" joint errs more than {times} times its noise."
         )
 
