@@ -209,13 +209,14 @@ class LmiSdpTwoStep(Estimator):
         physics = task.constraints.with_families(bounds_kept.__contains__)
         distance = Objective(task.base_distance)
         torque = Objective(task.data)
-        steps = (distance, physics), (torque, physics), (torque, task.constraints)
-        nearest, best, bounded = (
-            PosedSdp(task, objective, constraints, self.solver).fit(
-                objective, self.accuracy
-            )
-            for objective, constraints in steps
-        )
+
+        def solve(objective: Objective, constraints: ConstraintSet) -> Fit:
+            posed = PosedSdp(task, objective, constraints, self.solver)
+            return posed.fit(objective, self.accuracy)
+
+        nearest = solve(distance, physics)
+        best = solve(torque, physics)
+        bounded = solve(torque, task.constraints)
         names = ("beta_prime", "beta_star", "beta_star_e")
         pairs = zip(names, (nearest, best, bounded), strict=True)
         chain = {name: (task.base @ fit.theta).tolist() for name, fit in pairs}

@@ -171,7 +171,7 @@ def _from_toml(
     box = open_box(robot.links)
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
-    low, high = (float(v) for v in bounds.get("total_mass", Problem.total_mass))
+    low, high = map(float, bounds.get("total_mass", Problem.total_mass))
     base = data.get("base_parameters", {}).get("independent")
     effects = data.get("effects")
     problem = Problem(

@@ -101,14 +101,13 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
     def touching(q: Array, placed: Any, first: bool) -> bool:
         return bool(pin.computeCollisions(model, data, geometry, placed, q, first))
 
-    limits = (
-        np.maximum(model.lowerPositionLimit, -np.pi),
-        np.minimum(model.upperPositionLimit, np.pi),
-    )
+    low = np.maximum(model.lowerPositionLimit, -np.pi)
+    high = np.minimum(model.upperPositionLimit, np.pi)
+    poses = np.random.default_rng(0).uniform(low, high, (40, n))
     pairs = list(geometry.collisionPairs)
     touch = []
     placed = geometry.createData()
-    for q in np.random.default_rng(0).uniform(*limits, (40, n)):
+    for q in poses:
         touching(q, placed, False)
         touch.append([r.isCollision() for r in placed.collisionResults])
     for k in np.flatnonzero(np.all(touch, axis=0)):
@@ -188,9 +187,8 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
         (radius,) = _lengths(shape, "radius", 1)
         body_geometry = Geometry(corners * radius, 4.0 / 3.0 * np.pi * radius**3)
     elif shape.tag in ("cylinder", "capsule"):
-        radius, length = (
-            x for name in ("radius", "length") for x in _lengths(shape, name, 1)
-        )
+        (radius,) = _lengths(shape, "radius", 1)
+        (length,) = _lengths(shape, "length", 1)
         ends = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
         turn, outer = (
             np.pi / 8.0 * np.arange(16),

@@ -260,6 +260,12 @@ def _read(
     return root, joints, parts
 
 
+def _link_of(joint: Any, end: str) -> str:
+    """The link at the end "parent" or "child" of a joint; empty where none is named."""
+    element = joint.find(end)
+    return "" if element is None else str(element.get("link", ""))
+
+
 def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     """The links by name, for each link the joints that hang on it, and the one that no
     joint carries."""
@@ -287,10 +293,8 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     carried: set[str] = set()
     for element in root.findall("joint"):
         name = element.get("name")
-        ends = [element.find(which) for which in ("parent", "child")]
-        parent, child = (
-            "" if end is None else str(end.get("link", "")) for end in ends
-        )
+        parent = _link_of(element, "parent")
+        child = _link_of(element, "child")
         for link in (parent, child):
             if link not in links:
                 what = f"joint {name!r} names link {link!r}, which is not in the file"

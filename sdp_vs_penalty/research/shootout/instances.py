@@ -358,8 +358,9 @@ def chain_task(n: int, draw: int = 0) -> Task:
         wide[:, -1] += rng.normal(size=samples)
     data = LeastSquares.stacked(stack, n * samples)
     convex = problem.constraints(model).convex
-    known = problem.parameter_bound(model), problem.nominal(model), problem.box
-    return Task(model, data, ConstraintSet(convex), *known)
+    bound = problem.parameter_bound(model)
+    nominal = problem.nominal(model)
+    return Task(model, data, ConstraintSet(convex), bound, nominal, problem.box)
 
 
 def thin_links(rng: np.random.Generator, problem: Problem) -> Array:

@@ -116,15 +116,11 @@ def judge(
 ) -> Judgement:
     """Classify one answer; ``accuracy`` is the accuracy that was asked for."""
     error, violation = _primal(instance, reference, answer.theta)
-    numbers = (
-        error,
-        violation,
-        (reference.upper - _dual(instance, answer)) / reference.scale,
-    )
+    gap = (reference.upper - _dual(instance, answer)) / reference.scale
     if answer.claims in ("failed", "inaccurate"):
-        return Judgement(answer.claims, *numbers)
+        return Judgement(answer.claims, error, violation, gap)
     kind, remark = classified(reference, answer.claims, error, violation, accuracy)
-    return Judgement(kind, *numbers, remark)
+    return Judgement(kind, error, violation, gap, remark)
 
 
 def classified(
@@ -184,11 +180,16 @@ def _dual(instance: Instance, answer: Answer) -> float:
     numbers = (x for x in (answer.theta, multipliers, slopes) if x is not None)
     if multipliers is None or not all(np.all(np.isfinite(x)) for x in numbers):
         return -np.inf
-    posed = answer.theta, instance.objective, instance.constraints, multipliers, slopes
+    fit = Fit(
+        answer.theta,
+        instance.objective,
+        instance.constraints,
+        multipliers,
+        slopes,
+        bound=instance.task.bound,
+    )
     with suppress(np.linalg.LinAlgError):
-        return float(
-            np.nan_to_num(Fit(*posed, bound=instance.task.bound).lower, nan=-np.inf)
-        )
+        return float(np.nan_to_num(fit.lower, nan=-np.inf))
     return -np.inf
 
 

@@ -44,7 +44,9 @@ def wrench_regressor(
     robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
 ) -> Array:
     """Y with w_j = Y[:, j] theta, shape (N, n, 6, 10 n), for states of shape (N, n)."""
-    q, dq, ddq = (np.ascontiguousarray(np.atleast_2d(x), float) for x in (q, dq, ddq))
+    q = np.ascontiguousarray(np.atleast_2d(q), float)
+    dq = np.ascontiguousarray(np.atleast_2d(dq), float)
+    ddq = np.ascontiguousarray(np.atleast_2d(ddq), float)
     model = robot._model
     data = model.createData()
     frames = [inertia.transform(j.link_frame) for j in robot.joints]
