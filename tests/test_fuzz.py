@@ -315,6 +315,18 @@ def test_what_the_reader_takes_the_check_can_judge(path, two_link):
         assert all(report.meaningless for report in reports)
 
 
+DOCUMENTS = [
+    path for path in sorted(CORPUS.iterdir()) if path.suffix in (".gltf", ".json")
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*this mesh is left out")
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_a_document_that_broke_a_reader_is_read_or_refused(path, tmp_path):
+    copy = Path(shutil.copy(path, tmp_path))
+    outcome(path.name, lambda: read(copy, path))
+
+
 def test_a_models_own_filters_keep_the_budget(two_link, tmp_path):
     run = small_run(two_link, seconds=5.0)
     sdp.identify(two_link, run).save(tmp_path / "model.json")

@@ -150,7 +150,7 @@ class Comparison(Record):
         """The low-pass that measured and modelled torque passed."""
         return self.band_hz
 
-    @fact("%", name="new motion")
+    @fact("%", digits=2, name="new motion")
     def new_motion_percent(self) -> float | None:
         """Share of the judged motion that the model was not fitted to."""
         share = self.new_motion_share
@@ -362,7 +362,7 @@ def upper_relative_error(errors: Array, torques: Array) -> float | None:
 
 def new_motion(new_share: float | None) -> str:
     """The share of the judged motion that the model has not been trained on, as text."""
-    return "not recorded" if new_share is None else f"{100.0 * new_share:.0f} %"
+    return "not recorded" if new_share is None else formatting.percent(new_share, 2)
 
 
 def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:

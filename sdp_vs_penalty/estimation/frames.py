@@ -109,6 +109,17 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
     return pandas.DataFrame(rows).set_index("parameter")
 
 
+def base_expressions(estimate: Parameters) -> list[str]:
+    """Each base parameter as a sum of standard ones, in the order of their
+    intervals."""
+    base = base_rows(estimate.problem, estimate.model)
+    names = [p.name for p in estimate.model.parameters]
+    return [
+        expression(row, names, leading)
+        for row, leading in zip(base.rows, base.leading, strict=True)
+    ]
+
+
 def expression(row: Array, names: Sequence[str], leading: int) -> str:
     """A combination of parameters as a sum, the leading one first.
 

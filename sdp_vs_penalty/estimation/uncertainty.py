@@ -285,6 +285,10 @@ def counts(intervals: Sequence[Interval]) -> dict[str, int]:
     return {verdict: verdicts.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
 
 
+#: No parameter of an arm is as large in any unit.
+_LARGEST = 1e100
+
+
 @dataclass(frozen=True)
 class Uncertainty(JsonRecord):
     """standard : all parameters of the model; base : the combinations that make torque.
@@ -314,6 +318,10 @@ class Uncertainty(JsonRecord):
         )
         if shapes != ((p,), (p, n), (n,)):
             raise ValueError("uncertainty: arrays of other parameters or joints")
+        for name in ("spread", "gain_response", "torque_noise", "gain_errors"):
+            # Their squares are the covariance.
+            if np.any(np.abs(getattr(self, name)) > _LARGEST):
+                raise ValueError(f"uncertainty: {name} beyond {_LARGEST:g}")
 
     @cached_property
     def factor(self) -> Array:

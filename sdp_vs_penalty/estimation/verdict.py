@@ -293,7 +293,7 @@ def _prediction(
     the sentence; highest : the error [%] that the judged motion does not rule out, None
     where that is not known."""
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
-    percent = "" if share is None else f"{100.0 * share:.0f} %"
+    percent = "" if share is None else formatting.percent(share, 2)
     if share is None or share < MOSTLY_NEW:
         known = "the model does not record its own motion"
         if percent:

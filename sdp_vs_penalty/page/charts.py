@@ -11,7 +11,8 @@ from sdp_vs_penalty.diagnosis.curves.curve import Curve
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects.effect import Motion
-from sdp_vs_penalty.page.session import ModelStep, Session
+from sdp_vs_penalty.page.model_step import ModelStep
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.render import charts as plots
 from sdp_vs_penalty.render.charts import COLOURS, POINTS, Curves, Figure
 from sdp_vs_penalty.render.pieces import shades
@@ -195,8 +196,8 @@ def residual_chart(
         )
 
     if len(errors) > 1:  # in the colours of the torque's figure
-        dots(errors[0], "error of the first model", COLOURS[0])
-    dots(errors[-1], "error", COLOURS[len(errors) - 1])
+        dots(errors[0], "error of the first model", plots.BEFORE)
+    dots(errors[-1], "error", plots.AFTER)
     direction = np.sign(last["dq"][cut, joint])
     turns = np.flatnonzero(direction[1:] != direction[:-1])[:POINTS]
     rings = {"size": 8, "symbol": "circle-open", "color": COLOURS[2]}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from sdp_vs_penalty.errors import command_line
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.page.session import ModelStep
+    from sdp_vs_penalty.page.model_step import ModelStep
 
 
 def commands_of(

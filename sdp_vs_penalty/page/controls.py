@@ -12,7 +12,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from sdp_vs_penalty.page.session import ModelStep
+from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.sessions import SUFFIXES
 from sdp_vs_penalty.render.pieces import framed
 from sdp_vs_penalty.render.tables import judged_table

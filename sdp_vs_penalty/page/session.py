@@ -18,22 +18,10 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.page.commands import commands_of
+from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
-
-#: The signal that shows what a cause of where_it_fails.py explains.
-SHOWN_BY = {
-    "position": "q",
-    "velocity": "dq",
-    "acceleration": "ddq",
-    "load": "torque",
-    "time": "t",
-    "high speed": "dq",
-    "reversal": "dq",
-    "standstill": "dq",
-    "waves per turn": "q",
-}
 
 
 @dataclass(frozen=True)
@@ -52,54 +40,6 @@ class Working:
     title: str = ""
     status: str = ""
     since: float = field(default_factory=time.monotonic)
-
-
-@dataclass(frozen=True)
-class ModelStep:
-    """One model of a session's history, judged: what ``summary`` of jobs.py says.
-
-    file : its model.json, beside it the .npz of each run's torques; runs : names of
-    those, training runs first, a part of a run by its seconds; judged_on : the runs
-    behind comparison and failures (as `compare --json` writes them); judged, about :
-    what ``judged_row`` and :func:`about` say; label, added : what it is called and the
-    effects added to the step below, with the others held where frozen; opened : the
-    file that a person brought, if any; servo : whether it knows the servos of a log
-    without torque; findings : what it lacks, if it was diagnosed, and what `add` calls
-    its curves; pictures : the file of what the cards of its diagnosis draw.
-    """
-
-    file: str
-    runs: list[str]
-    judged_on: list[str]
-    method: str
-    effects: list[str]
-    comparison: dict[str, Any]
-    failures: list[dict[str, Any]]
-    judged: list[str]
-    about: dict[str, Any]
-    on_bounds: list[str]
-    seconds: float
-    label: str = ""
-    added: tuple[str, ...] = ()
-    frozen: bool = False
-    opened: str = ""
-    servo: bool = False
-    findings: Diagnosis | None = None
-    curve_texts: Sequence[str] = ()
-    pictures: str = ""
-
-    def signal_of(self, j: int, default: str) -> str:
-        """The signal that shows what the error of joint j (from 0) depends on most."""
-        if not self.failures:
-            return default
-        shares = self.failures[j]["held_out_shares"]
-        cause = max(shares, key=lambda name: shares[name], default="")
-        return SHOWN_BY.get(cause, default)
-
-    @staticmethod
-    def joint_number(j: int) -> int:
-        """The number of joint j (from 0) as it is shown."""
-        return j + 1
 
 
 @dataclass

@@ -37,6 +37,10 @@ from sdp_vs_penalty.robot.arrays import Array
 MEASURED = "#888888"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8A6FDF")
 
+#: One colour a meaning: a model alone or after something was added, the model before,
+#: and what was added.
+AFTER, BEFORE, ADDED = COLOURS[:3]
+
 #: Points of a curve or a cloud: more than a screen is wide, few enough to draw at once.
 POINTS = 800
 
@@ -167,6 +171,13 @@ def shifts(times: Sequence[Array]) -> list[float]:
     return [sum(lengths[:k]) - float(t[0]) for k, t in enumerate(times)]
 
 
+def model_colour(k: int, n_models: int) -> str:
+    """Of the k-th model (from 0): the last one as after, the first as before."""
+    if k == n_models - 1:
+        return AFTER
+    return BEFORE if k == 0 else COLOURS[1 + k % (len(COLOURS) - 1)]
+
+
 def torque_figure(
     runs: Sequence[Curves], joint: int, unit: str, side_by_side: bool = True
 ) -> Figure:
@@ -194,7 +205,7 @@ def torque_figure(
         measured = run.torque[:, joint]
         curve(run.t, measured, "measured", MEASURED, index == 0)
         for m, (name, modelled) in enumerate(run.modelled.items()):
-            colour = COLOURS[m % len(COLOURS)]
+            colour = model_colour(m, len(run.modelled))
             y = modelled[:, joint]
             curve(run.t, y, name, colour, index == 0)
             curve(run.t, measured - y, name, colour, False, 1)
@@ -371,7 +382,7 @@ def cause_figure(
     floor: Sequence[float | None] | Array | None,
     names: tuple[str, str] = ("before", "after"),
 ) -> Figure:
-    """A joint's error against its cause: rows and their mean before (grey) and after
+    """A joint's error against its cause: rows and their mean before (orange) and after
     (blue) something was added, and what the addition models (a line).
 
     joint : from 1; cause : one of where_it_fails.py; floor : (n,) of the joints' noise,
@@ -405,12 +416,14 @@ def cause_figure(
         plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
 
     if len(x):
-        cloud(before.residual[:, j], f"error, {names[0]}", MEASURED)
+        has_after = after is not None
+        colour = BEFORE if has_after else AFTER
+        cloud(before.residual[:, j], f"error, {names[0]}", colour)
         if after is not None and len(after.t) == len(before.t):
-            cloud(after.residual[:, j], f"error, {names[1]}", COLOURS[0])
+            cloud(after.residual[:, j], f"error, {names[1]}", AFTER)
             added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
             centres, means = mean_curve(x, added[inside])
-            line = {"color": COLOURS[1], "width": 2, "dash": "dash"}
+            line = {"color": ADDED, "width": 2, "dash": "dash"}
             name = "modelled by what was added"
             plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
     if floor is not None and floor[j]:

@@ -85,8 +85,8 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
-    """A bar a joint, cut at the noise floor: the error over it, before in grey and
-    after in colour.
+    """A bar a joint, cut at the noise floor: the error over it, before in orange
+    and after in blue.
 
     before, after, floor (n,) [N m or N] : RMS errors, after None where there is one
     model alone; floor, or one of it, None where it is not known: errors stand in their
@@ -142,7 +142,7 @@ def _caption_of_bars(what: str, scale: _Scale, is_known: bool, has_change: bool)
     if scale.is_logarithmic:
         caption += "; logarithmic scale"
     if has_change:
-        caption += "; before (grey), after (blue)"
+        caption += "; before (orange), after (blue)"
     return caption
 
 

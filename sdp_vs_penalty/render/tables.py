@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows, seen
+from sdp_vs_penalty.estimation.frames import base_expressions
 from sdp_vs_penalty.estimation.uncertainty import Interval
 from sdp_vs_penalty.formatting import change_of, finite, number, plain_unit
 from sdp_vs_penalty.results.table import Table
@@ -158,13 +159,15 @@ def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
 
 
 def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Every base parameter of a model, as text."""
+    """Every base parameter of a model, as text, by its full expression."""
     listed = estimate.details.get("base_parameters", [])
     known = {entry["name"]: (entry["source"], entry["nominal"]) for entry in listed}
-    return [
-        parameter_cells(interval, *known.get(interval.name, ()))
-        for interval in estimate.uncertainty.base
-    ]
+    rows = []
+    intervals = estimate.uncertainty.base
+    for interval, text in zip(intervals, base_expressions(estimate), strict=True):
+        _, *cells = parameter_cells(interval, *known.get(interval.name, ()))
+        rows.append((text, *cells))
+    return rows
 
 
 def certificate_table(models: Mapping[str, Estimate]) -> Table:

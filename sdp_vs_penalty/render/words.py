@@ -301,9 +301,9 @@ def picture_title(before: Comparison, after: Comparison, joint: int, cause: str)
         return f"{text}: {before.name}."
     errors = [c.facts()["error_over_noise"].of_joint(joint) for c in (before, after)]
     if "-" in errors:
-        return f"{text}: {before.name} (grey), {after.name} (blue)."
+        return f"{text}: {before.name} (orange), {after.name} (blue)."
     return (
-        f"{text}: {before.name} (grey) {errors[0]} times the noise, {after.name} (blue)"
+        f"{text}: {before.name} (orange) {errors[0]} times the noise, {after.name} (blue)"
         f" {errors[1]} times."
     )
 

@@ -113,7 +113,6 @@ def verdict(data: ReportData) -> Context:
         floor=last.noise_floor,
         names=(first.name, last.name),
     )
-    seconds = [float(run.t[-1] - run.t[0]) for run in data.measurements.runs()]
     grades = [(line.about, line.grade, line.text) for line in record.lines]
     rows = [tables.judged_cells(compared) for compared in data.comparisons]
     return {
@@ -140,7 +139,7 @@ def verdict(data: ReportData) -> Context:
         "joints": formatting.count(data.last.robot.n, "joint"),
         "runs": formatting.count(len(data.measurements.names), "run"),
         "samples": len(data.measurements.t),
-        "seconds": formatting.number(sum(seconds)),
+        "seconds": first.facts()["judged_seconds"].text,
         "names": ", ".join(data.measurements.names),
         "band": first.facts()["band"].text,
     }

@@ -55,6 +55,8 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
                 mesh_of, copy, factors, triangles, prepare=load_coal
             )
     except (
+        ArithmeticError,
+        AttributeError,  # a part of a glTF that is of another type
         InputError,
         LookupError,
         MemoryError,
@@ -125,6 +127,8 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
         inside = content[20 + n_json + 8 :]
         content = content[20 : 20 + n_json]
     document = json.loads(content)
+    if not isinstance(document, dict):
+        raise TypeError("no JSON object")
     geometry = {name: document[name] for name in _GLTF_PARTS if name in document}
     for mesh in geometry.get("meshes", []):
         mesh["primitives"] = [

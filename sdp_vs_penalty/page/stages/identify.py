@@ -15,7 +15,8 @@ from sdp_vs_penalty.estimators import estimator_types
 from sdp_vs_penalty.page import charts
 from sdp_vs_penalty.page import controls as draw
 from sdp_vs_penalty.page.arm_scene import chart_and_arm
-from sdp_vs_penalty.page.session import SHOWN_BY, ModelStep, Session
+from sdp_vs_penalty.page.model_step import SHOWN_BY, ModelStep
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.view import (
     PagePart,
     Stage,
