@@ -244,27 +244,39 @@ def read_run(
         what = f"rate {rate!r} is not a frequency above 0 Hz"
         raise InputError(what, "give the samples a second, like --rate 1000")
     with reading(path) as path:
-        home = format_of(path) or csv
-        if home is csv and path.is_dir():
-            raise InputError("no runs in this folder", "name the file of the run", path)
-        if topic is not None and home is not bag:
-            raise InputError(
-                "only ROS bags and MCAP files have topics", "leave --topic out", path
-            )
-        part: Measurements = home.read(path, Choice(names, topic, rename, rate))
+        run = _read_by_its_format(path, Choice(names, topic, rename, rate))
     if rate is not None:
-        part = replace(part, t=np.arange(len(part.t)) / rate)
-    if len(part.t) == 0:
+        run = replace(run, t=np.arange(len(run.t)) / rate)
+    if len(run.t) == 0:
         what = "there are no rows, only names"
         raise InputError(what, "record the run, or name another file", path)
-    part = without_held(part, names)
-    missing = len(names or ()) - len(part.joint_names)
-    if names is not None and part.joint_names and 0 < missing == len(names) - part.n:
-        raise MissingJoints(_joints_missing(names, part.joint_names), path)
-    part = _without_silent_channels(path, part)
-    if joints is not None and part.n != joints:
-        raise other_robot(part.n, joints, path, names=names or ())
-    return without_traces(part)
+    run = without_held(run, names)
+    if names is not None:
+        _require_joints(run, names, path)
+    run = _without_silent_channels(path, run)
+    if joints is not None and run.n != joints:
+        raise other_robot(run.n, joints, path, names=names or ())
+    return without_traces(run)
+
+
+def _read_by_its_format(path: Path, choice: Choice) -> Measurements:
+    """The run of a file or folder, by the reader of its suffix or content."""
+    home = format_of(path) or csv
+    if home is csv and path.is_dir():
+        raise InputError("no runs in this folder", "name the file of the run", path)
+    if choice.topic is not None and home is not bag:
+        what = "only ROS bags and MCAP files have topics"
+        raise InputError(what, "leave --topic out", path)
+    run: Measurements = home.read(path, choice)
+    return run
+
+
+def _require_joints(run: Measurements, names: Sequence[str], path: Path) -> None:
+    """MissingJoints where the file names its joints, and some of the robot's are not
+    among them."""
+    n_missing = len(names) - len(run.joint_names)
+    if run.joint_names and 0 < n_missing == len(names) - run.n:
+        raise MissingJoints(_joints_missing(names, run.joint_names), path)
 
 
 def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements:

@@ -21,7 +21,7 @@ from sdp_vs_penalty.estimation.shapes import ShapeEstimate
 from sdp_vs_penalty.estimation.verdict import ABOVE_NOISE
 from sdp_vs_penalty.files import JsonRecord, read_json, require_format
 from sdp_vs_penalty.formatting import plain_unit
-from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array

@@ -109,7 +109,18 @@ FORMULAS: Mapping[str, Formula] = {
 
 
 def formulas(estimate: Estimate) -> Iterator[str]:
-    """A line of C for each effect of the model and each joint that it acts on."""
+    """A line of C for each effect of the model and each joint that it acts on.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+
+    Returns
+    -------
+    iterator of str
+        In the model's order.
+    """
     for effect, indices in estimate.model.parts:
         formula = FORMULAS.get(effect.name)
         if formula is None:

@@ -26,9 +26,25 @@ _TEMPLATE = Path(__file__).parent / "c_header.h"
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """The header, and the written form of the effects that it leaves out.
+    """Inverse dynamics as a C header.
 
-    Raises InputError for an impossible link, and for joints that follow others.
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+
+    Raises
+    ------
+    InputError
+        For an impossible link, and for joints that follow others.
     """
     robot = estimate.robot
     model = estimate.model

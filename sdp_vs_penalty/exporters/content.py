@@ -71,7 +71,25 @@ class Content:
 
     @classmethod
     def plausible(cls, estimate: Estimate, options: Options) -> Self:
-        """:meth:`of`; InputError, too, for a link that lies outside of its body, unless forced."""
+        """As :meth:`of`, with every link inside of its body.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            The model.
+        options : Options
+            How the user wants the file.
+
+        Returns
+        -------
+        Content
+            What a simulator's file can hold of the model.
+
+        Raises
+        ------
+        InputError
+            As :meth:`of`; for a link that lies outside of its body, unless forced.
+        """
         content = cls.of(estimate)
         gyration = inertia.gyration(estimate.links)
         for k, body in enumerate(
@@ -90,8 +108,23 @@ class Content:
 
     @classmethod
     def of(cls, estimate: Estimate) -> Self:
-        """Raises InputError for an inconsistent link, negative friction or a model
-        without links."""
+        """What a simulator's file can hold of a model.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            The model.
+
+        Returns
+        -------
+        Content
+            Links about the joints' frames, friction, armature, springs.
+
+        Raises
+        ------
+        InputError
+            For an inconsistent link, negative friction or a model without links.
+        """
         model = estimate.model
         robot = estimate.robot
         if not len(model.rigid_indices):
@@ -137,8 +170,20 @@ class Content:
         )
 
     def left_out(self, *, armature: bool, springs: bool = False) -> tuple[str, ...]:
-        """Effects that are lost in a file with, or without, a place for armature, and
-        for springs and offsets."""
+        """Effects that are lost in a file.
+
+        Parameters
+        ----------
+        armature : bool
+            Whether it has a place for armature.
+        springs : bool
+            Whether it has one for springs and offsets.
+
+        Returns
+        -------
+        tuple of str
+            As they are written.
+        """
         lost = (
             ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
         )
@@ -157,8 +202,19 @@ def _with_payload(estimate: Estimate) -> Array:
 def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
     """A copy of a model without the effects that are not held, and without a verdict.
 
-    Nothing is identified again: this is the model that a file holds which has a place for
-    these effects only. The servo loops of a model without torques stay.
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    held : collection of str
+        Names of effects.
+
+    Returns
+    -------
+    Estimate
+        Nothing is identified again: this is the model that a file holds which
+        has a place for these effects only. The servo loops of a model without
+        torques stay.
     """
     model = estimate.model
     known = estimate.uncertainty
@@ -190,8 +246,18 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
 
 
 def verdict_line(estimate: Estimate) -> str:
-    """The verdict that a model came with and its servos' gains, in printable ASCII, on
-    one line."""
+    """The verdict that a model came with, and its servos' gains.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+
+    Returns
+    -------
+    str
+        One line of printable ASCII.
+    """
     line = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
     both = zip(
         estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True
@@ -204,8 +270,25 @@ def verdict_line(estimate: Estimate) -> str:
 
 
 def about_joints(robot: Robot, links: Array) -> Array:
-    """(links, 10) standard parameters about the joints' frames. InputError for an
-    inconsistent link."""
+    """Standard parameters about the joints' frames.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its kinematics.
+    links : (links, 10)
+        About the links' frames.
+
+    Returns
+    -------
+    (links, 10)
+        In Pinocchio's order.
+
+    Raises
+    ------
+    InputError
+        For an inconsistent link.
+    """
     carriers = [robot.tree[carrier] for carrier in robot.link_joints]
     out = [
         inertia.transform(j.link_frame) @ links_of_joint
@@ -217,7 +300,25 @@ def about_joints(robot: Robot, links: Array) -> Array:
 
 
 def require_consistent(link: Array, name: str) -> None:
-    """InputError unless some mass distribution has these standard parameters (10,)."""
+    """Refuse a link that no mass distribution has.
+
+    Parameters
+    ----------
+    link : (10,)
+        Standard parameters.
+    name : str
+        What to call the link.
+
+    Returns
+    -------
+    None
+        Nothing.
+
+    Raises
+    ------
+    InputError
+        Where its pseudo-inertia has a negative eigenvalue.
+    """
     pseudo = inertia.pseudo_inertia(link)
     smallest = float(np.linalg.eigvalsh(pseudo)[0])
     if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(
@@ -242,6 +343,18 @@ class Inertial:
 
     @classmethod
     def of(cls, link: Array) -> Self:
+        """The inertial of a link.
+
+        Parameters
+        ----------
+        link : (10,)
+            Standard parameters.
+
+        Returns
+        -------
+        Inertial
+            Mass, centre of mass, and inertia about it.
+        """
         if link[0] == 0.0:  # consistent and massless: nothing at all
             return cls(0.0, np.zeros(3), np.zeros((3, 3)))
         parts = inertia.barycentric_from_standard(link)
@@ -257,7 +370,18 @@ class Inertial:
 
 
 def number(value: float) -> str:
-    """The shortest text that reads back to the same double."""
+    """The shortest text that reads back to the same double.
+
+    Parameters
+    ----------
+    value : float
+        Finite.
+
+    Returns
+    -------
+    str
+        No negative zero.
+    """
     return repr(float(value) + 0.0)  # + 0.0: no negative zero
 
 
@@ -266,14 +390,40 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def xml_name(text: str) -> str:
-    """A name whose characters an XML document can hold; others are written as Python
-    writes them."""
+    """A name whose characters an XML document can hold.
+
+    Parameters
+    ----------
+    text : str
+        Any name.
+
+    Returns
+    -------
+    str
+        What XML cannot hold is written as Python writes it.
+    """
     return _NOT_XML.sub(lambda found: printable(found[0]), text)
 
 
 def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
-    """A child with text and attributes; numbers and arrays of them are written by
-    :func:`number`."""
+    """Append a child with text and attributes.
+
+    Parameters
+    ----------
+    parent : element
+        To which it is appended.
+    tag : str
+        Its name.
+    text : str, number or array, optional
+        What stands in it.
+    attributes : str, number or array
+        Numbers and arrays of them are written by :func:`number`.
+
+    Returns
+    -------
+    element
+        The child.
+    """
 
     def written(x: Any) -> str:
         if isinstance(x, str):
@@ -288,7 +438,20 @@ def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
 
 
 def xml_text(root: Any, declaration: bool = True) -> bytes:
-    """The indented document."""
+    """The indented document.
+
+    Parameters
+    ----------
+    root : element
+        Of the document.
+    declaration : bool
+        Whether it begins with one.
+
+    Returns
+    -------
+    bytes
+        UTF-8.
+    """
     etree.indent(root)
     return (
         bytes(
@@ -316,8 +479,20 @@ class LinkPart:
 
 
 def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
-    """Every joint in the tree's order, from its links (links, 10) about the joints'
-    frames."""
+    """Every joint in the tree's order, with its link and inertial.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its kinematics.
+    links : (links, 10)
+        About the joints' frames.
+
+    Returns
+    -------
+    iterator of LinkPart
+        From the base on.
+    """
     link_of = dict(zip(robot.link_joints, links, strict=True))
     places = {name: k for k, name in enumerate(robot.joint_names)}
     for i, joint in enumerate(robot.tree):
@@ -336,8 +511,23 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
 
 
 def payload(estimate: Estimate) -> Inertial:
-    """The model's payload in the last link's frame. Raises InputError where it has
-    none."""
+    """The model's payload in the last link's frame.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+
+    Returns
+    -------
+    Inertial
+        Mass, centre of mass, and inertia about it.
+
+    Raises
+    ------
+    InputError
+        Where it has none.
+    """
     is_payload = [p.effect == "payload" for p in estimate.model.parameters]
     if not any(is_payload):
         raise InputError(

@@ -23,7 +23,23 @@ def formats() -> dict[str, ModuleType]:
 
 
 def format_of(out: str | Path) -> ModuleType:
-    """The module that writes files of this name. Raises InputError where there is none."""
+    """The module that writes files of this name.
+
+    Parameters
+    ----------
+    out : path
+        The file's name.
+
+    Returns
+    -------
+    module
+        Of this folder.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
+    """
     name = Path(out).name.lower()
     endings = [ending for ending in formats() if name.endswith(ending)]
     if not endings:
@@ -65,14 +81,40 @@ def write_model(
 
 
 def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
-    """The model that a file of this name holds: a copy without the effects that it has no
-    place for. None for formats that hold no model of the torque (tables, payloads)."""
+    """The model that a file of this name holds.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    out : path
+        The file's name.
+
+    Returns
+    -------
+    Estimate or None
+        A copy without the effects that it has no place for. None for formats
+        that hold no model of the torque (tables, payloads).
+    """
     held = getattr(format_of(out), "HOLDS", None)
     return None if held is None else with_effects(estimate, held)
 
 
 def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
-    """The verdict on a file that lacks effects, in printable ASCII."""
+    """The verdict on a file that lacks effects.
+
+    Parameters
+    ----------
+    left_out : sequence of str
+        The effects.
+    judged : Verdict or None
+        On the model without them.
+
+    Returns
+    -------
+    str
+        Printable ASCII.
+    """
     lacks = f"without {', '.join(left_out)}"
     if judged is None:
         sentence = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."

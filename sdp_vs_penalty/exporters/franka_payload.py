@@ -15,7 +15,21 @@ ABOUT = "payload for Franka"
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """JSON with mass [kg], centerOfMass in the flange's frame [m], and inertia (9, by
-    columns) about it [kg m^2]; the tool's transformation is the flange itself."""
+    columns) about it [kg m^2]; the tool's transformation is the flange itself.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+    """
     load = payload(estimate)
     fields_of_file = {
         "id": "identified-payload",

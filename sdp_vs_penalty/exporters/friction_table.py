@@ -29,12 +29,27 @@ class FrictionCurve:
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """CSV with joint, velocity, torque, std: what all effects that follow the velocity
-    alone make.
+    """CSV with joint, velocity [rad/s, m/s], torque [N m, N] and its standard
+    deviation: what all effects that follow the velocity alone make, to be added to
+    what the links need.
 
-    torque [N m, N] is to be added to what the links need at this velocity [rad/s, m/s].
-    Returns the text and the written form of the effects that such a table cannot hold.
-    Raises InputError for a model without any that it can.
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+
+    Raises
+    ------
+    InputError
+        For a model without any such effect.
     """
     curves = friction_curves(estimate)
     if not curves:
@@ -56,8 +71,19 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
 
 
 def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
-    """One a joint, over 61 velocities that lie closest where dry friction turns round;
-    none without an effect that follows the velocity alone."""
+    """Friction by velocity.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+
+    Returns
+    -------
+    list of FrictionCurve
+        One a joint, over 61 velocities that lie closest where dry friction
+        turns round; none without an effect that follows the velocity alone.
+    """
     model = estimate.model
     robot = estimate.robot
     held = [(e, indices) for e, indices in model.parts if follows_alone(e, "dq")]

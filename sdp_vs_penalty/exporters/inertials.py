@@ -54,7 +54,22 @@ class LinkCheck:
 
     @classmethod
     def of(cls, link: str, theta: Array, reach: float) -> "LinkCheck":
-        """Of standard parameters (10,)."""
+        """Check a link.
+
+        Parameters
+        ----------
+        link : str
+            Its name.
+        theta : (10,)
+            Standard parameters.
+        reach : float
+            How far the link reaches [m].
+
+        Returns
+        -------
+        LinkCheck
+            Its margins and verdict.
+        """
         inertial = Inertial.of(theta)
         verdict = "consistent"
         nearest = None
@@ -141,9 +156,22 @@ class LinkCheck:
 
 
 def check_urdf(path: str | Path) -> list[LinkCheck]:
-    """Check every inertial of a URDF, in the order of the file.
+    """Check every inertial of a URDF.
 
-    Raises InputError for a file that is not a URDF of a tree of joints.
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    list of LinkCheck
+        In the order of the file.
+
+    Raises
+    ------
+    InputError
+        For a file that is not a URDF of a tree of joints.
     """
     robot, nominal = load_urdf(
         path
@@ -174,8 +202,18 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
-    """A row a link: its name, verdict, mass [kg] and margins, negative where they are
-    violated."""
+    """A row a link.
+
+    Parameters
+    ----------
+    checks : sequence of LinkCheck
+        Of all links.
+
+    Returns
+    -------
+    list of tuple
+        Name, verdict, mass [kg] and margins, negative where they are violated.
+    """
     margins = [
         (c.inertial_given.mass, c.triangle_margin, c.pseudo_inertia_margin)
         for c in checks
@@ -185,7 +223,20 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
 
 
 def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]:
-    """The verdict, then what is implausible or missing, a sentence each."""
+    """What is implausible or missing.
+
+    Parameters
+    ----------
+    checks : sequence of LinkCheck
+        Of all links.
+    massless : sequence of str
+        Moving links without inertial.
+
+    Returns
+    -------
+    list of str
+        The verdict, then a sentence each.
+    """
     if not checks:
         return ["The file has no inertials."]
     broken = [c.link for c in checks if not c.consistent]
@@ -219,9 +270,24 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
 
 
 def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
-    """What of the file is in other units than m and kg, a sentence each, with what to do.
+    """What of the file is in other units than m and kg.
 
-    Raises InputError as :func:`check_urdf` does.
+    Parameters
+    ----------
+    path : path
+        The file.
+    checks : sequence of LinkCheck
+        Of all links.
+
+    Returns
+    -------
+    list of str
+        A sentence each, with what to do.
+
+    Raises
+    ------
+    InputError
+        For a file that is not a URDF of a tree of joints.
     """
     robot, _ = load_urdf(path)
     longest = max(float(np.linalg.norm(j.placement[:3, 3])) for j in robot.tree)
@@ -240,23 +306,48 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
 
 
 def massless_links(path: str | Path) -> list[str]:
-    """Names of the links that a joint moves and that have no inertial, nor anything
-    fixed to them has.
+    """Links that a joint moves and that have no inertial, nor anything fixed to them
+    has.
 
-    Raises InputError as :func:`check_urdf` does.
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    list of str
+        Their names.
+
+    Raises
+    ------
+    InputError
+        For a file that is not a URDF of a tree of joints.
     """
     moving = zip(placed_links(path), load_urdf(path)[1], strict=True)
     return [str(parts[0][0].get("name")) for parts, theta in moving if not theta.any()]
 
 
 def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
-    """The consistent inertia (3, 3) nearest to a symmetric one, in the Frobenius norm;
-    of a mass [kg] strictly inside: no thinner than a millimetre, as simulators ask.
+    """The consistent inertia nearest to a symmetric matrix, in the Frobenius norm.
 
     The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment of the mass, are
     invariant to rotation: the projection keeps the principal axes and acts on the
     principal moments, D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM J.
     Optimization 1996, for spectral sets in general).
+
+    Parameters
+    ----------
+    about_com : (3, 3)
+        Symmetric [kg m^2].
+    mass : float
+        [kg]; of a positive one the result is strictly inside: no thinner than a
+        millimetre, as simulators ask.
+
+    Returns
+    -------
+    (3, 3)
+        [kg m^2].
     """
     from scipy.optimize import nnls
 
@@ -271,7 +362,24 @@ def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
 def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) -> None:
     """The same URDF, byte for byte, but for the inertials that were inconsistent.
 
-    Raises InputError where a link has no positive mass: no inertia is nearest then.
+    Parameters
+    ----------
+    path : path
+        The file.
+    checks : list of LinkCheck
+        Of all links.
+    out : path
+        The file to write.
+
+    Returns
+    -------
+    None
+        Nothing.
+
+    Raises
+    ------
+    InputError
+        Where a link has no positive mass: no inertia is nearest then.
     """
     document = Document.read(path)
     links = {link.get("name"): link for link in document.root.findall("link")}

@@ -27,7 +27,21 @@ HOLDS = HELD | {"rotor_inertia", "joint_spring", "torque_offset"}
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """Links, damping, dry friction, armature, springs and offsets."""
+    """MJCF with links, damping, dry friction, armature, springs and offsets.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+    """
     content = Content.plausible(estimate, options)
     return make_mjcf(estimate.robot, content), content.left_out(
         armature=True, springs=True
@@ -38,8 +52,23 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     """MJCF with one body a link; gravity, ranges and motors included; capsules only to
     be seen.
 
-    Raises InputError for a link that MuJoCo cannot load: one without mass or without
-    thickness.
+    Parameters
+    ----------
+    robot : Robot
+        Its kinematics.
+    content : Content
+        What a simulator's file can hold of the model.
+
+    Returns
+    -------
+    bytes
+        The document.
+
+    Raises
+    ------
+    InputError
+        For a link that MuJoCo cannot load: one without mass or without
+        thickness.
     """
     root = etree.Element("mujoco", model=xml_name(robot.name))
     # Nothing is to be guessed or mended: the numbers are those that were identified.

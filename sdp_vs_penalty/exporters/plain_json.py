@@ -13,7 +13,21 @@ ABOUT = "every effect as plain JSON, with its equation"
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """Links in readable form, every effect with equation, reference, shape constants
-    and values."""
+    and values.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+    """
     model = estimate.model
     robot = estimate.robot
     links = []

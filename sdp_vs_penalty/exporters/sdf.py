@@ -25,8 +25,22 @@ HOLDS = HELD
 
 
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
-    """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base stands
-    in the world."""
+    """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base
+    stands in the world.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+    """
     content = Content.plausible(estimate, options)
     root = etree.Element("sdf", version="1.9")
     model = element(root, "model", name=estimate.robot.name)

@@ -42,8 +42,26 @@ SDPA_METHOD = "lmi-sdp-thickness"
 
 
 def check_format(path: str | Path, exponential: bool) -> None:
-    """InputError for an ending that is no format's, or whose format lacks the
-    exponential cone."""
+    """Refuse a file that cannot hold the problem.
+
+    Parameters
+    ----------
+    path : path
+        The file to write.
+    exponential : bool
+        Whether the problem has an exponential cone.
+
+    Returns
+    -------
+    None
+        Nothing.
+
+    Raises
+    ------
+    InputError
+        For an ending that is no format's, or whose format lacks the exponential
+        cone.
+    """
     name = Path(path).name
     if not name.endswith((_SDPA, ".cbf")):
         raise InputError(
@@ -68,13 +86,32 @@ def export_sdp(
     status: str = "optimum proved",
     **more: Any,
 ) -> dict[str, Any]:
-    """Write the problem, and beside it FILE.json with what its optimum means; returns
-    what that holds.
+    """Write the problem, and beside it FILE.json with what its optimum means.
 
-    interval : (lower, upper) bounds of the loss as decimal text, rounded outward; None
-    where none is proved. status : what is proved; more : further entries of the JSON.
-    Raises InputError for another ending than .dat-s and .cbf, or where the format lacks
-    one of the problem's cones.
+    Parameters
+    ----------
+    sdp : SdpProblem
+        The problem.
+    path : path
+        The file to write.
+    interval : tuple of str, or None
+        Lower and upper bound of the loss as decimal text, rounded outward; None
+        where none is proved.
+    status : str
+        What is proved.
+    more : any
+        Further entries of the JSON.
+
+    Returns
+    -------
+    dict
+        What FILE.json holds.
+
+    Raises
+    ------
+    InputError
+        For another ending than .dat-s and .cbf, or where the format lacks one
+        of the problem's cones.
     """
     check_format(path, any(c.kind == "exp" for c in sdp.conic.cones))
     sdpa = Path(path).name.endswith(_SDPA)
@@ -125,12 +162,34 @@ def write_posed(
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
     """Write the SDP that ``identify`` solves, centred at its answer, and beside it
-    OUT.json with what it means and the proved interval of the loss; returns what that
-    holds.
+    OUT.json with what it means and the proved interval of the loss.
 
-    method : None: the default, or for .dat-s, whose format lacks exponential cones, the one of
-    :data:`SDPA_METHOD`. Raises InputError where the method solves no one-step SDP, the input cannot be
-    used, or as :func:`check_format` does.
+    Parameters
+    ----------
+    problem : Problem, str or Path
+        As of ``identify``.
+    measurements : Source
+        As of ``identify``.
+    out : path
+        The file to write.
+    method : str or None
+        None: the default, or for .dat-s, whose format lacks exponential cones,
+        the one of :data:`SDPA_METHOD`.
+    options : PoseOptions, optional
+        As of ``identify``.
+    progress : callable
+        Hears what is being done.
+
+    Returns
+    -------
+    dict
+        What OUT.json holds.
+
+    Raises
+    ------
+    InputError
+        Where the method solves no one-step SDP, the input cannot be used, or as
+        :func:`check_format` does.
     """
     method = method or (
         SDPA_METHOD if Path(out).name.endswith(".dat-s") else DEFAULT_METHOD

@@ -11,7 +11,21 @@ ABOUT = "payload for UR"
 def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
     """URScript: set_target_payload(m, cog, inertia): mass [kg], centre of gravity in
     the flange's frame [m], inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it [kg m^2];
-    set_payload for older controllers."""
+    set_payload for older controllers.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+    """
     load = payload(estimate)
     cog = ", ".join(number(x) for x in load.com - options.flange)
     tensor = load.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]

@@ -61,8 +61,23 @@ class Document:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """A file that :func:`load_urdf` has read; InputError where it has a document
-        type, or is not ASCII-like."""
+        """A file that :func:`load_urdf` has read.
+
+        Parameters
+        ----------
+        path : path
+            The file.
+
+        Returns
+        -------
+        Document
+            Its source and elements.
+
+        Raises
+        ------
+        InputError
+            Where it has a document type, or is not ASCII-like.
+        """
         source = read_bytes(Path(path))
         if b"<!DOCTYPE" in source:
             raise InputError(
@@ -86,9 +101,25 @@ class Document:
         attributes: Attributes,
         children: Children = MappingProxyType({}),
     ) -> None:
-        """Put a child with these attributes, and children with theirs, in the place of
-        the parent's own, whose other attributes it keeps, or at the parent's end; each
-        element on a line of its own."""
+        """Put a child in the place of the parent's own, whose other attributes it keeps,
+        or at the parent's end; each element on a line of its own.
+
+        Parameters
+        ----------
+        parent : element
+            Where it is put.
+        tag : str
+            Its name.
+        attributes : mapping
+            Its attributes.
+        children : mapping
+            Its children's attributes.
+
+        Returns
+        -------
+        None
+            Nothing.
+        """
         old_child = parent.find(tag)
         new_child = etree.Element(
             tag, {} if old_child is None else dict(old_child.attrib)
@@ -162,7 +193,23 @@ def write(
     estimate: Estimate, options: Options, drake: bool = False
 ) -> tuple[bytes, tuple[str, ...]]:
     """A URDF made from the model, or the user's own with the model's numbers, edited
-    plainly."""
+    plainly.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    options : Options
+        How the user wants the file.
+    drake : bool
+        With Drake's transmissions.
+
+    Returns
+    -------
+    tuple
+        The file's bytes, and the effects that have no place in it, as they are
+        written.
+    """
     content = Content.plausible(estimate, options)
     robot = estimate.robot
     urdf_given = options.urdf
@@ -178,8 +225,20 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
     """A URDF of a model's kinematics, inertials, damping and friction; link frames on
     the joints.
 
-    drake : with a transmission a joint that carries the rotor's inertia in Drake's own
-    tags.
+    Parameters
+    ----------
+    robot : Robot
+        Its kinematics.
+    content : Content
+        What a simulator's file can hold of the model.
+    drake : bool
+        With a transmission a joint that carries the rotor's inertia in Drake's
+        own tags.
+
+    Returns
+    -------
+    bytes
+        The document.
     """
     root = etree.Element(
         "robot", name=xml_name(robot.name), nsmap={"drake": _DRAKE} if drake else None
@@ -204,7 +263,18 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
 
 
 def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
-    """What stands in an inertial: the tags and their attributes."""
+    """What stands in an inertial.
+
+    Parameters
+    ----------
+    body : Inertial
+        Of a link.
+
+    Returns
+    -------
+    dict
+        The tags and their attributes.
+    """
     return {
         "origin": {
             "xyz": " ".join(map(number, body.com)),
@@ -268,8 +338,17 @@ def rpy_of(rotation: Array) -> Array:
     """Angles of R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding also where the pitch
     is 90 degrees.
 
-    There roll and yaw turn about one axis; the roll is read after the other two are
-    undone, so that it makes up for whatever rounding did to the yaw.
+    Parameters
+    ----------
+    rotation : (3, 3)
+        R.
+
+    Returns
+    -------
+    (3,)
+        Roll, pitch and yaw [rad]. Where roll and yaw turn about one axis, the
+        roll is read after the other two are undone, so that it makes up for
+        whatever rounding did to the yaw.
     """
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
@@ -282,8 +361,25 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     """The user's URDF with this model's inertials, damping and friction, else byte for
     byte the same.
 
-    Links fixed to a moving one carry a mass of zero afterwards: theirs is part of the
-    moving link's. Raises InputError where the file's joints are not those of the model.
+    Parameters
+    ----------
+    path : path
+        The file.
+    robot : Robot
+        Its kinematics.
+    content : Content
+        What a simulator's file can hold of the model.
+
+    Returns
+    -------
+    bytes
+        Links fixed to a moving one carry a mass of zero afterwards: theirs is
+        part of the moving link's.
+
+    Raises
+    ------
+    InputError
+        Where the file's joints are not those of the model.
     """
     urdf_robot, _ = load_urdf(path)
     order = _order(path, urdf_robot, robot)

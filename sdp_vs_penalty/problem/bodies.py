@@ -209,11 +209,16 @@ def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
     actuators."""
     carrier = robot.link_joints[link]
     children = [k for k, joint in enumerate(robot.tree) if joint.parent == carrier]
-    places = [np.zeros(3), *(robot.tree[k].placement[:3, 3] for k in children)]
-    into = np.linalg.inv(robot.tree[carrier].link_frame)
-    ends = np.array(places) @ into[:3, :3].T + into[:3, 3]
-    middle = 0.5 * (ends[0] + ends[1:].mean(axis=0)) if children else ends[0]
-    masses = [c.TUBE * reach, *(0.5 * actuators[k] for k in (carrier, *children))]
+    places = [np.zeros(3)]
+    for child in children:
+        places.append(robot.tree[child].placement[:3, 3])
+    into_link = np.linalg.inv(robot.tree[carrier].link_frame)
+    ends = np.array(places) @ into_link[:3, :3].T + into_link[:3, 3]
+    middle = ends[0]
+    if children:
+        middle = 0.5 * (ends[0] + ends[1:].mean(axis=0))
     second = 0.2 * (0.25 * reach) ** 2 * np.eye(3)
-    lumps = zip(masses, (middle, *ends), strict=True)
-    return np.sum([_lump(mass, at, second) for mass, at in lumps], axis=0)
+    lumps = [_lump(c.TUBE * reach, middle, second)]
+    for joint, end in zip([carrier, *children], ends, strict=True):
+        lumps.append(_lump(0.5 * actuators[joint], end, second))
+    return np.sum(lumps, axis=0)

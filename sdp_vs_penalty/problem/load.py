@@ -10,7 +10,7 @@ import re
 import tomllib
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -122,89 +122,121 @@ def _shown(value: Any) -> str:
 def _from_toml(
     folder: Path, held: Mapping[str, float], data: Mapping[str, Any]
 ) -> Problem:
+    """The problem of a folder's problem.toml, whose content is ``data``."""
     check_fields(data)
-    kinematics = data["kinematics"]
-    chain = data.get("mechanism", {})
-    held = parse_held(chain.get("held", ())) | dict(held)
-    if chain and not {"joints", "held"} & set(chain):
+    mechanism = data.get("mechanism", {})
+    held_joints = parse_held(mechanism.get("held", ())) | dict(held)
+    if mechanism and not {"joints", "held"} & set(mechanism):
         remedy = 'write joints = ["q1", ...] or held = ["finger_joint=0"]'
         raise InputError("[mechanism] says nothing of joints", remedy)
-    nominal_links: Array | None = None
-    geometry = None
-    gravity = tuple(map(float, kinematics.get("gravity", STANDARD_GRAVITY)))
-    if "urdf" in kinematics:
-        robot, nominal_links = load_urdf(folder / kinematics["urdf"], gravity, held)
-        geometry = link_geometry(folder / kinematics["urdf"], held)
-    else:
-        keys = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
-        limits = [
-            {k: float(kinematics[k][i]) for k in keys}
-            for i in range(len(kinematics["a"]))
-        ]
-        alpha = [np.pi * x for x in kinematics["alpha_over_pi"]]
-        a = kinematics["a"]
-        d = kinematics["d"]
-        convention = kinematics["convention"]
-        robot = Robot.from_dh(folder.name, a, alpha, d, convention, gravity, limits)
-    if "joints" in chain:
-        if robot.mechanism is not None:
-            raise InputError(
-                "the URDF has mimic joints of its own", "leave out [mechanism]"
-            )
-        massless = [int(k) for k in chain.get("massless", ())]
-        joints, mechanism = parse_mechanism(robot.tree, chain["joints"], massless)
-        robot = replace(robot, joints=joints, mechanism=mechanism, transmission=None)
-        link_joints = robot.link_joints
-        nominal_links = (
-            None if nominal_links is None else nominal_links[list(link_joints)]
-        )
-        geometry = None if geometry is None else [geometry[k] for k in link_joints]
+    parts = _robot_of(folder, data["kinematics"], held_joints)
+    if "joints" in mechanism:
+        parts = _with_mechanism(parts, mechanism)
+    robot = parts.robot
     if "transmission" in data:
         robot = replace(robot, transmission=parse_transmission(**data["transmission"]))
-    if "urdf" not in kinematics:
-        robot = robot.with_constant_joints(held)
+    if "urdf" not in data["kinematics"]:
+        robot = robot.with_constant_joints(held_joints)
     if data.get("links", robot.links) != robot.links:
         what = f"links = {data['links']}, the kinematics have {robot.links}"
         raise InputError(what, "correct links, or leave it out")
+    problem = _with_bounds_of(folder, data, robot)
+    return _within_masses(_with_nominal_links(problem, replace(parts, robot=robot)))
+
+
+@dataclass(frozen=True)
+class _RobotParts:
+    """A robot, its links as its file has them (links, 10), and their shapes; None
+    where there is no such file."""
+
+    robot: Robot
+    links: Array | None = None
+    geometry: Sequence[Geometry | None] | None = None
+
+
+def _robot_of(
+    folder: Path, kinematics: Mapping[str, Any], held: Mapping[str, float]
+) -> _RobotParts:
+    """The robot of a section [kinematics]: of a URDF or a DH table."""
+    x, y, z = map(float, kinematics.get("gravity", STANDARD_GRAVITY))
+    gravity = (x, y, z)
+    if "urdf" in kinematics:
+        file = folder / kinematics["urdf"]
+        robot, links = load_urdf(file, gravity, held)
+        return _RobotParts(robot, links, link_geometry(file, held))
+    fields = [k for k in ("lower", "upper", "velocity", "effort") if k in kinematics]
+    limits = [
+        {field: float(kinematics[field][joint]) for field in fields}
+        for joint in range(len(kinematics["a"]))
+    ]
+    robot = Robot.from_dh(
+        folder.name,
+        kinematics["a"],
+        [np.pi * x for x in kinematics["alpha_over_pi"]],
+        kinematics["d"],
+        kinematics["convention"],
+        gravity,
+        limits,
+    )
+    return _RobotParts(robot)
+
+
+def _with_mechanism(parts: _RobotParts, mechanism: Mapping[str, Any]) -> _RobotParts:
+    """The same with joints that follow others, as the section [mechanism] says."""
+    robot = parts.robot
+    if robot.mechanism is not None:
+        what = "the URDF has mimic joints of its own"
+        raise InputError(what, "leave out [mechanism]")
+    massless = [int(k) for k in mechanism.get("massless", ())]
+    joints, followers = parse_mechanism(robot.tree, mechanism["joints"], massless)
+    robot = replace(robot, joints=joints, mechanism=followers, transmission=None)
+    if parts.links is None or parts.geometry is None:
+        return _RobotParts(robot, parts.links, parts.geometry)
+    return _RobotParts(
+        robot,
+        parts.links[list(robot.link_joints)],
+        [parts.geometry[k] for k in robot.link_joints],
+    )
+
+
+def _with_bounds_of(folder: Path, data: Mapping[str, Any], robot: Robot) -> Problem:
+    """The problem with its bounds, without nominal links."""
     bounds = data.get("bounds", {})
-    none = np.zeros((robot.links, 10))
     box = open_box(robot.links)
     for table in bounds.get("tables", ()):
         _fill_box(box, folder / table)
     low, high = map(float, bounds.get("total_mass", Problem.total_mass))
     base = data.get("base_parameters", {}).get("independent")
     effects = data.get("effects")
-    problem = Problem(
+    cones = map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ()))
+    return Problem(
         folder.name,
         data["title"],
         robot,
         box,
-        none,
+        np.zeros((robot.links, 10)),
         total_mass=(low, high),
-        cones=tuple(
-            map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ()))
-        ),
+        cones=tuple(cones),
         torque_side=data.get("torque_side", Problem.torque_side),
         preprocessing=Preprocessing(**data.get("preprocessing", {})),
         independent=None if base is None else tuple(base),
         folder=folder,
         effects=None if effects is None else tuple(effects),
     )
-    bodies = link_bodies(
-        robot,
-        problem.centre_boxes,
-        none if nominal_links is None else nominal_links,
-        geometry,
-    )
-    drawn = _ellipsoids_in_the_box(problem) if nominal_links is None else nominal_links
+
+
+def _with_nominal_links(problem: Problem, parts: _RobotParts) -> Problem:
+    """The problem with bodies and plausible links: those of the robot's file, else
+    ellipsoids that fill the bounds."""
+    robot = problem.robot
+    has_file = parts.links is not None
+    known = np.zeros((robot.links, 10)) if parts.links is None else parts.links
+    bodies = link_bodies(robot, problem.centre_boxes, known, parts.geometry)
+    drawn = known if has_file else _ellipsoids_in_the_box(problem)
     nominal, sources = plausible_links(robot, drawn, bodies)
-    if nominal_links is None:
-        sources = tuple(
-            "bounds" if source == "inertial" else source for source in sources
-        )
-    return _within_masses(
-        replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
-    )
+    if not has_file:
+        sources = tuple("bounds" if x == "inertial" else x for x in sources)
+    return replace(problem, nominal_links=nominal, bodies=bodies, nominal_from=sources)
 
 
 def _within_masses(problem: Problem) -> Problem:

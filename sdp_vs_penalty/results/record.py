@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.errors import printable
-from sdp_vs_penalty.results.fact import Fact, facts_of
+from sdp_vs_penalty.results.facts import Fact, facts_of
 from sdp_vs_penalty.results.table import Table
 
 if TYPE_CHECKING:

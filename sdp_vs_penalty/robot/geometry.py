@@ -64,19 +64,40 @@ def link_geometry(
 
 
 def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
-    """Whether a URDF's arm is free of itself at all of the poses (N, n), by Pinocchio
-    and coal.
+    """Whether a URDF's arm is free of itself at poses, by Pinocchio and coal.
 
     Neighbours, and pairs that touch in every one of a few poses (shapes drawn too
-    large), are left out. None where the file has no collision shapes that can be read,
-    or other joints than n.
+    large), are left out.
+
+    Parameters
+    ----------
+    urdf : the file
+    n : how many joints the robot has
+
+    Returns
+    -------
+    function of (N, n) poses [rad, m], or None
+        None where the file has no collision shapes that can be read, or other joints
+        than n.
     """
+    load_urdf(urdf)  # says in a sentence what is wrong with the file
+    shapes = _collision_model(Path(urdf))
+    if shapes is None or shapes[1].ngeoms < 2 or shapes[0].nq != n:
+        return None
+    collisions = _Collisions(*shapes)
+    collisions.leave_out_neighbours()
+    collisions.leave_out_what_always_touches()
+    return collisions.is_free if collisions.has_pairs else None
+
+
+def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
+    """Pinocchio's model of a URDF and its collision shapes; None where there are none
+    that can be read."""
     from sdp_vs_penalty.robot._pinocchio import pin
 
-    load_urdf(urdf)  # says in a sentence what is wrong with the file
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "robot.urdf"
-        if not _write_collision_copy(Path(urdf), copy):
+        if not _write_collision_copy(urdf, copy):
             return None
         try:
             # Pinocchio has read it once where it may end the process.
@@ -87,36 +108,61 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
             )
         except (ParserEndedError, ValueError, RuntimeError):
             return None
-    if geometry.ngeoms < 2 or model.nq != n:
-        return None
-    geometry.addAllCollisionPairs()
-    joints = [o.parentJoint for o in geometry.geometryObjects]
-    for pair in list(geometry.collisionPairs):
-        a = joints[pair.first]
-        b = joints[pair.second]
-        if a == b or model.parents[a] == b or model.parents[b] == a:
-            geometry.removeCollisionPair(pair)
-    data = model.createData()
+    return model, geometry
 
-    def touching(q: Array, placed: Any, first: bool) -> bool:
-        return bool(pin.computeCollisions(model, data, geometry, placed, q, first))
 
-    low = np.maximum(model.lowerPositionLimit, -np.pi)
-    high = np.minimum(model.upperPositionLimit, np.pi)
-    poses = np.random.default_rng(0).uniform(low, high, (40, n))
-    pairs = list(geometry.collisionPairs)
-    touch = []
-    placed = geometry.createData()
-    for q in poses:
-        touching(q, placed, False)
-        touch.append([r.isCollision() for r in placed.collisionResults])
-    for k in np.flatnonzero(np.all(touch, axis=0)):
-        geometry.removeCollisionPair(pairs[k])
-    placed = geometry.createData()
-    left = len(geometry.collisionPairs)
-    return (
-        (lambda q: not any(touching(row, placed, True) for row in q)) if left else None
-    )
+class _Collisions:
+    """Pairs of an arm's shapes that must not touch."""
+
+    def __init__(self, model: Any, geometry: Any) -> None:
+        self._model = model
+        self._geometry = geometry
+        self._data = model.createData()
+        geometry.addAllCollisionPairs()
+        self._placed = geometry.createData()
+
+    @property
+    def has_pairs(self) -> bool:
+        """Whether any pair is left."""
+        return len(self._geometry.collisionPairs) > 0
+
+    def is_free(self, poses: Array) -> bool:
+        """Whether no pair touches at any of the poses (N, n)."""
+        return not any(self._touch(q, stop_at_first=True) for q in poses)
+
+    def leave_out_neighbours(self) -> None:
+        """Pairs of shapes of one link, and of links that a joint connects."""
+        joints = [shape.parentJoint for shape in self._geometry.geometryObjects]
+        parents = self._model.parents
+        for pair in list(self._geometry.collisionPairs):
+            a = joints[pair.first]
+            b = joints[pair.second]
+            if a == b or parents[a] == b or parents[b] == a:
+                self._geometry.removeCollisionPair(pair)
+        self._placed = self._geometry.createData()
+
+    def leave_out_what_always_touches(self) -> None:
+        """Pairs that touch in every one of forty poses."""
+        lowest = np.maximum(self._model.lowerPositionLimit, -np.pi)
+        highest = np.minimum(self._model.upperPositionLimit, np.pi)
+        shape = (40, self._model.nq)
+        pairs = list(self._geometry.collisionPairs)
+        touches = []
+        for q in np.random.default_rng(0).uniform(lowest, highest, shape):
+            self._touch(q, stop_at_first=False)
+            touches.append([r.isCollision() for r in self._placed.collisionResults])
+        for k in np.flatnonzero(np.all(touches, axis=0)):
+            self._geometry.removeCollisionPair(pairs[k])
+        self._placed = self._geometry.createData()
+
+    def _touch(self, q: Array, *, stop_at_first: bool) -> bool:
+        from sdp_vs_penalty.robot._pinocchio import pin
+
+        return bool(
+            pin.computeCollisions(
+                self._model, self._data, self._geometry, self._placed, q, stop_at_first
+            )
+        )
 
 
 def collision_shapes(path: str) -> Iterator[dict[str, Array]]:
@@ -176,36 +222,42 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
     """One shape about its own origin; None for numbers that describe none, or a mesh
     that is missing."""
     shape = next(iter(geometry), None) if geometry is not None else None
-    body_geometry: Geometry | None = None
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     if shape is None:
         return None
+    solid = _solid(path, shape)
+    if solid is None or not len(solid.points) or not np.all(np.isfinite(solid.points)):
+        return None
+    return solid
+
+
+def _solid(path: Path, shape: Any) -> Geometry | None:
+    """Points around a shape, and its volume [m^3]."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     if shape.tag == "box":
         half = 0.5 * _lengths(shape, "size", 3)
-        body_geometry = Geometry(corners * half, float(8.0 * half.prod()))
-    elif shape.tag == "sphere":
+        return Geometry(corners * half, float(8.0 * half.prod()))
+    if shape.tag == "sphere":
         (radius,) = _lengths(shape, "radius", 1)
-        body_geometry = Geometry(corners * radius, 4.0 / 3.0 * np.pi * radius**3)
-    elif shape.tag in ("cylinder", "capsule"):
-        (radius,) = _lengths(shape, "radius", 1)
-        (length,) = _lengths(shape, "length", 1)
-        ends = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
-        turn, outer = (
-            np.pi / 8.0 * np.arange(16),
-            radius / np.cos(np.pi / 16.0),
-        )  # a prism around it
-        circle = outer * np.cos(turn), outer * np.sin(turn)
-        prism = [np.column_stack([*circle, np.full(16, z)]) for z in (ends, -ends)]
-        body_geometry = Geometry(np.concatenate(prism), np.pi * radius**2 * length)
-    elif shape.tag == "mesh":
+        return Geometry(corners * radius, 4.0 / 3.0 * np.pi * radius**3)
+    if shape.tag in ("cylinder", "capsule"):
+        return _cylinder(shape)
+    if shape.tag == "mesh":
         scale = _lengths(shape, "scale", 3, "1 1 1")
-        body_geometry = _mesh(path, shape.get("filename") or "", scale)
-    known = (
-        body_geometry is not None
-        and len(body_geometry.points)
-        and np.all(np.isfinite(body_geometry.points))
-    )
-    return body_geometry if known else None
+        return _mesh(path, shape.get("filename") or "", scale)
+    return None
+
+
+def _cylinder(shape: Any) -> Geometry:
+    """A prism around a cylinder or a capsule, whose volume is the cylinder's."""
+    (radius,) = _lengths(shape, "radius", 1)
+    (length,) = _lengths(shape, "length", 1)
+    end = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
+    angles = np.pi / 8.0 * np.arange(16)
+    outer = radius / np.cos(np.pi / 16.0)
+    x = outer * np.cos(angles)
+    y = outer * np.sin(angles)
+    rings = [np.column_stack([x, y, np.full(16, z)]) for z in (end, -end)]
+    return Geometry(np.concatenate(rings), np.pi * radius**2 * length)
 
 
 def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array:

@@ -48,7 +48,18 @@ class OddUnit:
 
 
 def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
-    """What is in another unit, of links and the longest distance between joints [m]."""
+    """What is in another unit.
+
+    Parameters
+    ----------
+    links : of one robot
+    longest : distance between joints [m]
+
+    Yields
+    ------
+    OddUnit
+        One a quantity: lengths, masses, centres of mass, inertias.
+    """
     known = [x for x in links if x.mass > 0.0 and np.isfinite(x.mass)]
     scale = 1.0
     if longest > _LONGEST:
@@ -57,35 +68,50 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
     size = max(longest * scale, 0.05)
     in_grams = [x for x in known if x.mass > _HEAVIEST or _looks_like_grams(x, known)]
     if in_grams:
-        most = max(x.mass for x in in_grams)
-        names = tuple(x.name for x in in_grams)
-        yield _odd("masses", 1e3, names, f"a link weighs {most:.4g} kg", "g")
-    far = [x for x in known if x.com > max(_FAR * size, _AWAY)]
+        heaviest = max(x.mass for x in in_grams)
+        how = f"a link weighs {heaviest:.4g} kg"
+        yield _odd("masses", 1e3, _names(in_grams), how, "g")
+    yield from _odd_centres(known, size)
+    yield from _odd_inertias(known, size, bool(in_grams))
+    yield from _odd_total(known)
+
+
+def _names(links: Sequence[LinkSizes]) -> tuple[str, ...]:
+    return tuple(link.name for link in links)
+
+
+def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
+    """Centres of mass too far from their frames for a robot of this size [m]."""
+    far = [x for x in links if x.com > max(_FAR * size, _AWAY)]
     if far:
-        most = max(x.com for x in far)
-        names = tuple(x.name for x in far)
-        how = f"a centre of mass is {most:.4g} m from its link's frame"
-        yield _odd("centres of mass", 1e3, names, how, "mm")
-    wide = [(x, _radius(x)) for x in known]
-    wide = [(x, r) for x, r in wide if r > max(_SPREAD * size, 1.0)]
-    if wide:
-        most = max(r for _, r in wide)
-        names = tuple(x.name for x, _ in wide)
-        typical = float(np.median([r for _, r in wide])) / (0.3 * size)
-        factor = min((1e3, 1e6, 1e9), key=lambda f: abs(np.log(typical**2 / f)))
-        factor *= 1e3 if in_grams else 1.0
-        unit = _INERTIA_UNITS.get(factor, "another unit")
-        how = f"the mass of a link is spread over {most:.4g} m (radius of gyration)"
-        yield _odd("inertias", factor, names, how, unit)
-    total = sum(x.mass for x in known)
-    if known and total < _LIGHTEST:
-        yield OddUnit(
-            "masses",
-            total,
-            tuple(x.name for x in known),
-            f"all links together weigh {total:.3g} kg: no drive shows such masses.",
-            "check the unit of the masses (kg)",
-        )
+        farthest = max(x.com for x in far)
+        how = f"a centre of mass is {farthest:.4g} m from its link's frame"
+        yield _odd("centres of mass", 1e3, _names(far), how, "mm")
+
+
+def _odd_inertias(
+    links: Sequence[LinkSizes], size: float, are_masses_in_grams: bool
+) -> Iterator[OddUnit]:
+    """Inertias that spread a link's mass wider than a robot of this size [m] is."""
+    wide = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
+    if not wide:
+        return
+    radii = [_radius(x) for x in wide]
+    excess = float(np.median(radii)) / (0.3 * size)
+    factor = min((1e3, 1e6, 1e9), key=lambda f: abs(np.log(excess**2 / f)))
+    factor *= 1e3 if are_masses_in_grams else 1.0
+    unit = _INERTIA_UNITS.get(factor, "another unit")
+    how = f"the mass of a link is spread over {max(radii):.4g} m (radius of gyration)"
+    yield _odd("inertias", factor, _names(wide), how, unit)
+
+
+def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
+    """Links that are lighter together than any drive shows."""
+    total = sum(x.mass for x in links)
+    if links and total < _LIGHTEST:
+        how = f"all links together weigh {total:.3g} kg: no drive shows such masses."
+        remedy = "check the unit of the masses (kg)"
+        yield OddUnit("masses", total, _names(links), how, remedy)
 
 
 def _looks_like_grams(link: LinkSizes, links: Sequence[LinkSizes]) -> bool:

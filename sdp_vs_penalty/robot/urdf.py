@@ -260,10 +260,16 @@ def _read(
     return root, joints, parts
 
 
-def _link_of(joint: Any, end: str) -> str:
-    """The link at the end "parent" or "child" of a joint; empty where none is named."""
-    element = joint.find(end)
-    return "" if element is None else str(element.get("link", ""))
+def _require_unique_names(root: Any) -> None:
+    """InputError where a link or joint has no name, or that of another one."""
+    for tag in ("link", "joint"):
+        names = Counter(element.get("name") for element in root.findall(tag))
+        for name, count in names.items():
+            if not name:
+                raise InputError(f"a <{tag}> has no name", "correct the file")
+            if count > 1:
+                what = f"{tag} {name!r} appears {count} times"
+                raise InputError(what, "correct the file")
 
 
 def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
@@ -274,16 +280,7 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
         raise InputError(what, "correct the file")
     if len(root.findall("link")) > _MOST_LINKS:
         raise InputError(f"more than {_MOST_LINKS} links", "name the file of one robot")
-    for tag in ("link", "joint"):
-        names = Counter(element.get("name") for element in root.findall(tag))
-        for name, count in names.items():
-            if not name or count > 1:
-                what = (
-                    f"{tag} {name!r} appears {count} times"
-                    if name
-                    else f"a <{tag}> has no name"
-                )
-                raise InputError(what, "correct the file")
+    _require_unique_names(root)
     links = {link.get("name"): link for link in root.findall("link")}
     if not links:
         raise InputError(
@@ -293,8 +290,10 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     carried: set[str] = set()
     for element in root.findall("joint"):
         name = element.get("name")
-        parent = _link_of(element, "parent")
-        child = _link_of(element, "child")
+        ends = [element.find(which) for which in ("parent", "child")]
+        parent, child = (
+            "" if end is None else str(end.get("link", "")) for end in ends
+        )
         for link in (parent, child):
             if link not in links:
                 what = f"joint {name!r} names link {link!r}, which is not in the file"
@@ -367,32 +366,46 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
     of joints, as every ROS log has them.
     """
     matrix = np.eye(len(names))
-    named = False
+    has_transmission = False
     for element in root.findall("transmission"):
         joints = element.findall("joint")
         actuators = element.findall("actuator")
         places = [names.index(j.get("name")) for j in joints if j.get("name") in names]
         if not places or len(places) != len(joints) or len(joints) != len(actuators):
             continue  # of a fixed or following joint, or of no motor
-        kind = (element.findtext("type") or element.get("type") or "").rpartition("/")[
-            2
-        ]
-        ratios = []
-        for part in (*joints, *actuators):
-            (value,) = numbers_of(part.findtext("mechanicalReduction", "1"), 1).tolist()
-            if not np.isfinite(value) or value == 0.0:
-                where = f"line {part.sourceline}, <mechanicalReduction>"
-                raise InputError(
-                    f"{where} must hold a number other than 0", "correct the file"
-                )
-            ratios.append(value)
-        n_j, n_a = np.split(np.array(ratios), 2)
-        block = np.diag(n_j)
-        if len(places) == 2 and kind == "DifferentialTransmission":
-            block = np.array([[n_j[0], n_j[1]], [n_j[0], -n_j[1]]])
-        elif len(places) == 2 and kind == "FourBarLinkageTransmission":
-            block[1, 0] = 1.0
-        matrix[np.ix_(places, places)] = n_a[:, None] * block
-        named = True
+        of_joints = np.array([_reduction(part) for part in joints])
+        of_actuators = np.array([_reduction(part) for part in actuators])
+        block = _motors_by_joints(_transmission_kind(element), of_joints)
+        matrix[np.ix_(places, places)] = of_actuators[:, None] * block
+        has_transmission = True
+    if not has_transmission:
+        return None
     sides = ("joint",) * len(names)
-    return Transmission(matrix, np.zeros(len(names)), sides, sides) if named else None
+    return Transmission(matrix, np.zeros(len(names)), sides, sides)
+
+
+def _transmission_kind(element: Any) -> str:
+    """The class of a transmission without its package."""
+    kind = element.findtext("type") or element.get("type") or ""
+    return str(kind).rpartition("/")[2]
+
+
+def _reduction(part: Any) -> float:
+    """The mechanical reduction of a joint or an actuator; 1 where none is written."""
+    (value,) = numbers_of(part.findtext("mechanicalReduction", "1"), 1).tolist()
+    if not np.isfinite(value) or value == 0.0:
+        where = f"line {part.sourceline}, <mechanicalReduction>"
+        what = f"{where} must hold a number other than 0"
+        raise InputError(what, "correct the file")
+    return float(value)
+
+
+def _motors_by_joints(kind: str, reductions: Array) -> Array:
+    """(k, k) how actuators turn with a transmission's joints, by ros_control's rules."""
+    block = np.diag(reductions)
+    if len(reductions) == 2 and kind == "DifferentialTransmission":
+        first, second = reductions
+        block = np.array([[first, second], [first, -second]])
+    elif len(reductions) == 2 and kind == "FourBarLinkageTransmission":
+        block[1, 0] = 1.0
+    return block

@@ -37,10 +37,20 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 
 
 def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
-    """phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)), phi (n,
-    3), dq (N, n).
+    """phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)): zero
+    at rest (Gaz et al. 2019, eq. 12).
 
-    phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s] (Gaz et al. 2019, eq. 12): zero at rest.
+    Parameters
+    ----------
+    phi : (n, 3)
+        phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s].
+    dq : (N, n)
+        Velocities [rad/s].
+
+    Returns
+    -------
+    (N, n)
+        [N m].
     """
     amplitude, slope, shift = np.asarray(phi, float).T
     return amplitude * expit(slope * (dq + shift)) - amplitude * expit(slope * shift)
@@ -86,8 +96,20 @@ class Sensor:
         )
 
     def noise(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, n) samples of the torque noise at ``rate``, stationary from the first
-        on: 500 before them are thrown away."""
+        """Samples of the torque noise at ``rate``.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Of everything random.
+
+        Returns
+        -------
+        (count, n)
+            Stationary from the first on: 500 before them are thrown away.
+        """
         white = rng.normal(size=(count + 500, len(self.torque_std)))
         out = []
         for x, std, row in zip(
@@ -101,14 +123,41 @@ class Sensor:
         return np.column_stack(out)
 
     def instants(self, duration: float) -> Array:
-        """(N,) when the controller renews its values in [0, duration] [s]."""
+        """When the controller renews its values.
+
+        Parameters
+        ----------
+        duration : float
+            [s].
+
+        Returns
+        -------
+        (N,)
+            [s], in [0, duration].
+        """
         return np.arange(int(np.ceil(duration * self.rate)) + 1) / self.rate
 
     def log(
         self, duration: float, q: Array, torque: Array, rng: np.random.Generator
     ) -> tuple[Array, Array, Array]:
-        """Times, positions and torques as logged, of true ones (N, n) at
-        :meth:`instants`: the log's clock reads whatever value was last."""
+        """What is logged: the log's clock reads whatever value was last.
+
+        Parameters
+        ----------
+        duration : float
+            [s].
+        q : (N, n)
+            True positions at :meth:`instants`.
+        torque : (N, n)
+            True torques there.
+        rng : numpy.random.Generator
+            Of everything random.
+
+        Returns
+        -------
+        tuple
+            Times (K,), positions and torques (K, n).
+        """
         noisy = torque + self.noise(len(q), rng)
         times = (
             np.arange(int(np.floor(duration * self.rate * (1.0 + 1e-12))) + 1)
@@ -132,8 +181,18 @@ class Sensor:
 
 
 def innovation_share(poles: Array) -> float:
-    """White noise's variance over the process's, of an autoregression 1 / poles: one
-    over the sum of its squared answer to an impulse, as long as a pole of 0.999 needs.
+    """White noise's variance over the process's, of an autoregression 1 / poles.
+
+    Parameters
+    ----------
+    poles : (k,)
+        Coefficients of the denominator.
+
+    Returns
+    -------
+    float
+        One over the sum of its squared answer to an impulse, as long as a pole
+        of 0.999 needs.
     """
     return float(
         1.0 / np.sum(signal.lfilter([1.0], poles, signal.unit_impulse(20_000)) ** 2)
@@ -153,10 +212,25 @@ def simulate(
     *,
     name: str = "simulated",
 ) -> Measurements:
-    """Measure a torque (N, n) [N m or N] along a trajectory.
+    """Measure a torque along a trajectory.
 
-    seed : of the noise and the clock. The measured velocity is left out: estimators do
-    not use it.
+    Parameters
+    ----------
+    trajectory : FourierTrajectory
+        Of the joints.
+    torque : callable
+        (N, n) of a motion [N m, N].
+    sensor : Sensor
+        What it is measured with.
+    seed : int or sequence of int
+        Of the noise and the clock.
+    name : str
+        Of the run.
+
+    Returns
+    -------
+    Measurements
+        Without the measured velocity: estimators do not use it.
     """
     t = sensor.instants(trajectory.duration)
     motion = Motion(t, *trajectory.states(t))
@@ -190,11 +264,20 @@ class Experiment:
     effects: tuple[str, ...]
 
     def torque(self, motion: Motion) -> Array:
-        """(N, n) the true one: Newton-Euler's of the links, and friction."""
-        links = self.links.ravel()
-        rigid = self.problem.robot.inverse_dynamics(
-            links, motion.q, motion.dq, motion.ddq
-        )
+        """The true torque: Newton-Euler's of the links, and friction.
+
+        Parameters
+        ----------
+        motion : Motion
+            Of the joints.
+
+        Returns
+        -------
+        (N, n)
+            [N m, N].
+        """
+        states = motion.q, motion.dq, motion.ddq
+        rigid = self.problem.robot.inverse_dynamics(self.links.ravel(), *states)
         return (
             rigid
             if self.friction is None
@@ -202,13 +285,35 @@ class Experiment:
         )
 
     def training_run(self, seed: int = 0) -> Measurements:
-        """The exciting trajectory, measured once."""
+        """The exciting trajectory, measured once.
+
+        Parameters
+        ----------
+        seed : int
+            Of the noise.
+
+        Returns
+        -------
+        Measurements
+            One run.
+        """
         return simulate(
             self.trajectory, self.torque, self.sensor, seed, name="exciting trajectory"
         )
 
     def validation_runs(self, seed: int = 0) -> list[Measurements]:
-        """Random trajectories inside the joint limits, each measured once."""
+        """Random trajectories inside the joint limits, each measured once.
+
+        Parameters
+        ----------
+        seed : int
+            Of trajectories and noise.
+
+        Returns
+        -------
+        list of Measurements
+            A run each.
+        """
         count, duration = self.validation
         # Apart from the training ones, noise included, at any seed.
         first = 100_000 + count * seed
@@ -229,8 +334,23 @@ class Experiment:
 
 
 def experiment(problem: Problem) -> Experiment:
-    """The simulated experiment of a problem. Raises InputError for an incomplete
-    simulation.toml."""
+    """The simulated experiment of a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        With or without a simulation.toml.
+
+    Returns
+    -------
+    Experiment
+        Links, friction, trajectory and sensor.
+
+    Raises
+    ------
+    InputError
+        For an incomplete simulation.toml.
+    """
     if problem.folder is None or not (problem.folder / "simulation.toml").is_file():
         return _assumed(problem)
     return read_toml(
@@ -248,11 +368,9 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         length = float(motion["duration"])
         over_pi = float(motion["frequency_over_pi"])
         blend = float(motion["blend"])
-        seed = int(motion["seed"])
+        drawn = problem.robot, int(motion["seed"]), length
         trajectory = random_trajectory(
-            problem.robot,
-            seed,
-            length,
+            *drawn,
             frequency=np.pi * over_pi,
             blend=blend,
         )
@@ -278,15 +396,13 @@ def _assumed(problem: Problem) -> Experiment:
     """Friction of 2 % and noise of 0.1 % of the torque that it moves with."""
     robot = problem.robot
     none = np.zeros(problem.robot.n)
-    trajectory = random_trajectory(robot, seed=1, duration=21.0)
-    bare = Experiment(
-        problem,
-        problem.nominal_links,
-        None,
-        trajectory,
+    assumed_parts = (
+        random_trajectory(robot, seed=1, duration=21.0),
         Sensor(50.0, none),
         (10, 10.0),
-        problem.default_effects,
+    )
+    bare = Experiment(
+        problem, problem.nominal_links, None, *assumed_parts, problem.default_effects
     )
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.

@@ -74,9 +74,22 @@ class HiddenRuns(Shown):
         return self.runs[-1]
 
     def save(self, folder: str | Path) -> None:
-        """Write run1..3.csv, test.csv and truth.json.
+        """Write truth.json, run1..3.csv and test.csv.
 
-        Raises InputError where the folder holds runs that were not written here.
+        Parameters
+        ----------
+        folder : path
+            Where.
+
+        Returns
+        -------
+        None
+            Nothing.
+
+        Raises
+        ------
+        InputError
+            Where the folder holds runs that were not written here.
         """
         folder = Path(folder)
         truth = json.dumps(self.truth, indent=1)
@@ -97,7 +110,23 @@ class HiddenRuns(Shown):
 
 
 def refuse_foreign(folder: Path) -> None:
-    """InputError where a folder holds runs that :meth:`HiddenRuns.save` did not write."""
+    """Refuse a folder that holds runs which :meth:`HiddenRuns.save` did not write.
+
+    Parameters
+    ----------
+    folder : Path
+        Where runs are to be written.
+
+    Returns
+    -------
+    None
+        Nothing.
+
+    Raises
+    ------
+    InputError
+        Where there are such runs.
+    """
     there = [name for name in RUN_FILES if (folder / name).exists()]
     if (
         there and not (folder / "truth.json").exists()
@@ -151,8 +180,24 @@ def true_world(
     problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()
 ) -> World:
     """The true robot: the experiment's links, random viscous and Coulomb friction and
-    offsets of the size of friction there; effects named in ``without`` are not among
-    them."""
+    offsets of the size of friction there.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot.
+    setup : Experiment
+        Its links and friction.
+    seed : int
+        Of the friction.
+    without : sequence of str
+        Effects that are not among them.
+
+    Returns
+    -------
+    World
+        As it is simulated.
+    """
     robot = problem.robot
     rng = np.random.default_rng([seed, 1])
     none = np.zeros(problem.robot.n)
@@ -196,15 +241,36 @@ def hidden_runs(
     count: int = 4,
     world: World | None = None,
 ) -> HiddenRuns:
-    """Simulate ``count`` runs (the last meant as the test run) with effects hidden in
-    them.
+    """Simulate runs, the last meant as the test run, with effects hidden in them.
 
-    effects : names and joints (from 0; empty: one effect on every joint that it can act
-    on, or of the whole robot). level : of LEVELS, or the root mean square of the hidden
-    torque over the raw noise of the joint that it moves most. world : the true robot
-    (default: that of the seed), so that the same one is measured with and without a
-    load. Raises InputError for an effect that has no simulation, or makes no torque on
-    a joint that is named (backlash about a vertical axis).
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot.
+    effects : sequence of (str, sequence of int)
+        Names and joints (from 0; empty: one effect on every joint that it can
+        act on, or of the whole robot).
+    level : str or float
+        Of LEVELS, or the root mean square of the hidden torque over the raw
+        noise of the joint that it moves most.
+    seed : int
+        Of everything random.
+    count : int
+        Of the runs.
+    world : World, optional
+        The true robot (default: that of the seed), so that the same one is
+        measured with and without a load.
+
+    Returns
+    -------
+    HiddenRuns
+        The runs, and what is hidden.
+
+    Raises
+    ------
+    InputError
+        For an effect that has no simulation, or makes no torque on a joint that
+        is named (backlash about a vertical axis).
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats.columns import Choice, understood
@@ -175,26 +176,33 @@ def _streams(
     for connection, recorded, raw in reader.messages(connections=connections):
         message = reader.deserialize(raw, connection.msgtype)
         names = tuple(str(name) for name in message.name)
-        lengths = {name: len(getattr(message, name)) for name in _FIELDS}
-        fields = tuple(f for f, n in lengths.items() if n == len(names) > 0)
+        fields = _filled_fields(message, len(names))
         key = (connection.topic, names, fields)
         stream = streams.setdefault(key, _Stream(*key))
-        stamp = message.header.stamp
-        # Whole nanoseconds are taken apart before they become floating-point numbers of
-        # seconds.
-        clocks = np.array([int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorded)])
+        clocks = _clocks_of(message, recorded)
         first = first if len(first) else clocks
-        row = list(((clocks - first) / 1e9).tolist())
+        row: list[float] = ((clocks - first) / 1e9).tolist()
         for name in _FIELDS:
-            values = getattr(message, name)
-            row += (
-                [float(x) for x in values] if name in fields else [np.nan] * len(names)
-            )
+            values = getattr(message, name) if name in fields else [np.nan] * len(names)
+            row += [float(x) for x in values]
         stream.add(row)
     for stream in streams.values():
         stream.finish_part()
         stream.values = stream.table.array()
     return list(streams.values()), first
+
+
+def _filled_fields(message: Any, n_joints: int) -> tuple[str, ...]:
+    """The fields of a message that have a value for each of its joints."""
+    lengths = {name: len(getattr(message, name)) for name in _FIELDS}
+    return tuple(name for name, n in lengths.items() if n == n_joints > 0)
+
+
+def _clocks_of(message: Any, recorded: int) -> Array:
+    """(2,) the header's stamp and the recorder's, whole [ns]: they are taken apart
+    before they become floating-point numbers of seconds."""
+    stamp = message.header.stamp
+    return np.array([int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorded)])
 
 
 def _choose_joints(
@@ -211,43 +219,113 @@ def _choose_joints(
     placed = [s for s in usable if "position" in s.fields]
     if not placed:
         raise _weightless(path, streams, "position")
-    names = list(choice.joints or max(placed, key=lambda s: len(s.names)).names)
-    every = list(dict.fromkeys(name for s in placed for name in s.names))
-    called = names
-    names = _with_prefix(names, every)
-    found = {n: own for n, own in zip(names, called, strict=True) if n in every}
-    if 2 * len(found) <= len(names):
-        there = ", ".join(sorted(every)) or "none"
-        what = (
-            f"no message has all joints {', '.join(names) or '(none)'} (there are:"
-            f" {there})"
-        )
+    called = list(choice.joints or max(placed, key=lambda s: len(s.names)).names)
+    in_bag = list(dict.fromkeys(name for s in placed for name in s.names))
+    names = _with_prefix(called, in_bag)
+    pairs = zip(names, called, strict=True)
+    robot_name = {name: robots for name, robots in pairs if name in in_bag}
+    if 2 * len(robot_name) <= len(names):
+        there = ", ".join(sorted(in_bag)) or "none"
+        asked_for = ", ".join(names) or "(none)"
+        what = f"no message has all joints {asked_for} (there are: {there})"
         raise InputError(what, "name the joints as the bag does", path)
-    # The topic that says most of the joints, position and effort, leads.
-    by_topic = {
-        topic: {
-            (name, f)
-            for s in placed
-            if s.topic == topic
-            for name in s.names
-            for f in s.fields
-            if name in found and f != "velocity"
-        }
-        for topic in {s.topic for s in placed}
+    return robot_name, _leading_stream(path, placed, set(robot_name), choice.topic)
+
+
+def _leading_stream(
+    path: Path, placed: Sequence[_Stream], joints: set[str], topic: str | None
+) -> _Stream:
+    """The stream whose rows are kept: of the topic that says most of the joints,
+    position and effort, the one with most joints; InputError where two topics say all.
+
+    placed : streams with positions.
+    """
+    n_channels = {
+        candidate: len(_channels_of(placed, candidate, joints))
+        for candidate in {s.topic for s in placed}
     }
-    most = max(len(held) for held in by_topic.values())
-    best = sorted(topic for topic, held in by_topic.items() if len(held) == most)
-    if len(best) > 1 and choice.topic is None and most == 2 * len(found):
-        raise _which_topic(path, None, sorted(by_topic))
-    leading = max(
-        (s for s in placed if s.topic in best and set(found) & set(s.names)),
+    largest = max(n_channels.values())
+    best = sorted(name for name, n in n_channels.items() if n == largest)
+    if len(best) > 1 and topic is None and largest == 2 * len(joints):
+        raise _which_topic(path, None, sorted(n_channels))
+    candidates = [s for s in placed if s.topic in best and joints & set(s.names)]
+    return max(
+        candidates,
         key=lambda s: (
-            len(set(found) & set(s.names)),
+            len(joints & set(s.names)),
             "effort" in s.fields,
             len(s.values),
         ),
     )
-    return found, leading
+
+
+def _channels_of(
+    streams: Sequence[_Stream], topic: str, joints: set[str]
+) -> set[tuple[str, str]]:
+    """The positions and efforts of these joints that a topic says, as (joint, field)."""
+    channels = set[tuple[str, str]]()
+    for stream in streams:
+        if stream.topic != topic:
+            continue
+        fields = [name for name in stream.fields if name != "velocity"]
+        for joint in joints & set(stream.names):
+            channels |= {(joint, field_name) for field_name in fields}
+    return channels
+
+
+@dataclass
+class _Merge:
+    """One row for each message of the leading stream, with what others say at the
+    nearest stamp.
+
+    sources : the stream that says a field of a joint, None without; rows : of each
+    stream the row that belongs to each of the leading one's; is_kept : rows of which
+    all is known.
+    """
+
+    sources: dict[tuple[str, str], _Stream | None]
+    rows: dict[int, NDArray[np.intp]]
+    is_kept: NDArray[np.bool_]
+
+    def block(self, joints: Sequence[str], field_name: str) -> Array:
+        """(N, n) one field of all joints in the kept rows, part by part: a long bag's
+        lies on the disk."""
+        kept_rows = np.flatnonzero(self.is_kept)
+        return concatenate_chunks(
+            np.column_stack([self._column(joint, field_name, part) for joint in joints])
+            for _, part in iter_chunks(kept_rows)
+        )
+
+    def _column(self, joint: str, field_name: str, part: NDArray[np.intp]) -> Array:
+        """One field of one joint in some of the leading stream's rows."""
+        source = self.sources[joint, field_name]
+        if source is None:
+            return np.full(len(part), np.nan)
+        return source.column(field_name, joint)[self.rows[id(source)][part]]
+
+
+def _merge(
+    streams: Sequence[_Stream], leading: _Stream, joints: Sequence[str], clock: int
+) -> _Merge:
+    """What belongs to each message of the leading stream: within half a period, but for
+    a joint that never moves, which says it at any time; clock : the stamp's column."""
+    t = leading.values[:, clock]
+    within = half_period(t)
+    sources = {
+        (joint, field_name): _source_of(streams, leading, joint, field_name)
+        for joint in joints
+        for field_name in _FIELDS
+    }
+    merge = _Merge(sources, {id(leading): np.arange(len(t))}, np.ones(len(t), bool))
+    for (joint, field_name), source in sources.items():
+        if source is None or source is leading:
+            continue
+        order = np.argsort(source.values[:, clock], kind="stable")
+        nearest, is_near = nearest_rows(t, source.values[order, clock], within)
+        merge.rows[id(source)] = order[nearest]
+        is_still = np.ptp(source.column(field_name, joint)) == 0.0
+        merge.is_kept &= is_near | is_still | (field_name == "velocity")
+    return merge
 
 
 def _merged(
@@ -257,53 +335,30 @@ def _merged(
     names: Sequence[str],
     first: Array,
 ) -> Measurements:
-    """One row for each message of the leading stream, with what the others say at the
-    nearest stamp within half a period; a joint that never moves says it at any time."""
-    stamped = bool(first[0]) or any(s.values[:, 0].any() for s in streams)
-    clock = 0 if stamped else 1
-    t = leading.values[:, clock]
-    kept = np.ones(len(t), bool)
-    within = half_period(t)
-    # Of each stream the row that belongs to each of the leading one's.
-    rows = {id(leading): np.arange(len(t))}
-    sources = {
-        (name, what): _source_of(streams, leading, name, what)
-        for name in names
-        for what in _FIELDS
-    }
-    for (name, what), source in sources.items():
-        if source is None or source is leading:
-            continue
-        order = np.argsort(source.values[:, clock], kind="stable")
-        nearest, near = nearest_rows(t, source.values[order, clock], within)
-        rows[id(source)] = order[nearest]
-        is_still = np.ptp(source.column(what, name)) == 0.0
-        kept &= near | is_still | (what == "velocity")
-    for what in ("position", "effort"):
-        if all(sources[name, what] is None for name in names):
-            raise _weightless(path, streams, what)
-    _say_what_is_skipped(path, streams, leading, names, int(np.sum(~kept)))
-    stays = np.flatnonzero(kept)
-
-    def block(what: str) -> Array:
-        """(N, n) one field of all joints, part by part: a long bag's lies on the disk."""
-        return concatenate_chunks(
-            np.column_stack(
-                [
-                    np.full(len(part), np.nan)
-                    if (source := sources[name, what]) is None
-                    else source.column(what, name)[rows[id(source)][part]]
-                    for name in names
-                ]
-            )
-            for _, part in iter_chunks(stays)
-        )
-
-    q, dq, tau = block("position"), block("velocity"), block("effort")
-    day = float(first[clock] % (86_400 * 10**9)) / 1e9
-    t = concatenate_chunks(t[part] + day for _, part in iter_chunks(stays))
-    finite = all(np.all(np.isfinite(part)) for _, part in iter_chunks(dq))
-    return Measurements(t, q, tau, dq if finite else None, None, (path.name,))
+    """The run of all streams, a row for each message of the leading one; first : its
+    clocks [ns]."""
+    is_stamped = bool(first[0]) or any(s.values[:, 0].any() for s in streams)
+    clock = 0 if is_stamped else 1
+    merge = _merge(streams, leading, names, clock)
+    for field_name in ("position", "effort"):
+        if all(merge.sources[name, field_name] is None for name in names):
+            raise _weightless(path, streams, field_name)
+    n_unmatched = int(np.sum(~merge.is_kept))
+    _say_what_is_skipped(path, streams, leading, names, n_unmatched)
+    dq = merge.block(names, "velocity")
+    has_velocities = all(np.all(np.isfinite(part)) for _, part in iter_chunks(dq))
+    second_of_day = float(first[clock] % (86_400 * 10**9)) / 1e9
+    stamps = leading.values[:, clock]
+    kept_rows = np.flatnonzero(merge.is_kept)
+    return Measurements(
+        t=concatenate_chunks(
+            stamps[part] + second_of_day for _, part in iter_chunks(kept_rows)
+        ),
+        q=merge.block(names, "position"),
+        tau=merge.block(names, "effort"),
+        dq=dq if has_velocities else None,
+        names=(path.name,),
+    )
 
 
 def _source_of(
@@ -335,21 +390,21 @@ def _say_what_is_skipped(
         and set(s.names) == set(leading.names)
         and len(s.fields) < len(leading.fields)
     )
-    said = []
+    reasons = []
     if empty:
-        said.append(f"{formatting.count(empty, 'message')} with empty fields")
+        reasons.append(f"{formatting.count(empty, 'message')} with empty fields")
     if unmatched:
         more = formatting.count(unmatched, "message")
-        said.append(f"{more} without the other joints within half a period")
-    if said:
-        warnings.warn(f"{path}: {' and '.join(said)} left out", Remark, stacklevel=2)
+        reasons.append(f"{more} without the other joints within half a period")
+    if reasons:
+        warnings.warn(f"{path}: {' and '.join(reasons)} left out", Remark, stacklevel=2)
 
 
 def _weightless(path: Path, streams: Sequence[_Stream], what: str) -> InputError:
     """The error of a bag in which nobody says positions, or efforts."""
     topics = ", ".join(sorted({s.topic for s in streams}))
-    said = f"no message of {topics} has {what} of every joint"
-    return InputError(said, "record position and effort of every joint", path)
+    problem = f"no message of {topics} has {what} of every joint"
+    return InputError(problem, "record position and effort of every joint", path)
 
 
 def _with_prefix(names: Sequence[str], own_names: Sequence[str]) -> list[str]:

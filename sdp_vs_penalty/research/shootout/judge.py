@@ -116,11 +116,12 @@ def judge(
 ) -> Judgement:
     """Classify one answer; ``accuracy`` is the accuracy that was asked for."""
     error, violation = _primal(instance, reference, answer.theta)
-    gap = (reference.upper - _dual(instance, answer)) / reference.scale
-    if answer.claims in ("failed", "inaccurate"):
-        return Judgement(answer.claims, error, violation, gap)
-    kind, remark = classified(reference, answer.claims, error, violation, accuracy)
-    return Judgement(kind, error, violation, gap, remark)
+    dual_gap = (reference.upper - _dual(instance, answer)) / reference.scale
+    kind = answer.claims
+    remark = ""
+    if answer.claims not in ("failed", "inaccurate"):
+        kind, remark = classified(reference, answer.claims, error, violation, accuracy)
+    return Judgement(kind, error, violation, dual_gap, remark)
 
 
 def classified(

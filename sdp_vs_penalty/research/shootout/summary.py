@@ -122,9 +122,11 @@ def solved_over_time(
     count = runs["problem"].nunique()
     right = reached(asked, accuracy)
     out = {}
-    for solver, own in asked.groupby("solver"):
-        seconds = np.sort(own["seconds"][right[own.index]])
-        wrong = np.sort(own["seconds"][own["class"] == "silently_wrong"])
+    for solver, solver_rows in asked.groupby("solver"):
+        seconds = np.sort(solver_rows["seconds"][right[solver_rows.index]])
+        wrong = np.sort(
+            solver_rows["seconds"][solver_rows["class"] == "silently_wrong"]
+        )
         out[str(solver)] = seconds, np.arange(1, len(seconds) + 1) / count, wrong
     return out
 

@@ -50,10 +50,40 @@ class Bullet(Engine):
         self.bullet.setGravity(*self.robot.gravity)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """The torque of one state.
+
+        Parameters
+        ----------
+        q : (n,)
+            Positions [rad, m].
+        dq : (n,)
+            Velocities [rad/s, m/s].
+        ddq : (n,)
+            Accelerations [rad/s^2, m/s^2].
+
+        Returns
+        -------
+        (n,)
+            [N m, N].
+        """
         states = (x.tolist() for x in (q, dq, ddq))
         return np.array(self.bullet.calculateInverseDynamics(self.body, *states))
 
     def begin(self, start: Array, step: float) -> None:
+        """Put the joints at rest.
+
+        Parameters
+        ----------
+        start : (n,)
+            Positions [rad, m].
+        step : float
+            Seconds of a step.
+
+        Returns
+        -------
+        None
+            Nothing.
+        """
         self.bullet.setTimeStep(step)
         for j in range(self.robot.n):
             self.bullet.resetJointState(
@@ -64,6 +94,19 @@ class Bullet(Engine):
             )
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        """One step at a velocity.
+
+        Parameters
+        ----------
+        velocity : (n,)
+            Of the joints [rad/s, m/s].
+
+        Returns
+        -------
+        tuple
+            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
+            last link's joint frame after it.
+        """
         bullet = self.bullet
         joints = list(range(self.robot.n))
         motor_options = {

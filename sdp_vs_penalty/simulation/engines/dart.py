@@ -38,6 +38,22 @@ class Dart(Engine):
             self.skeleton.getJoint(k).setLimitEnforcement(False)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """The torque of one state.
+
+        Parameters
+        ----------
+        q : (n,)
+            Positions [rad, m].
+        dq : (n,)
+            Velocities [rad/s, m/s].
+        ddq : (n,)
+            Accelerations [rad/s^2, m/s^2].
+
+        Returns
+        -------
+        (n,)
+            [N m, N].
+        """
         self.skeleton.setPositions(q)
         self.skeleton.setVelocities(dq)
         self.skeleton.setAccelerations(ddq)
@@ -45,6 +61,20 @@ class Dart(Engine):
         return np.array(self.skeleton.getForces())
 
     def begin(self, start: Array, step: float) -> None:
+        """Put the joints at rest.
+
+        Parameters
+        ----------
+        start : (n,)
+            Positions [rad, m].
+        step : float
+            Seconds of a step.
+
+        Returns
+        -------
+        None
+            Nothing.
+        """
         import dartpy
 
         for k in range(self.skeleton.getNumJoints()):
@@ -57,6 +87,19 @@ class Dart(Engine):
         self.skeleton.setVelocities(np.zeros(self.robot.n))
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        """One step at a velocity.
+
+        Parameters
+        ----------
+        velocity : (n,)
+            Of the joints [rad/s, m/s].
+
+        Returns
+        -------
+        tuple
+            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
+            last link's joint frame after it.
+        """
         self.skeleton.setCommands(velocity)
         self.world.step(False)
         pose = (

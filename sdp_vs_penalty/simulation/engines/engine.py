@@ -66,8 +66,22 @@ class Engine(ABC):
         """Build the robot inside the engine."""
 
     def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
-        """Torques (N, n) for states (N, n); None where the engine has no inverse
-        dynamics."""
+        """Torques of states.
+
+        Parameters
+        ----------
+        q : (N, n)
+            Positions [rad, m].
+        dq : (N, n)
+            Velocities [rad/s, m/s].
+        ddq : (N, n)
+            Accelerations [rad/s^2, m/s^2].
+
+        Returns
+        -------
+        (N, n) or None
+            [N m, N]; None where the engine has no inverse dynamics.
+        """
         torques = [
             self.torque(*rows)
             for rows in zip(
@@ -80,17 +94,43 @@ class Engine(ABC):
         return None if torques[0] is None else np.array(torques, float)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array | None:
-        """Of one state (n,)."""
+        """The torque of one state.
+
+        Parameters
+        ----------
+        q : (n,)
+            Positions [rad, m].
+        dq : (n,)
+            Velocities [rad/s, m/s].
+        ddq : (n,)
+            Accelerations [rad/s^2, m/s^2].
+
+        Returns
+        -------
+        (n,) or None
+            [N m, N]; None where the engine has no inverse dynamics.
+        """
         return None
 
     def follow(
         self, start: Array, velocities: Array, step: float
     ) -> tuple[Array, Array]:
-        """Drive the joints from rest at ``start`` (n,) at the velocities (N, n), one
-        each ``step`` [s].
+        """Drive the joints from rest at velocities, one each step.
 
-        Returns the motors' torque (N, n) over each step [N m, N], and the pose (N, 4,
-        4) of the last link's joint frame after it.
+        Parameters
+        ----------
+        start : (n,)
+            Positions [rad, m].
+        velocities : (N, n)
+            [rad/s, m/s].
+        step : float
+            Seconds of a step.
+
+        Returns
+        -------
+        tuple
+            The motors' torque (N, n) over each step [N m, N], and the pose (N, 4,
+            4) of the last link's joint frame after it.
         """
         torque = np.empty_like(velocities)
         pose = np.tile(np.eye(4), (len(velocities), 1, 1))
@@ -101,12 +141,36 @@ class Engine(ABC):
 
     @abstractmethod
     def begin(self, start: Array, step: float) -> None:
-        """Put the joints at rest at ``start`` (n,), for steps of so many seconds."""
+        """Put the joints at rest.
+
+        Parameters
+        ----------
+        start : (n,)
+            Positions [rad, m].
+        step : float
+            Seconds of a step.
+
+        Returns
+        -------
+        None
+            Nothing.
+        """
 
     @abstractmethod
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """One step at these velocities (n,): the motors' torque (n,), and rotation (3,
-        3) and position (3,) of the last link's joint frame after it."""
+        """One step at a velocity.
+
+        Parameters
+        ----------
+        velocity : (n,)
+            Of the joints [rad/s, m/s].
+
+        Returns
+        -------
+        tuple
+            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
+            last link's joint frame after it.
+        """
 
     @property
     def content(self) -> Content:

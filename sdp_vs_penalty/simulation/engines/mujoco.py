@@ -34,6 +34,22 @@ class MuJoCo(Engine):
         self.data: Any = mujoco.MjData(self.model)
 
     def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """The torque of one state.
+
+        Parameters
+        ----------
+        q : (n,)
+            Positions [rad, m].
+        dq : (n,)
+            Velocities [rad/s, m/s].
+        ddq : (n,)
+            Accelerations [rad/s^2, m/s^2].
+
+        Returns
+        -------
+        (n,)
+            [N m, N].
+        """
         import mujoco
 
         self.data.qpos = q
@@ -43,6 +59,20 @@ class MuJoCo(Engine):
         return np.array(self.data.qfrc_inverse)
 
     def begin(self, start: Array, step: float) -> None:
+        """Put the joints at rest.
+
+        Parameters
+        ----------
+        start : (n,)
+            Positions [rad, m].
+        step : float
+            Seconds of a step.
+
+        Returns
+        -------
+        None
+            Nothing.
+        """
         import mujoco
 
         self.model.opt.timestep = step
@@ -50,6 +80,19 @@ class MuJoCo(Engine):
         self.data.qpos = start
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        """One step at a velocity.
+
+        Parameters
+        ----------
+        velocity : (n,)
+            Of the joints [rad/s, m/s].
+
+        Returns
+        -------
+        tuple
+            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
+            last link's joint frame after it.
+        """
         import mujoco
 
         model = self.model

@@ -58,15 +58,43 @@ class Hidden:
     channel: bool = False
 
     def torque(self, world: World, motion: TrueMotion) -> Array:
-        """(N, n) what it adds at its size."""
+        """What the effect adds at its size.
+
+        Parameters
+        ----------
+        world : World
+            The true robot.
+        motion : TrueMotion
+            Of the joints.
+
+        Returns
+        -------
+        (N, n)
+            [N m, N].
+        """
         return self.change(world, motion, self.size)
 
     def sized(
         self, world: World, motions: Sequence[TrueMotion], factor: float
     ) -> Hidden:
-        """With a root mean square of ``factor`` times the raw noise on the joint that
-        it moves most; three rounds, as some effects are not linear. As it is, where it
-        moves nothing."""
+        """The effect with a root mean square of ``factor`` times the raw noise on the
+        joint that it moves most.
+
+        Parameters
+        ----------
+        world : World
+            The true robot.
+        motions : sequence of TrueMotion
+            On which it is sized.
+        factor : float
+            Times the raw noise.
+
+        Returns
+        -------
+        Hidden
+            Sized in three rounds, as some effects are not linear; as it is, where
+            it moves nothing.
+        """
         out = self
         for _ in range(3):
             added = np.concatenate([out.torque(world, motion) for motion in motions])
@@ -93,7 +121,22 @@ class Hidden:
 
 
 def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
-    """(N, n) what each adds; torque channels, one after the other, to what they carry."""
+    """What each effect adds.
+
+    Parameters
+    ----------
+    world : World
+        The true robot.
+    motion : TrueMotion
+        Of the joints.
+    hidden : sequence of Hidden
+        The effects.
+
+    Returns
+    -------
+    list of (N, n)
+        Torque channels, one after the other, to what they carry.
+    """
     torque_by_joint = dict[int, Array]()
     for k in sorted(range(len(hidden)), key=lambda k: hidden[k].channel):
         carried = replace(world, more=world.more + sum(torque_by_joint.values(), 0.0))
@@ -110,7 +153,24 @@ def at_joint(
     /,
     **shape: float,
 ) -> Hidden:
-    """A torque of one joint, law(world, motion) (N,) times the size."""
+    """A torque of one joint.
+
+    Parameters
+    ----------
+    joint : int
+        From 0.
+    law : callable
+        (N,) of a world and a motion, times the size.
+    number : float or None
+        The library's parameter at size 1.
+    shape : float
+        Its shape constants.
+
+    Returns
+    -------
+    Hidden
+        Of size 1.
+    """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         unit = np.eye(world.arm.n)[joint]
@@ -122,8 +182,20 @@ def at_joint(
 def plain(
     law: Callable[[World, int, TrueMotion], Array], signed: bool = False
 ) -> Maker:
-    """The maker of a torque of one joint without constants, law(world, joint, motion)
-    (N,) times the size; signed : either way round."""
+    """The maker of a torque of one joint without constants.
+
+    Parameters
+    ----------
+    law : callable
+        (N,) of a world, a joint and a motion, times the size.
+    signed : bool
+        Either way round.
+
+    Returns
+    -------
+    Maker
+        Draws the sign.
+    """
 
     def make(world: World, joint: int, rng: np.random.Generator) -> Hidden:
         side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
@@ -137,8 +209,26 @@ def plain(
 def shifted(
     joint: int, shift: Change, number: float, size: float, rates: bool = True
 ) -> Hidden:
-    """The link of a joint stands at q + shift, where q is what motor and encoder do;
-    rates : whether its velocity and acceleration differ too."""
+    """The link of a joint stands at q + shift, where q is what motor and encoder do.
+
+    Parameters
+    ----------
+    joint : int
+        From 0.
+    shift : Change
+        (N,) by the size.
+    number : float
+        The library's parameter at size 1.
+    size : float
+        At first.
+    rates : bool
+        Whether its velocity and acceleration differ too.
+
+    Returns
+    -------
+    Hidden
+        Of this size.
+    """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         moved = displaced(motion, joint, shift(world, motion, size))
@@ -156,7 +246,22 @@ def shifted(
 
 
 def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
-    """The motion of the links, rates by central differences on the fine grid."""
+    """The motion of the links, rates by central differences on the fine grid.
+
+    Parameters
+    ----------
+    motion : TrueMotion
+        Of the joints.
+    joint : int
+        From 0.
+    shift : (N,)
+        Of the joint's link [rad, m].
+
+    Returns
+    -------
+    TrueMotion
+        Of the links.
+    """
     rate = np.gradient(shift, motion.t)
     acceleration = np.gradient(rate, motion.t)
     unit = np.eye(motion.q.shape[1])[joint]
@@ -169,18 +274,63 @@ def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
 
 
 def sign(world: World, joint: int, motion: TrueMotion) -> Array:
-    """(N,) the direction in which a joint rubs, as sharp as its own dry friction is."""
+    """The direction in which a joint rubs, as sharp as its own dry friction is.
+
+    Parameters
+    ----------
+    world : World
+        The true robot.
+    joint : int
+        From 0.
+    motion : TrueMotion
+        Of the joints.
+
+    Returns
+    -------
+    (N,)
+        -1 to 1.
+    """
     return world.share(motion)[:, joint]
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number whose logarithm is uniform."""
+    """A number whose logarithm is uniform.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Of everything random.
+    low : float
+        The least.
+    high : float
+        The largest.
+
+    Returns
+    -------
+    float
+        Between them.
+    """
     logarithm = rng.uniform(np.log(low), np.log(high))
     return float(np.exp(logarithm))
 
 
 def first_order(x: Array, step: float, lag: float) -> Array:
-    """y + lag dy/dt = x, from rest at the first sample."""
+    """y + lag dy/dt = x, from rest at the first sample.
+
+    Parameters
+    ----------
+    x : (N, ...)
+        What is filtered.
+    step : float
+        Between samples [s].
+    lag : float
+        Time constant [s].
+
+    Returns
+    -------
+    (N, ...)
+        y.
+    """
     decay = float(np.exp(-step / lag))
     half = 0.5 * (1.0 - decay)
     y, _ = lfilter(

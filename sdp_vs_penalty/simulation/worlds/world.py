@@ -41,7 +41,24 @@ class Arm:
         return np.where(self.rotary, 1.0, 0.5)
 
     def inverse_dynamics(self, model: Any, q: Array, dq: Array, ddq: Array) -> Array:
-        """(N, n) of a model of Pinocchio's with these joints."""
+        """Torques of a model of Pinocchio's with these joints.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The links.
+        q : (N, n)
+            Positions.
+        dq : (N, n)
+            Velocities.
+        ddq : (N, n)
+            Accelerations.
+
+        Returns
+        -------
+        (N, n)
+            [N m, N].
+        """
         B = self.follows
         return (
             inverse_dynamics(
@@ -54,8 +71,22 @@ class Arm:
         )
 
     def last_jacobian(self, model: Any, data: Any, q: Array) -> Array:
-        """(6, n) of the last link's joint at q (n,): linear, then angular velocity, in
-        world axes."""
+        """The Jacobian of the last link's joint.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The links.
+        data : pin.Data
+            Of the model.
+        q : (n,)
+            Positions.
+
+        Returns
+        -------
+        (6, n)
+            Linear, then angular velocity, in world axes.
+        """
         pin.computeJointJacobians(model, data, self.follows @ q + self.shift)
         J = pin.getJointJacobian(
             model,
@@ -69,8 +100,24 @@ class Arm:
 def misplaced(
     model: Any, metres: float, degrees: float, rng: np.random.Generator
 ) -> Any:
-    """The arm as it was built: every joint's frame is off by normal errors of these
-    sizes an axis."""
+    """The arm as it was built: every joint's frame is off by normal errors.
+
+    Parameters
+    ----------
+    model : pin.Model
+        As it was drawn.
+    metres : float
+        Standard deviation of a shift, an axis.
+    degrees : float
+        Standard deviation of a turn, an axis.
+    rng : numpy.random.Generator
+        Of everything random.
+
+    Returns
+    -------
+    pin.Model
+        As it was built.
+    """
     built = pin.Model(model)
     for i in range(1, model.njoints):
         slip = metres * rng.normal(size=3)
@@ -82,7 +129,24 @@ def misplaced(
 
 
 def inverse_dynamics(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
-    """(N, n) M(q) ddq + C(q, dq) dq + g(q)."""
+    """M(q) ddq + C(q, dq) dq + g(q).
+
+    Parameters
+    ----------
+    model : pin.Model
+        The links.
+    q : (N, n)
+        Positions.
+    dq : (N, n)
+        Velocities.
+    ddq : (N, n)
+        Accelerations.
+
+    Returns
+    -------
+    (N, n)
+        [N m, N].
+    """
     data = model.createData()
     return np.array(
         [
@@ -123,19 +187,47 @@ class DryFriction:
         return True
 
     def share(self, t: Array, dq: Array) -> Array:
-        """(N, n) the dry friction over the Coulomb torque; t (N,) s, evenly spaced at
-        >= 1 kHz."""
+        """The dry friction over the Coulomb torque.
+
+        Parameters
+        ----------
+        t : (N,)
+            [s], evenly spaced at 1 kHz or more.
+        dq : (N, n)
+            Velocities.
+
+        Returns
+        -------
+        (N, n)
+            -1 to 1.
+        """
         return np.tanh(dq / self.width)
 
 
 def bristles(
     t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]
 ) -> Array:
-    """(N, n) z with dz/dt = dq / d - |dq| z / (d g(dq)), d : travel, g : level.
+    """z with dz/dt = dq / d - |dq| z / (d g(dq)).
 
     Between two samples dq is taken as constant, for which the equation is solved
     exactly: the step is stable however stiff d is. At a reversal the step is split at
     the instant of rest.
+
+    Parameters
+    ----------
+    t : (N,)
+        [s].
+    dq : (N, n)
+        Velocities.
+    travel : (n,)
+        d [rad, m].
+    level : callable
+        g of a velocity.
+
+    Returns
+    -------
+    (N, n)
+        z.
     """
     step = float(t[1] - t[0])
     a = dq[:-1]
@@ -179,11 +271,35 @@ class World:
     more: Array | float = 0.0
 
     def torque(self, motion: TrueMotion) -> Array:
-        """(N, n) of the motors, or of sensors that friction also loads."""
+        """The torque of the motors, or of sensors that friction also loads.
+
+        Parameters
+        ----------
+        motion : TrueMotion
+            Of the joints.
+
+        Returns
+        -------
+        (N, n)
+            [N m, N].
+        """
         return self.rigid(motion) + self.friction(motion) + self.more
 
     def rigid(self, motion: TrueMotion, model: Any = None) -> Array:
-        """(N, n) of the links, as built or of another model of Pinocchio's."""
+        """The torque of the links.
+
+        Parameters
+        ----------
+        motion : TrueMotion
+            Of the joints.
+        model : pin.Model, optional
+            Other links; default: as built.
+
+        Returns
+        -------
+        (N, n)
+            [N m, N].
+        """
         return self.arm.inverse_dynamics(
             model or self.built,
             motion.q,
@@ -192,17 +308,49 @@ class World:
         )
 
     def friction(self, motion: TrueMotion) -> Array:
-        """(N, n) dry, viscous, and what stays the same in both directions."""
+        """Dry and viscous friction, and what stays the same in both directions.
+
+        Parameters
+        ----------
+        motion : TrueMotion
+            Of the joints.
+
+        Returns
+        -------
+        (N, n)
+            [N m, N].
+        """
         return np.asarray(
             self.coulomb * self.share(motion) + self.viscous * motion.dq + self.offset
         )
 
     def share(self, motion: TrueMotion) -> Array:
-        """(N, n) dry friction over the Coulomb torque."""
+        """Dry friction over the Coulomb torque.
+
+        Parameters
+        ----------
+        motion : TrueMotion
+            Of the joints.
+
+        Returns
+        -------
+        (N, n)
+            -1 to 1.
+        """
         return self.dry.share(motion.t, motion.dq)
 
     def temperature(self, t: Array) -> Array:
-        """(N, n) of the gears [degrees Celsius]: the farther out, the smaller and the
-        warmer."""
+        """The temperature of the gears: the farther out, the smaller and the warmer.
+
+        Parameters
+        ----------
+        t : (N,)
+            [s].
+
+        Returns
+        -------
+        (N, n)
+            [degrees Celsius].
+        """
         rise = np.linspace(10.0, 25.0, self.arm.n)
         return 22.0 + np.outer(-np.expm1(-t / self.warm_up), rise)
