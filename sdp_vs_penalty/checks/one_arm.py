@@ -50,7 +50,7 @@ _WORDS = {
         "divide tau{j} of this run by {x:.3g}, or multiply the others",
     ),
     "encoder offset": (
-        "the zero of joint {j} is {away} away in {run}",
+        "the zero of joint {j} is {distance} away in {run}",
         "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }
@@ -280,7 +280,9 @@ class RunComparison:
             best = _simplest(faults, odds) if faults else best
         evidence = 0.5 * self.samples * best.gain / (2.0 * c.PARTS)
         is_clear = best.clearness >= c.SIGMAS and evidence >= 3.0 * c.ODDS
-        return best if is_clear else None
+        # Friction that the model lacks differs from run to run, as another arm does.
+        is_unspecific = best.of.is_another_arm and self.times < c.TIMES
+        return best if is_clear and not is_unspecific else None
 
     def issue(self, cause: Cause) -> Issue:
         """The cause in words."""

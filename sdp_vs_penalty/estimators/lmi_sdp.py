@@ -198,7 +198,7 @@ class LmiSdpTwoStep(Estimator):
     def fit(self, task: Task) -> Fit:
         # beta' and beta* are subject to physics. Families that only bound the feasible
         # set stay: without them it is open to infinity.
-        bounds_kept = (
+        families = (
             "pseudo-inertia",
             "sign",
             "range",
@@ -206,25 +206,25 @@ class LmiSdpTwoStep(Estimator):
             "bounding ellipsoid",
             "mass",
         )
-        physics = task.constraints.with_families(bounds_kept.__contains__)
+        physics = task.constraints.with_families(families.__contains__)
         distance = Objective(task.base_distance)
         torque = Objective(task.data)
-        steps = (distance, physics), (torque, physics), (torque, task.constraints)
-        nearest, best, bounded = (
-            PosedSdp(task, objective, constraints, self.solver).fit(
-                objective, self.accuracy
-            )
-            for objective, constraints in steps
-        )
-        names = ("beta_prime", "beta_star", "beta_star_e")
-        pairs = zip(names, (nearest, best, bounded), strict=True)
-        chain = {name: (task.base @ fit.theta).tolist() for name, fit in pairs}
+        nearest = self._step(task, distance, physics)
+        best = self._step(task, torque, physics)
+        bounded = self._step(task, torque, task.constraints)
         details = {
             **bounded.details,
-            **chain,
+            "beta_prime": (task.base @ nearest.theta).tolist(),
+            "beta_star": (task.base @ best.theta).tolist(),
+            "beta_star_e": (task.base @ bounded.theta).tolist(),
             "loss_beta_prime": task.data.loss(nearest.theta),
         }
         return replace(bounded, details=details)
+
+    def _step(self, task: Task, objective: Objective, feasible: ConstraintSet) -> Fit:
+        """One step of the chain."""
+        posed = PosedSdp(task, objective, feasible, self.solver)
+        return posed.fit(objective, self.accuracy)
 
 
 class PosedSdp:

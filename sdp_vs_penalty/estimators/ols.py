@@ -40,8 +40,11 @@ class Ols(Estimator):
 def condition_number(task: Task) -> float:
     """Ratio of the extreme singular values of the base parameters' compressed regressor
     W = R B^+; infinite where the data leave a direction open."""
-    singular = np.linalg.svd(task.data.R @ np.linalg.pinv(task.base), compute_uv=False)
-    return float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf
+    regressor = task.data.R @ np.linalg.pinv(task.base)
+    singular = np.linalg.svd(regressor, compute_uv=False)
+    if singular[-1] <= 0.0:
+        return np.inf
+    return float(singular[0] / singular[-1])
 
 
 def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
@@ -55,10 +58,10 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     dominates it, the true error is larger.
     """
     w = task.data.R @ np.linalg.pinv(task.base)
-    degrees = max(task.data.rows / oversampling - column_space(w)[0].shape[1], 1.0)
-    return task.base @ task.ols, np.sqrt(
-        task.data.loss(task.ols) / degrees
-    ) * deviations(w)
+    rank = column_space(w)[0].shape[1]
+    degrees = max(task.data.rows / oversampling - rank, 1.0)
+    residual = np.sqrt(task.data.loss(task.ols) / degrees)
+    return task.base @ task.ols, residual * deviations(w)
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,8 @@ class ReverseEngineering(Estimator):
     needs_black_box = True
 
     def fit(self, task: Task) -> Fit:
-        error = 100.0 * float(np.sqrt(task.data.loss(task.ols) / task.data.tau_squared))
+        share = task.data.loss(task.ols) / task.data.tau_squared
+        error = 100.0 * float(np.sqrt(share))
         details = {
             "condition_number": condition_number(task),
             "relative_error_percent": error,

@@ -525,19 +525,27 @@ def brief_names(names: Sequence[str]) -> str:
     >>> brief_names(["t", "q_0", "q_1", "q_2"])
     'q_0..2, t'
     """
-    families: dict[tuple[str, str], list[int]] = {}
+    families = dict[tuple[str, str], list[int]]()
     for name in names:
         match = re.fullmatch(r"(.*?)([0-9]+)([^0-9]*)", name)
-        stem = (match[1], match[3]) if match else (name, "")
-        families.setdefault(stem, []).extend([int(match[2])] if match else [])
-    shown = []
-    for (head, tail), numbers in families.items():
-        counts = sorted(set(numbers))
-        if len(counts) > 2 and counts == list(range(counts[0], counts[-1] + 1)):
-            shown.append(f"{head}{counts[0]}..{counts[-1]}{tail}")
+        if match is None:
+            families.setdefault((name, ""), [])
         else:
-            shown += [f"{head}{k}{tail}" for k in counts] or [head]
+            families.setdefault((match[1], match[3]), []).append(int(match[2]))
+    shown = list[str]()
+    for (head, tail), numbers in families.items():
+        shown += _brief_family(head, tail, sorted(set(numbers)))
     return ", ".join(sorted(name[:40] for name in shown)) or "none"
+
+
+def _brief_family(head: str, tail: str, numbers: Sequence[int]) -> list[str]:
+    """Names that differ by their numbers, as one where these have no gap."""
+    if not numbers:
+        return [f"{head}{tail}"]
+    is_range = list(numbers) == list(range(numbers[0], numbers[-1] + 1))
+    if len(numbers) > 2 and is_range:
+        return [f"{head}{numbers[0]}..{numbers[-1]}{tail}"]
+    return [f"{head}{number}{tail}" for number in numbers]
 
 
 def rate_from_velocities(q: Array, dq: Array) -> float | None:
