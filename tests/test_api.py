@@ -54,7 +54,13 @@ def forms(path: Path) -> dict[str, Any]:
 
 
 def test_identify_reads_checks_and_filters_once(two_link):
-    once = {"as_problem", "load_and_check", "filter_runs", "check_runs"}
+    once = {
+        "as_problem",
+        "load_and_check",
+        "check_plausible",
+        "filter_runs",
+        "check_runs",
+    }
     calls = Counter()
 
     def count(frame: Any, event: str, argument: Any) -> None:

@@ -360,7 +360,11 @@ def test_constraints_pin_exact_versions_and_name_no_host():
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 MARK = re.compile(rf"({NUMBER})<!--([^|>]+)\|([^|>]+)\|([^>]+?)-->")
-MARKED = [ROOT / "README.md", ROOT / "results" / "README.md", *PAGES]
+MARKED = [
+    ROOT / "README.md",
+    *sorted((ROOT / "results").glob("**/README.md")),
+    *PAGES,
+]
 
 
 def cell(file: str, words: str, column: str) -> str:

@@ -1,44 +1,67 @@
-"""Make this folder's table and figure: python results/global/make.py [--budget paper]
-[--jobs N]
+"""Make this folder again: python results/global/make.py [--budget single|paper] [--jobs N]
 
 Needs SDP_VS_PENALTY_DATA for the measured rows, the extra [plot] for the figure and
-[solvers] for the column of CVXPY. The table alone: sdp-vs-penalty tables global.
+[solvers] for the column of CVXPY. Every solve and every step of annealing is kept
+(SDP_VS_PENALTY_CACHE): a run that was stopped goes on where it was. The table alone:
+sdp-vs-penalty tables global.
 """
 
 import argparse
+import sys
+import time
 from pathlib import Path
 
 import matplotlib
 
 from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.research.figures import save
 from sdp_vs_penalty.research.figures.global_optimum import draw_global_optima
+from sdp_vs_penalty.research.provenance import write_note
 from sdp_vs_penalty.research.tables import build_tables
-from sdp_vs_penalty.research.tables.global_optimum import penalised_optima
-from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables.global_optimum import (
+    penalised_optima,
+    search_table,
+)
+from sdp_vs_penalty.research.tables.study import BUDGETS, Study
+from sdp_vs_penalty.research.tables.table import exact_csv
 
 HERE = Path(__file__).parent
+FOLDERS = {"panda": HERE, "two_link": HERE / "two_link"}
+TITLE = "Global optimum of the published penalised objective, Panda"
+
+
+def make(study: Study, folder: Path) -> None:
+    """The table of a problem, and every run of its searches."""
+    folder.mkdir(exist_ok=True)
+    (table,) = build_tables(["global"], study)
+    table.write(folder)
+    runs = search_table(study.once(penalised_optima))
+    write_text(folder / "annealing_runs.csv", exact_csv(runs.astype(object)))
+
+
+def draw(study: Study) -> None:
+    """Optimum, violation and annealing's runs over the weight."""
+    label = "simulated" if study.run is None else "measured"
+    searched = [x for x in study.once(penalised_optima) if x.label == label]
+    save(draw_global_optima(searched, TITLE), HERE / "optimum_over_weight")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--budget", default="quick", choices=("quick", "paper"))
+    parser.add_argument("--budget", default="quick", choices=list(BUDGETS))
     parser.add_argument("--jobs", default=1, type=int)
     options = parser.parse_args()
     matplotlib.use("Agg")
-    for name, folder in (("panda", HERE), ("two_link", HERE / "two_link")):
-        study = Study(load_problem(name), options.budget, workers=Workers(options.jobs))
-        folder.mkdir(exist_ok=True)
-        (table,) = build_tables(["global"], study)
-        table.write(folder)
+    for name, folder in FOLDERS.items():
+        workers = Workers(options.jobs)
+        study = Study(load_problem(name), options.budget, workers=workers)
+        make(study, folder)
         if name == "panda":
-            label = "simulated" if study.run is None else "measured"
-            searched = [
-                found for found in study.once(penalised_optima) if found.label == label
-            ]
-            title = "Global optimum of the published penalised objective, Panda"
-            save(draw_global_optima(searched, title), HERE / "optimum_over_weight")
+            draw(study)
+    command = ["results/global/make.py", *sys.argv[1:]]
+    write_note(HERE, [command], time.process_time())
 
 
 if __name__ == "__main__":

@@ -256,6 +256,7 @@ def identify_and_judge(
             without_check,
             gains=bool(options.known_loads),
             warn=warn,
+            are_plausible=True,
         )
     runs = (
         data

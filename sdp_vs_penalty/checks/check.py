@@ -89,6 +89,7 @@ def check_runs(
     runs: Sequence[Measurements],
     settings: Preprocessing,
     thorough: bool = True,
+    are_plausible: bool = False,
 ) -> list[Report]:
     """:func:`check` of runs that have been read, long ones by windows.
 
@@ -102,6 +103,8 @@ def check_runs(
         Filters.
     thorough : bool
         Also judge the excitation.
+    are_plausible : bool
+        Whether their positions are known to be possible for this robot.
 
     Returns
     -------
@@ -125,7 +128,7 @@ def check_runs(
         windows += _facts_of_windows(problem, run, settings)
         of_run.append((run, slice(first, len(windows))))
     windows = judge_dynamics(problem, windows, settings)
-    windows = [judge_ranges(problem, report) for report in windows]
+    windows = [judge_ranges(problem, report, are_plausible) for report in windows]
     if thorough:
         windows = [judge_excitation(problem, report, settings) for report in windows]
     reports = [_report_of_run(run, windows[part]) for run, part in of_run]
@@ -203,7 +206,9 @@ def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
         return []
 
 
-def judge_ranges(problem: Problem, report: Report) -> Report:
+def judge_ranges(
+    problem: Problem, report: Report, is_plausible: bool = False
+) -> Report:
     """Positions against the joints' ranges: what `identify` refuses is an error.
 
     Parameters
@@ -212,6 +217,8 @@ def judge_ranges(problem: Problem, report: Report) -> Report:
         Whose robot has the ranges.
     report : Report
         Of a run, its facts and explanations.
+    is_plausible : bool
+        Whether its positions are known to be possible for this robot.
 
     Returns
     -------
@@ -225,7 +232,7 @@ def judge_ranges(problem: Problem, report: Report) -> Report:
         standstill = problem.preprocessing.standstill
         glance = RunSummary(report.repaired_all, problem.robot, standstill)
         issues += [*channels.beside(glance)]
-    if not any(f.severity == "error" for f in issues):
+    if not is_plausible and not any(f.severity == "error" for f in issues):
         issues = _with_range_error(problem, report, issues)
     return replace(report, issues=tuple(issues))
 

@@ -25,6 +25,7 @@ def raise_on_errors(
     otherwise: str = "pass check=False to",
     gains: bool = False,
     warn: Callable[[str], Any] = warnings.warn,
+    are_plausible: bool = False,
 ) -> dict[str, list[dict[str, Any]]]:
     """What the fast part of the check says of each run, as a model keeps it.
 
@@ -43,6 +44,8 @@ def raise_on_errors(
         not.
     warn : callable
         Hears warnings, a sentence each.
+    are_plausible : bool
+        Whether positions are known to be possible for this robot.
 
     Returns
     -------
@@ -55,7 +58,13 @@ def raise_on_errors(
         Where that work would be meaningless: a fact says so.
     """
     runs = measurements.runs()
-    reports = check_runs(problem, runs, problem.preprocessing, thorough=False)
+    reports = check_runs(
+        problem,
+        runs,
+        problem.preprocessing,
+        thorough=False,
+        are_plausible=are_plausible,
+    )
     issues = [
         (report.run, issue)
         for report in reports

@@ -50,7 +50,7 @@ _WORDS = {
         "divide tau{j} of this run by {x:.3g}, or multiply the others",
     ),
     "encoder offset": (
-        "the zero of joint {j} is {away} away in {run}",
+        "the zero of joint {j} is {distance} away in {run}",
         "add {x:+.3g} {unit} to q{j} of this run, or calibrate its zero",
     ),
 }
@@ -150,6 +150,11 @@ class RunComparison:
         """How many times worse one arm for all runs explains a joint of a run."""
         n_moving = max(int(self.moving[0].sum()), 1)
         return float(np.exp(0.5 * self.lost.sum() / n_moving))
+
+    @property
+    def times_of_worst_joint(self) -> float:
+        """The same of the joint of a run that one arm for all explains worst."""
+        return float(np.exp(0.5 * self.lost.max()))
 
     @cached_property
     def samples(self) -> float:
@@ -280,7 +285,9 @@ class RunComparison:
             best = _simplest(faults, odds) if faults else best
         evidence = 0.5 * self.samples * best.gain / (2.0 * c.PARTS)
         is_clear = best.clearness >= c.SIGMAS and evidence >= 3.0 * c.ODDS
-        return best if is_clear else None
+        # Friction that the model lacks differs from run to run, as another arm does.
+        is_unspecific = best.of.is_another_arm and self.times < c.TIMES
+        return best if is_clear and not is_unspecific else None
 
     def issue(self, cause: Cause) -> Issue:
         """The cause in words."""
@@ -306,8 +313,8 @@ class RunComparison:
             severity="warning",
             where=joints_text(joints) if joints else "the run",
             what=f"{what}, beside the others.",
-            certainty="likely: one arm for all runs explains them"
-            f" {self.times:.2g} times worse than one for each",
+            certainty="likely: one arm for all runs explains a joint"
+            f" {self.times_of_worst_joint:.2g} times worse than one for each",
             remedy=remedy,
             figures={
                 "joints": [k + 1 for k in joints],

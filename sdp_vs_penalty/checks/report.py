@@ -12,7 +12,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.long_runs import is_long
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 

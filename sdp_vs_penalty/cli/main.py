@@ -32,25 +32,87 @@ from sdp_vs_penalty.errors import (
 from sdp_vs_penalty.files import opened, protecting
 from sdp_vs_penalty.version import __version__
 
-#: Every file of verbs/, by what it is for; the first sentence of its verb is in the
-#: program's --help.
+#: Every file of verbs/, by what it is for, with the first sentence of its docstring.
 VERBS = {
-    "Start here": ["demo"],
-    "Measurements": ["fetch", "convert", "check", "excite", "simulate"],
-    "Models": [
-        "identify",
-        "compare",
-        "cross-validate",
-        "diagnose",
-        "add",
-        "report",
-        "verify",
-        "export",
-        "check-urdf",
-        "page",
-        "list",
-    ],
-    "Research": ["tables", "figures", "shootout", "export-sdp"],
+    "Start here": {
+        "demo": (
+            "Show the main job on a simulated 7-joint arm in which one effect is "
+            "hidden."
+        ),
+    },
+    "Measurements": {
+        "fetch": (
+            "Download public measurements and write them as RUN.csv files; prints "
+            "their paths."
+        ),
+        "convert": (
+            "Convert measurements of another program: MATLAB, Parquet, ROS 2 bags and "
+            "MCAP (JointState)."
+        ),
+        "check": (
+            "Check measurements before identification: units, signs, order, gravity, "
+            "clock, noise, excitation."
+        ),
+        "excite": (
+            "Design an exciting trajectory within the robot's limits, the run that "
+            "tells two effects apart, or the one that weighs a load."
+        ),
+        "simulate": (
+            "Simulate runs in which an effect is hidden, or run a model forward along "
+            "measured runs."
+        ),
+    },
+    "Models": {
+        "identify": "Identify a robot's dynamic parameters from measured runs.",
+        "compare": (
+            "Compare models with runs: each joint's error beside the noise, and where "
+            "the last model fails."
+        ),
+        "cross-validate": (
+            "Judge a method on unseen motion: each fold leaves out a stretch and all "
+            "its repetitions."
+        ),
+        "diagnose": "Name the physical effects that a model is missing.",
+        "add": "Add effects to a model and identify it again, under all constraints.",
+        "report": (
+            "Write one self-contained HTML file: torques, errors, simulation, "
+            "parameters, certificate, check."
+        ),
+        "verify": (
+            "Check proofs of optimality in exact arithmetic, independently of every "
+            "solver."
+        ),
+        "export": (
+            "Export a model to a simulator or a controller; an impossible or "
+            "implausible inertial is refused."
+        ),
+        "check-urdf": (
+            "Check the inertials of a URDF: which bodies are impossible, by how much, "
+            "the nearest possible."
+        ),
+        "page": (
+            "Open the workbench: a local page to identify, diagnose, add effects and "
+            "export the model."
+        ),
+        "list": (
+            "List the names that the other verbs take, or say all about one of them."
+        ),
+    },
+    "Research": {
+        "tables": "Regenerate the paper's comparison tables.",
+        "figures": (
+            "Regenerate the paper's figures as PNG and PDF, from simulated and, if "
+            "available, measured data."
+        ),
+        "shootout": (
+            "Run SDP solvers on identification problems and judge each answer by a "
+            "proved interval."
+        ),
+        "export-sdp": (
+            "Write the SDP that `identify` solves as a file for another solver, and "
+            "FILE.json beside it."
+        ),
+    },
 }
 
 
@@ -107,10 +169,8 @@ def _help() -> str:
     lines += ["--debug shows the traceback of an error, of any verb.", ""]
     for purpose, verbs in VERBS.items():
         lines.append(f"{purpose}:")
-        for name in verbs:
-            file = Path(__file__).parent / "verbs" / f"{name.replace('-', '_')}.py"
-            docstring = file.read_text().partition("def verb(")[2].split('"""')[1]
-            line = f"{name:15} {' '.join(docstring.partition(chr(10) * 2)[0].split())}"
+        for name, summary in verbs.items():
+            line = f"{name:15} {summary}"
             lines.append(
                 textwrap.fill(line, 80, initial_indent="  ", subsequent_indent=18 * " ")
             )

@@ -286,19 +286,7 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
     if len(several) == 1:
         return several[0]
     runs = [run for part in several for run in part.runs()]
-    if len({run.n for run in runs}) > 1:
-        widths = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
-        raise InputError(
-            f"the runs have different numbers of joints: {widths}",
-            "name runs of one robot",
-        )
-    silent = next((r for r in runs if not r.torque_logged), None)
-    if silent is not None and any(r.torque_logged for r in runs):
-        raise InputError(
-            "no torque, but other runs have one",
-            "name runs of one kind",
-            silent.names[0],
-        )
+    _require_one_kind(runs)
     everywhere = [g for g in runs[0].groups if all(g in r.groups for r in runs)]
     return Measurements.of(
         concatenate_chunks(r.t for r in runs),
@@ -306,3 +294,15 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         tuple(r.names[0] for r in runs),
         concatenate_chunks(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
     )
+
+
+def _require_one_kind(runs: Sequence[Measurements]) -> None:
+    """InputError for runs of different robots, or with and without torque."""
+    if len({run.n for run in runs}) > 1:
+        widths = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
+        what = f"the runs have different numbers of joints: {widths}"
+        raise InputError(what, "name runs of one robot")
+    silent = next((r for r in runs if not r.torque_logged), None)
+    if silent is not None and any(r.torque_logged for r in runs):
+        what = "no torque, but other runs have one"
+        raise InputError(what, "name runs of one kind", silent.names[0])

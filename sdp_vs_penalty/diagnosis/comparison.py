@@ -29,7 +29,7 @@ from sdp_vs_penalty.estimation.verdict import (
     over_noise,
 )
 from sdp_vs_penalty.formatting import finite
-from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns, Rows

@@ -31,7 +31,7 @@ from sdp_vs_penalty.formatting import number
 from sdp_vs_penalty.plugins import lazy_exports
 from sdp_vs_penalty.problem.constants import FAR_MASS
 from sdp_vs_penalty.problem.problem import Problem, problem_from_dict, problem_to_dict
-from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot import inertia

@@ -198,7 +198,7 @@ class LmiSdpTwoStep(Estimator):
     def fit(self, task: Task) -> Fit:
         # beta' and beta* are subject to physics. Families that only bound the feasible
         # set stay: without them it is open to infinity.
-        bounds_kept = (
+        families = (
             "pseudo-inertia",
             "sign",
             "range",
@@ -206,25 +206,25 @@ class LmiSdpTwoStep(Estimator):
             "bounding ellipsoid",
             "mass",
         )
-        physics = task.constraints.with_families(bounds_kept.__contains__)
+        physics = task.constraints.with_families(families.__contains__)
         distance = Objective(task.base_distance)
         torque = Objective(task.data)
-        steps = (distance, physics), (torque, physics), (torque, task.constraints)
-        nearest, best, bounded = (
-            PosedSdp(task, objective, constraints, self.solver).fit(
-                objective, self.accuracy
-            )
-            for objective, constraints in steps
-        )
-        names = ("beta_prime", "beta_star", "beta_star_e")
-        pairs = zip(names, (nearest, best, bounded), strict=True)
-        chain = {name: (task.base @ fit.theta).tolist() for name, fit in pairs}
+        nearest = self._step(task, distance, physics)
+        best = self._step(task, torque, physics)
+        bounded = self._step(task, torque, task.constraints)
         details = {
             **bounded.details,
-            **chain,
+            "beta_prime": (task.base @ nearest.theta).tolist(),
+            "beta_star": (task.base @ best.theta).tolist(),
+            "beta_star_e": (task.base @ bounded.theta).tolist(),
             "loss_beta_prime": task.data.loss(nearest.theta),
         }
         return replace(bounded, details=details)
+
+    def _step(self, task: Task, objective: Objective, feasible: ConstraintSet) -> Fit:
+        """One step of the chain."""
+        posed = PosedSdp(task, objective, feasible, self.solver)
+        return posed.fit(objective, self.accuracy)
 
 
 class PosedSdp:
@@ -386,6 +386,20 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
     """The convex constraints without those that others or the data imply.
 
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        All of them.
+    objective : Objective
+        Whose data say how far each parameter can reach.
+
+    Returns
+    -------
+    list of Constraint
+        Which a solver is given.
+
+    Notes
+    -----
     The range of a parameter is out of reach where the way there makes more torque than
     was measured, whatever the others do. Redundant rows leave the dual undetermined,
     which costs a solver digits; feasibility and certificate use the full set.
@@ -407,8 +421,26 @@ def interior_point(
     """A theta strictly inside all convex constraints: the nominal one, or that of
     largest margin.
 
-    Raises Infeasible, which names the families that exclude each other or leave no
-    room, and InputError where the solver finds neither a point nor an optimum.
+    Parameters
+    ----------
+    task : Task
+        The nominal robot and the bounds of theta.
+    constraints : ConstraintSet
+        What theta is to be inside of.
+    solver_name : str
+        Which finds the largest margin.
+
+    Returns
+    -------
+    (p,) array
+        Strictly inside.
+
+    Raises
+    ------
+    Infeasible
+        Names the families that exclude each other or leave no room.
+    InputError
+        Where the solver finds neither a point nor an optimum.
     """
     # A share of its bound: strictly inside in any system of units.
     lower = np.array([p.lower for p in task.model.parameters])

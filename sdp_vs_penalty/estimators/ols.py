@@ -39,15 +39,44 @@ class Ols(Estimator):
 
 def condition_number(task: Task) -> float:
     """Ratio of the extreme singular values of the base parameters' compressed regressor
-    W = R B^+; infinite where the data leave a direction open."""
-    singular = np.linalg.svd(task.data.R @ np.linalg.pinv(task.base), compute_uv=False)
-    return float(singular[0] / singular[-1]) if singular[-1] > 0.0 else np.inf
+    W = R B^+.
+
+    Parameters
+    ----------
+    task : Task
+        The data R and the map B to the base parameters.
+
+    Returns
+    -------
+    float
+        Infinite where the data leave a direction open.
+    """
+    regressor = task.data.R @ np.linalg.pinv(task.base)
+    singular = np.linalg.svd(regressor, compute_uv=False)
+    if singular[-1] <= 0.0:
+        return np.inf
+    return float(singular[0] / singular[-1])
 
 
 def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
-    """Base parameters pi_hat (b,) and their standard deviations (b,), infinite where
-    not excited.
+    """Base parameters and their standard deviations.
 
+    Parameters
+    ----------
+    task : Task
+        The data.
+    oversampling : float
+        Filtered rows per independent sample.
+
+    Returns
+    -------
+    pi_hat : (b,) array
+        Of least squares.
+    deviations : (b,) array
+        Infinite where not excited.
+
+    Notes
+    -----
     C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019, eq. 14), N
     the number of independent rows: filtered rows repeat each other ``oversampling``
     times, so that N is rows / oversampling and (W^T W) counts each of them that often.
@@ -55,10 +84,10 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     dominates it, the true error is larger.
     """
     w = task.data.R @ np.linalg.pinv(task.base)
-    degrees = max(task.data.rows / oversampling - column_space(w)[0].shape[1], 1.0)
-    return task.base @ task.ols, np.sqrt(
-        task.data.loss(task.ols) / degrees
-    ) * deviations(w)
+    rank = column_space(w)[0].shape[1]
+    degrees = max(task.data.rows / oversampling - rank, 1.0)
+    residual = np.sqrt(task.data.loss(task.ols) / degrees)
+    return task.base @ task.ols, residual * deviations(w)
 
 
 @dataclass(frozen=True)
@@ -79,7 +108,8 @@ class ReverseEngineering(Estimator):
     needs_black_box = True
 
     def fit(self, task: Task) -> Fit:
-        error = 100.0 * float(np.sqrt(task.data.loss(task.ols) / task.data.tau_squared))
+        share = task.data.loss(task.ols) / task.data.tau_squared
+        error = 100.0 * float(np.sqrt(share))
         details = {
             "condition_number": condition_number(task),
             "relative_error_percent": error,

@@ -147,10 +147,12 @@ def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Penal
     matrix[:, : group.matrix.shape[1]] = group.matrix
     matrix *= theta_scale
     if group.cone == "psd":
-        root = 1.0 / np.sqrt(nonzero_or_one(np.abs(np.diagonal(at, axis1=1, axis2=2))))
+        diagonals = np.abs(np.diagonal(at, axis1=1, axis2=2))
+        root = 1.0 / np.sqrt(nonzero_or_one(diagonals))
         scale = root[:, :, None] * root[:, None, :]
     else:
-        size = np.abs(matrix).max(axis=1) + np.abs(group.constant.ravel())
+        largest = np.abs(matrix).max(axis=1)
+        size = largest + np.abs(group.constant.ravel())
         scale = 1.0 / nonzero_or_one(size).reshape(at.shape)
         if group.cone == "soc":
             scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
@@ -219,8 +221,10 @@ class ShiftedPenalty:
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
         """Pi_K(S - w F(x)): the next shifts."""
-        both = zip(self.parts, shifts, strict=True)
-        return [project(p.cone, shift - weight * p.values(x)) for p, shift in both]
+        moved = []
+        for part, shift in zip(self.parts, shifts, strict=True):
+            moved.append(project(part.cone, shift - weight * part.values(x)))
+        return moved
 
     def rows(
         self, x: Array, shifts: Sequence[Array], weight: float
@@ -262,7 +266,8 @@ class _Stage:
         be."""
         loss = np.column_stack([self.penalty.R, self.penalty.rho])
         pull = np.column_stack([self.near, self.near @ self.centre])
-        return np.asarray(np.linalg.qr(np.vstack([loss, pull]), mode="r"))
+        stacked = np.vstack([loss, pull])
+        return np.asarray(np.linalg.qr(stacked, mode="r"))
 
     def rows(self, z: Array) -> tuple[Array, Array]:
         """Residuals (p + 1,) and their slopes (p + 1, p) at z, turned into so few rows:
@@ -270,9 +275,11 @@ class _Stage:
         residuals, slopes = self.penalty.cone_rows(z, self.shifts, self.weight)
         acts = np.any(slopes != 0.0, axis=1)
         cones = np.column_stack([slopes[acts], residuals[acts]])
-        fixed = self.quadratic.copy()
-        fixed[:, -1] = fixed[:, :-1] @ z - fixed[:, -1]
-        triangle = np.asarray(np.linalg.qr(np.vstack([fixed, cones]), mode="r"))
+        quadratic = self.quadratic.copy()
+        target = quadratic[:, -1]
+        quadratic[:, -1] = quadratic[:, :-1] @ z - target
+        stacked = np.vstack([quadratic, cones])
+        triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
         return triangle[:, -1], triangle[:, :-1]
 
     def solve(self) -> Array:
@@ -340,10 +347,10 @@ def minimise(
 
 def largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
     """The largest absolute difference of two lists of arrays."""
-    changes = [
-        float(np.abs(a - b).max(initial=0.0)) for a, b in zip(new, old, strict=True)
-    ]
-    return max(changes, default=0.0)
+    largest = 0.0
+    for a, b in zip(new, old, strict=True):
+        largest = max(largest, float(np.abs(a - b).max(initial=0.0)))
+    return largest
 
 
 @dataclass(frozen=True)
@@ -545,20 +552,27 @@ class BarycentricBox:
     """
 
     def __init__(self, task: Task) -> None:
-        norms = task.data.column_norms
         self.links = task.links
-        separate = np.where(
-            norms > 0.0, np.sqrt(task.data.tau_squared), 0.0
-        ) / nonzero_or_one(norms)
-        self.upper = np.minimum(np.maximum(JOINT_PARAMETER_RANGE, separate), task.bound)
+        self.upper = self._joint_range(task)
         lowest = [parameter.lower for parameter in task.model.parameters]
         self.lower = np.maximum(-self.upper, lowest)
         implied = task.bound[self.links]
         implied[:, 1:4] /= nonzero_or_one(implied[:, :1])
-        low, (lower, upper) = -implied, np.moveaxis(task.box[: len(self.links)], 2, 0)
-        low[:, [0, 4, 6, 9]] = 0.0
-        self.lower[self.links] = np.where(np.isfinite(lower), lower, low)
+        negative = -implied
+        negative[:, [0, 4, 6, 9]] = 0.0
+        box = task.box[: len(self.links)]
+        lower = box[:, :, 0]
+        upper = box[:, :, 1]
+        self.lower[self.links] = np.where(np.isfinite(lower), lower, negative)
         self.upper[self.links] = np.where(np.isfinite(upper), upper, implied)
+
+    @staticmethod
+    def _joint_range(task: Task) -> Array:
+        """(p,) largest value of a joint's own parameter."""
+        norms = task.data.column_norms
+        torque = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0)
+        alone = torque / nonzero_or_one(norms)
+        return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
 
     def theta(self, p: Array) -> Array:
         """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""
@@ -568,14 +582,17 @@ class BarycentricBox:
 
     def pull_back(self, p: Array, gradient: Array) -> Array:
         """(d theta / d p)^T gradient."""
+        masses = self.links[:, :1]
+        centres = self.links[:, 1:4]
+        c = p[centres]
+        of_links = gradient[self.links]
+        of_moments = of_links[:, 4:]
+        # Half of d J / d(m c).
+        across = np.einsum("ne,eij,nj->ni", of_moments, inertia.STEINER_FORMS, c)
+        of_first_moments = of_links[:, 1:4]
         out = gradient.copy()
-        c = p[self.links[:, 1:4]]
-        g = gradient[self.links]
-        across = np.einsum(
-            "ne,eij,nj->ni", g[:, 4:], inertia.STEINER_FORMS, c
-        )  # half of d J / d(m c)
-        out[self.links[:, 0]] += np.sum(c * (g[:, 1:4] + across), axis=1)
-        out[self.links[:, 1:4]] = p[self.links[:, :1]] * (g[:, 1:4] + 2.0 * across)
+        out[masses[:, 0]] += np.sum(c * (of_first_moments + across), axis=1)
+        out[centres] = p[masses] * (of_first_moments + 2.0 * across)
         return out
 
     def p(self, theta: Array) -> Array:
@@ -583,4 +600,5 @@ class BarycentricBox:
         out = theta.copy()
         out[self.links] = inertia.barycentric_from_standard(theta[self.links])
         middle = 0.5 * (self.lower + self.upper)
-        return np.clip(np.where(np.isfinite(out), out, middle), self.lower, self.upper)
+        finite = np.where(np.isfinite(out), out, middle)
+        return np.clip(finite, self.lower, self.upper)

@@ -314,7 +314,8 @@ class TriangleInequality(Demand):
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
         moments, vectors = np.linalg.eigh(p[self.matrices])
         axes = vectors[:, :, 2]
-        dyads = 0.5 * np.eye(3) - axes[:, :, None] * axes[:, None, :]
+        outer = axes[:, :, None] * axes[:, None, :]
+        dyads = 0.5 * np.eye(3) - outer
         rows = np.zeros((len(self.entries), self.size))
         links = np.arange(len(self.entries))[:, None]
         rows[links, self.entries] = inertia.inertia_entries(dyads) * self._multiplicity
@@ -399,20 +400,24 @@ class PenalisedLoss:
     def value(self, u: Array, weight: float) -> float:
         """loss + weight g at u (d,)."""
         p = self.p(u)
-        return self.data.loss(self.box.theta(p)) + weight * self.penalty(p)
+        loss = self.data.loss(self.box.theta(p))
+        return loss + weight * self.penalty(p)
 
     def gradient(self, u: Array, weight: float) -> Array:
         """(d,) of the value."""
         p = self.p(u)
-        slope = self.box.pull_back(p, self.data.gradient(self.box.theta(p)))
+        in_theta = self.data.gradient(self.box.theta(p))
+        slope = self.box.pull_back(p, in_theta)
         slope += weight * self.penalty_slope(p)
         return slope[self.free] * self.width
 
     def penalty(self, p: Array) -> float:
         """g at p (p,): the sum of what all demands are violated by."""
-        return -sum(
-            float(np.minimum(demand.margins(p), 0.0).sum()) for demand in self.demands
-        )
+        total = 0.0
+        for demand in self.demands:
+            violated = np.minimum(demand.margins(p), 0.0)
+            total -= float(violated.sum())
+        return total
 
     def penalty_slope(self, p: Array) -> Array:
         """A subgradient (p,) of g."""

@@ -77,7 +77,5 @@ def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Arra
     """Value, rate and acceleration (N - 2 half, channels) of a whole log, by the kernel
     of the stream."""
     windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
-    value, rate, acceleration = (
-        windows @ weights for weights in smoothing_kernel(half, period)
-    )
-    return value, rate, acceleration
+    value, rate, acceleration = smoothing_kernel(half, period)
+    return windows @ value, windows @ rate, windows @ acceleration

@@ -10,10 +10,9 @@ import numpy as np
 from sdp_vs_penalty.estimators.penalty_paper import (
     PenalisedLoss,
     random_numbers_of_step,
-    search_locally,
     start_of_run,
 )
-from sdp_vs_penalty.research.estimates import AnnealingSteps
+from sdp_vs_penalty.research.estimates import AnnealingSteps, search_locally_once
 from sdp_vs_penalty.robot.arrays import Array
 
 
@@ -56,7 +55,7 @@ def search_runs(
     """All points of all runs.
 
     Every weight continues from the last one's answer, the first from a random point of
-    the box. Steps of annealing are kept on the disk.
+    the box. Every step is kept on the disk.
     """
     points = list[SearchedPoint]()
     for number in range(plan.runs):
@@ -86,7 +85,7 @@ def _search(
 ) -> tuple[Array, int]:
     """The best u, and how many evaluations it took; seeds : seed, run and step."""
     if not plan.annealing:
-        return search_locally(loss, weight, u, plan.evaluations)
+        return search_locally_once(loss, weight, u, plan.evaluations)
     seed, number, step = seeds
     rng = random_numbers_of_step(seed, number, step)
     return AnnealingSteps().search(loss, weight, u, plan.evaluations, rng)

@@ -16,6 +16,7 @@ from sdp_vs_penalty.estimators.penalty_paper import (
     PenalisedLoss,
     PenaltyPaper,
     anneal_and_search,
+    search_locally,
 )
 from sdp_vs_penalty.research.memo import remembered, source_version, task_content
 from sdp_vs_penalty.robot.arrays import Array
@@ -138,6 +139,31 @@ class AnnealingSteps:
         )
         self.seconds_read += plain["seconds"] - (time.process_time() - begin)
         return np.array(plain["u"]), int(plain["evaluations"])
+
+
+def search_locally_once(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
+) -> tuple[Array, int]:
+    """What :func:`search_locally` returns, kept on the disk."""
+    content = (
+        ANNEALING_VERSION,
+        scipy.__version__,
+        *loss_content(loss),
+        weight,
+        u,
+        budget,
+    )
+    plain = remembered(
+        "local-search", content, partial(_searched_locally, loss, weight, u, budget)
+    )
+    return np.array(plain["u"]), int(plain["evaluations"])
+
+
+def _searched_locally(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
+) -> dict[str, Any]:
+    best, n_evaluations = search_locally(loss, weight, u, budget)
+    return {"u": best.tolist(), "evaluations": n_evaluations}
 
 
 def _annealed(

@@ -129,8 +129,8 @@ def outline(link: Array, frame: Array) -> tuple[Array, Array, bool]:
     exists = bool(consistent(link[None]))
     # A uniform ellipsoid with half axes a has second moments a^2 / 5.
     shape = (directions * 5.0 * np.abs(moments)) @ directions.T
-    seen = view() @ frame[:3, :3]
-    sizes, axes = np.linalg.eigh(seen @ shape @ seen.T)
+    projection = view() @ frame[:3, :3]
+    sizes, axes = np.linalg.eigh(projection @ shape @ projection.T)
     com = link[1:4] / link[0] if link[0] != 0.0 else np.zeros(3)
     centre = view() @ (frame[:3, :3] @ com + frame[:3, 3])
     return centre, axes * np.sqrt(np.maximum(sizes, 0.0)), exists

@@ -30,7 +30,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.research.penalised_optimum import (
     PenalisedOptimum,
     PenalisedProblem,
-    solve_certified,
+    solve_once,
 )
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -107,7 +107,12 @@ class BoxedProblem:
         farthest = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
         largest_q = self.task.bound[self.links[:, 0]] * farthest**2
         bound = np.concatenate([self._bound(limit), np.repeat(largest_q, 6)])
-        fit = solve_certified(widened, cost, constraints, start, bound)
+        fit = solve_once(widened, cost, constraints, start, bound)
+        if fit is None:
+            raise InputError(
+                "a cell of centres of mass has no point inside of it",
+                "check the bounds of the problem",
+            )
         theta = problem.theta(fit.theta)
         lower = max(fit.lower, 0.0)
         mass = theta[self.links[:, 0]]
@@ -221,25 +226,24 @@ class BoxedProblem:
         problem = self.problem
         limit = problem.slack_limits(weight)
         fold = self._fold_centres(c, problem.p + len(limit))
-        kept = np.flatnonzero(fold.any(axis=0))
+        columns = np.flatnonzero(fold.any(axis=0))
         number = np.full(len(fold), -1)
-        number[kept] = np.arange(len(kept))
+        number[columns] = np.arange(len(columns))
         constraints = [*self.hard, *problem.soft, *problem.between(limit)]
         for k, link in enumerate(self.links):
             constraints.append(_about_fixed(f"link {k + 1}", link, c[k]))
             with_slack = np.append(link, problem.p + k)
             constraints += self._box_rows(k, with_slack, c=c[k])
         data = problem.in_slacks
-        folded_data = replace(data, R=(data.R @ fold)[:, kept])
+        folded_data = replace(data, R=(data.R @ fold)[:, columns])
         folded = [_fold(x, fold, number) for x in constraints]
-        cost = np.append(np.zeros(problem.p), weight * problem.prices)[kept]
-        start = self._start(c, c, limit)[: len(fold)][kept]
-        bound = self._bound(limit)[kept]
-        try:
-            fit = solve_certified(folded_data, cost, folded, start, bound)
-        except InputError:
+        cost = np.append(np.zeros(problem.p), weight * problem.prices)[columns]
+        start = self._start(c, c, limit)[: len(fold)][columns]
+        bound = self._bound(limit)[columns]
+        fit = solve_once(folded_data, cost, folded, start, bound)
+        if fit is None:
             return None
-        theta = problem.theta(fold[:, kept] @ fit.theta)
+        theta = problem.theta(fold[:, columns] @ fit.theta)
         return problem.optimum(theta, weight, max(fit.lower, 0.0))
 
     def _fold_centres(self, c: Array, size: int) -> Array:
@@ -269,10 +273,12 @@ class BoxedProblem:
                 if held.gap <= self.problem.held_gap:
                     out.append(held)
                     continue
-            found = self.branch_and_bound(weight, gap, most_cells)
+            relaxation = self.branch_and_bound(weight, gap, most_cells)
             if out:
-                found = replace(found, lower=max(found.lower, out[-1].lower))
-            out.append(found)
+                relaxation = replace(
+                    relaxation, lower=max(relaxation.lower, out[-1].lower)
+                )
+            out.append(relaxation)
         return out
 
     def branch_and_bound(
@@ -288,7 +294,7 @@ class BoxedProblem:
         best: PenalisedOptimum | None = None
         while True:
             lower, _, cell = cells[0]
-            centres = np.clip(self.centres(cell.found.theta), cell.low, cell.high)
+            centres = np.clip(self.centres(cell.relaxation.theta), cell.low, cell.high)
             candidate = self.solve_at(weight, centres)
             if candidate is not None and (best is None or candidate.value < best.value):
                 best = candidate
@@ -311,7 +317,7 @@ class BoxedProblem:
         low = cell.low[k, a]
         high = cell.high[k, a]
         clear = self.nearest_cut * (high - low)
-        centre = self.centres(cell.found.theta)[k, a]
+        centre = self.centres(cell.relaxation.theta)[k, a]
         cut = np.clip(centre, low + clear, high - clear)
         below = cell.high.copy()
         below[k, a] = cut
@@ -328,7 +334,7 @@ class SolvedCell:
     low: Array
     high: Array
     lower: float
-    found: PenalisedOptimum
+    relaxation: PenalisedOptimum
     excess: Array
 
 

@@ -36,9 +36,9 @@ total mass (Han, Mangasarian, Math. Programming 1979).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,6 +48,7 @@ from sdp_vs_penalty.estimators.estimator import Task
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
 from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
 from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.research.memo import remembered, source_version
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
@@ -215,8 +216,10 @@ class PenalisedProblem:
         bound = np.append(self.bound + self.links_slack @ limit[: self.n], limit)
         constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
         linear = np.append(np.zeros(self.p), weight * self.prices)
-        fit = solve_certified(self.in_slacks, linear, constraints, start, bound)
-        return self.optimum(self.theta(fit.theta), weight, max(fit.lower, 0.0))
+        solved = solve_once(self.in_slacks, linear, constraints, start, bound)
+        if solved is None:
+            raise _not_inside()
+        return self.optimum(self.theta(solved.theta), weight, max(solved.lower, 0.0))
 
     def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
         """The relaxation at rising weights. The objective rises with the weight: a bound
@@ -230,17 +233,17 @@ class PenalisedProblem:
                 if same.gap <= self.held_gap:
                     out.append(same)
                     continue
-            found = self.solve(weight)
+            solved = self.solve(weight)
             if out:
-                found = replace(found, lower=max(found.lower, out[-1].lower))
-            out.append(found)
+                solved = replace(solved, lower=max(solved.lower, out[-1].lower))
+            out.append(solved)
         return out
 
     @cached_property
     def in_slacks(self) -> LeastSquares:
         """f in (theta', slacks)."""
-        rest = np.zeros((len(self.data.R), len(self.prices) - self.n))
-        R = np.hstack([self.data.R, -self.data.R @ self.links_slack, rest])
+        of_demands = np.zeros((len(self.data.R), len(self.prices) - self.n))
+        R = np.hstack([self.data.R, -self.data.R @ self.links_slack, of_demands])
         return replace(self.data, R=R)
 
     def theta(self, x: Array) -> Array:
@@ -260,11 +263,11 @@ class PenalisedProblem:
     def slack_limits(self, weight: float) -> Array:
         """Above these no slack is at an optimum: what it costs alone would exceed the
         interior point's objective, or it undoes all that the bounds allow."""
-        most = np.full(len(self.prices), float(self.bound.max()))
+        largest = np.full(len(self.prices), float(self.bound.max()))
         if weight == 0.0:
-            return most
+            return largest
         limit = self.value(self.interior, weight) / (weight * self.prices)
-        return np.minimum(limit, most)
+        return np.minimum(limit, largest)
 
     def optimum(self, theta: Array, weight: float, lower: float) -> PenalisedOptimum:
         """What theta is at a weight, beside a lower bound."""
@@ -293,8 +296,8 @@ class PenalisedProblem:
         fit = self.feasible
         largest = 0.0
         assert fit.multipliers is not None
-        each = fit.constraints.entries.each(fit.multipliers)
-        for c, multiplier in zip(fit.constraints.convex, each, strict=True):
+        multipliers = fit.constraints.entries.each(fit.multipliers)
+        for c, multiplier in zip(fit.constraints.convex, multipliers, strict=True):
             if c.cone == "psd":
                 largest = max(largest, float(np.trace(multiplier[:3, :3])))
             elif c.family == "total mass":
@@ -348,17 +351,61 @@ def solve_certified(
     demands = ConstraintSet(tuple(constraints))
     cones = SmallCones(None, demands, len(start))
     cones.linear = linear
-    found = minimise(cones, data, [start], accuracy)
-    if found is None:
-        raise InputError(
-            "the penalised problem's interior point is not inside of its constraints",
-            "check the bounds of the problem",
-        )
-    multipliers, _ = cones.multipliers(found.multipliers)
-    theta = repair(demands, found.theta, start)
+    solved = minimise(cones, data, [start], accuracy)
+    if solved is None:
+        raise _not_inside()
+    multipliers, _ = cones.multipliers(solved.multipliers)
+    theta = repair(demands, solved.theta, start)
     return Fit(
         theta, Objective(data, linear=linear), demands, multipliers, None, start, bound
     )
+
+
+def _not_inside() -> InputError:
+    return InputError(
+        "the penalised problem's interior point is not inside of its constraints",
+        "check the bounds of the problem",
+    )
+
+
+@dataclass(frozen=True)
+class CertifiedPoint:
+    """Where a convex problem's solver ends: theta, and a certified bound from below."""
+
+    theta: Array
+    lower: float
+
+
+def solve_once(
+    data: LeastSquares,
+    linear: Array,
+    constraints: Sequence[Constraint],
+    start: Array,
+    bound: Array,
+) -> CertifiedPoint | None:
+    """What :func:`solve_certified` ends at, computed where the disk does not hold it;
+    None where its start is not inside of the constraints."""
+    posed = (data, linear, constraints, start, bound)
+    plain = remembered(
+        "penalised", (source_version(), *posed), partial(_solved, *posed)
+    )
+    if plain["theta"] is None:
+        return None
+    return CertifiedPoint(np.array(plain["theta"]), plain["lower"])
+
+
+def _solved(
+    data: LeastSquares,
+    linear: Array,
+    constraints: Sequence[Constraint],
+    start: Array,
+    bound: Array,
+) -> dict[str, Any]:
+    try:
+        fit = solve_certified(data, linear, constraints, start, bound)
+    except InputError:
+        return {"theta": None, "lower": None}
+    return {"theta": fit.theta.tolist(), "lower": float(fit.lower)}
 
 
 def cvxpy_optima(

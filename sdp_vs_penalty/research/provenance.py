@@ -69,13 +69,13 @@ def machine() -> str:
 
 def versions() -> str:
     """Python, this program and the packages that decide digits."""
-    found = [f"Python {platform.python_version()}", f"sdp-vs-penalty {__version__}"]
+    words = [f"Python {platform.python_version()}", f"sdp-vs-penalty {__version__}"]
     for name in _PACKAGES:
         try:
-            found.append(f"{name} {metadata.version(name)}")
+            words.append(f"{name} {metadata.version(name)}")
         except metadata.PackageNotFoundError:
             continue
-    return ", ".join(found)
+    return ", ".join(words)
 
 
 def _processor_time() -> float:

@@ -4,7 +4,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 
 __getattr__ = lazy_exports(
     __name__,
-    fact="Fact fact facts_of",
+    facts="Fact FactMethod fact facts_of",
     record="Record Shown Summary",
     table="Cell Table cell_text markdown_lines",
 )

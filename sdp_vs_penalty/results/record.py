@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.errors import printable
-from sdp_vs_penalty.results.fact import Fact, facts_of
+from sdp_vs_penalty.results.facts import Fact, facts_of
 from sdp_vs_penalty.results.table import Table
 
 if TYPE_CHECKING:
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 #: A title, and names with their texts.
 Summary = tuple[str, Sequence[tuple[str, str]]]
 #: Lines below a title, and characters of a line.
-_LINES, _WIDTH = 4, 110
+_LINES = 4
+_WIDTH = 110
 
 
 class Shown:

@@ -28,7 +28,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.output_error import STEP, Course, courses_of
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.results.fact import fact
+from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
@@ -415,7 +415,8 @@ def follow(
     windows_by_ride = zip(
         *(_windows(ride, horizon, windows) for ride in rides), strict=True
     )
-    one, far, naive_one, naive_far = (np.concatenate(x) for x in windows_by_ride)
+    joined = [np.concatenate(x) for x in windows_by_ride]
+    one, far, naive_one, naive_far = joined
     drawn = _drawn(estimate, seed, draws)
     free = []
     for ride in rides:
@@ -464,7 +465,8 @@ class _Ride:
         there."""
         assert self.loop is not None
         (mass, w), states = self.loop, self.course.states
-        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (states.q, states.dq))
+        q = (1.0 - share) * states.q[k] + share * states.q[k + 1]
+        dq = (1.0 - share) * states.dq[k] + share * states.dq[k + 1]
         half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
         pull = w * w * (q - state.q - half) + 2.0 * w * (
             dq - state.dq - 0.5 * h * state.ddq

@@ -72,6 +72,33 @@ def test_a_gain_of_one_run_has_no_other_cause(two_link, runs):
     assert not explanations(good)
 
 
+def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
+    q = runs[0].q.copy()
+    q[:, 1] += np.radians(4.0)
+    moved = replace(runs[0], q=q, dq=None)
+    bad, good = judged(two_link, moved, replace(runs[1], dq=None))
+    issues = [*explanations(bad), *explanations(good)]
+    (issue,) = issues
+    assert issue.kind == "encoder offset"
+    assert abs(issue.figures["size"]) == pytest.approx(np.radians(4.0), rel=0.1)
+    assert "degrees away in" in issue.what
+
+
+def test_a_load_of_one_run_is_named_in_kilograms(two_link, runs):
+    """One kilogram held half a metre along the last link."""
+    links = two_link.nominal_links.copy()
+    links[-1] += [1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.25]
+    run = runs[0]
+    dq = np.gradient(run.q, run.t, axis=0)
+    ddq = np.gradient(dq, run.t, axis=0)
+    robot = two_link.robot
+    loaded = robot.inverse_dynamics(links.ravel(), run.q, dq, ddq)
+    empty = robot.inverse_dynamics(two_link.nominal_links.ravel(), run.q, dq, ddq)
+    reports = judged(two_link, replace(run, tau=run.tau + loaded - empty), runs[1])
+    issues = [issue for report in reports for issue in explanations(report)]
+    assert [issue.kind for issue in issues] == ["another load"]
+
+
 def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
     reports = judged(two_link, *(scaled(run, 2, -1.0) for run in runs))
     for report in reports:

@@ -11,6 +11,7 @@ from commands import run_cli
 from logger_samples import HOME, SAMPLES, sample_run
 from recorded import refusal
 from scipy.io import savemat
+from small_runs import write_bag
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import LOGGERS, read_run, recognise
@@ -86,6 +87,17 @@ def test_every_sample_goes_from_convert_through_check_to_identify(
         assert run_cli("check", "a.csv", "--problem", "two_link") == 0, name
         options = ("--method", "ols", "--out", "m.json")
         assert run_cli("identify", "two_link", "--data", "a.csv", *options) == 0, name
+
+
+@pytest.mark.parametrize("mcap", [False, True])
+def test_a_bag_goes_from_convert_through_check_to_identify(mcap, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_bag(tmp_path / "bag", RUN, mcap=mcap, names=["joint2", "joint1"])
+    assert run_cli("convert", "bag", "--problem", "two_link", "--out", "a.csv") == 0
+    np.testing.assert_allclose(load_measurements("a.csv").tau, RUN.tau)
+    assert run_cli("check", "a.csv", "--problem", "two_link") == 0
+    options = ("--method", "ols", "--out", "m.json")
+    assert run_cli("identify", "two_link", "--data", "bag", *options) == 0
 
 
 def test_joints_that_are_called_otherwise_keep_the_order_of_the_file():

@@ -75,6 +75,17 @@ def started(folder: Path, *options: str) -> Server:
 
 
 @contextmanager
+def serving(folder: Path, *options: str) -> Iterator[Server]:
+    """The page's server, until it is no longer needed."""
+    server = started(folder, *options)
+    try:
+        yield server
+    finally:
+        server.process.terminate()
+        server.process.wait(30)
+
+
+@contextmanager
 def browsing() -> Iterator[Browser]:
     with playwright.sync_playwright() as started:
         made = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])

@@ -8,10 +8,15 @@ from random_robots import posed_task
 from sdp_vs_penalty import Problem, load_problem
 from sdp_vs_penalty.estimators import Task
 from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.research import memo, penalised_optimum
 from sdp_vs_penalty.research.annealing import SearchPlan, search_runs
 from sdp_vs_penalty.research.penalised_box import BoxedProblem
 from sdp_vs_penalty.research.penalised_optimum import PenalisedProblem, cvxpy_optima
 from sdp_vs_penalty.research.tables import build_tables
+from sdp_vs_penalty.research.tables.global_optimum import (
+    penalised_optima,
+    search_table,
+)
 from sdp_vs_penalty.research.tables.routes import SameConstraints
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.robot import inertia
@@ -19,6 +24,12 @@ from sdp_vs_penalty.simulation import experiment
 
 #: Weights at which the simulated Panda's links are violated, and are not.
 WEIGHTS = (0.0, 10.0, 40.0, 1000.0)
+
+
+@pytest.fixture(scope="module")
+def small_study() -> Study:
+    """Of the 2R, whose optima are worked out once."""
+    return Study(load_problem("two_link"))
 
 
 @pytest.fixture(scope="module")
@@ -135,8 +146,8 @@ def test_the_published_weights_suffice_for_two_steps(panda):
         assert found.gap <= 1e-6
 
 
-def test_the_table_has_its_columns():
-    (table,) = build_tables(["global"], Study(load_problem("two_link")))
+def test_the_table_has_its_columns(small_study):
+    (table,) = build_tables(["global"], small_study)
     columns = {"data", "problem", "xi", "optimum", "lower_bound", "gap"}
     columns |= {"excess_loss_percent", "links_violated", "annealing_best"}
     assert columns <= set(table.frame.columns)
@@ -155,3 +166,19 @@ def test_runs_are_independent_of_how_many_there_are(one_step):
     two = search_runs(one_step.published, 0, (40.0,), SearchPlan(2, 100))
     assert two[:1] == one
     assert two[1].objective != two[0].objective
+
+
+def test_a_solve_that_is_read_is_the_computed_one(one_step, tmp_path, monkeypatch):
+    monkeypatch.setenv(memo.VARIABLE, str(tmp_path))
+    computed = one_step.solve(40.0)
+    monkeypatch.setattr(penalised_optimum, "solve_certified", None)
+    read = one_step.solve(40.0)
+    np.testing.assert_array_equal(read.theta, computed.theta)
+    assert read.lower == computed.lower
+
+
+def test_every_run_of_a_search_lies_above_the_bound(small_study):
+    runs = search_table(small_study.once(penalised_optima))
+    above = runs["above_bound_percent"].astype(float).dropna()
+    assert above.min() >= -1e-6
+    assert set(runs["search"]) == {"annealing", "local search"}

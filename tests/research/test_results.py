@@ -13,7 +13,9 @@ pytestmark = pytest.mark.skipif(
 )
 FOLDERS = (
     sorted(
-        path for path in RESULTS.iterdir() if path.is_dir() and path.name != "simulated"
+        path
+        for path in RESULTS.iterdir()
+        if path.name != "simulated" and path.is_dir() and any(path.iterdir())
     )
     if RESULTS.is_dir()
     else []

@@ -212,7 +212,7 @@ def test_a_figure_labels_units_and_is_written(number, studies, tmp_path):
 @pytest.fixture(scope="module")
 def whole() -> dict[str, Study]:
     """What the tables of a problem share is made once."""
-    return {name: Study(load_problem(name)) for name in ("panda", "two_link")}
+    return {name: Study(load_problem(name)) for name in ("panda", "two_link", "emps")}
 
 
 @pytest.mark.reproduce

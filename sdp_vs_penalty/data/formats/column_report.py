@@ -1,7 +1,7 @@
 """What a file's columns are taken for, as a table that a user can read and correct."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sdp_vs_penalty.data.formats import csv, format_of
@@ -118,16 +118,22 @@ def describe_columns(
     meanings = {
         theirs: ours for ours, name in pairs.items() for theirs in parts_of(name, names)
     }
-    is_guess = recognition is not None and not recognition.is_own
-    return ColumnReport(
+    report = ColumnReport(
         place,
         tuple(_row(name, meanings.get(name, ""), table, scale) for name in names),
-        logger=recognition.logger if recognition and is_guess else "",
-        sentence=recognition.sentence(place, names) if recognition and is_guess else "",
-        command=recognition.command(place, names) if recognition and is_guess else "",
-        joints=recognition.joints if recognition else (),
         missing=_missing(pairs),
         problem=problem,
+    )
+    if recognition is None:
+        return report
+    if recognition.is_own:
+        return replace(report, joints=recognition.joints)
+    return replace(
+        report,
+        joints=recognition.joints,
+        logger=recognition.logger,
+        sentence=recognition.sentence(place, names),
+        command=recognition.command(place, names),
     )
 
 

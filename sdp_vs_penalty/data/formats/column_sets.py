@@ -79,16 +79,7 @@ def _keyed(
     numbers have gaps, or a style needs more or fewer of them."""
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
-    keys = dict[str, Hashable]()
-    for name in names:
-        reading = readings[name]
-        if style == "joint":
-            keys[name] = reading.joint
-        elif style == "number":
-            keys[name] = reading.number
-        else:
-            keys[name] = (*reading.other_words, str(reading.number))
-    columns = {key: name for name, key in keys.items()}
+    columns = {_key_of(style, readings[name]): name for name in names}
     if len(columns) != len(names):
         return {}
     if style == "name":
@@ -96,6 +87,15 @@ def _keyed(
         return {} if is_numbered or len(columns) < 2 else columns
     in_order = {k: columns[k] for k in sorted(columns)}  # type: ignore[type-var]
     return _from_zero(in_order) if style == "number" else in_order
+
+
+def _key_of(style: str, reading: Reading) -> Hashable:
+    """What tells a column's joint from others: the joint, its number, or other words."""
+    if style == "joint":
+        return reading.joint
+    if style == "number":
+        return reading.number
+    return (*reading.other_words, str(reading.number))
 
 
 def _from_zero(columns: Mapping[Hashable, str]) -> dict[Hashable, str]:

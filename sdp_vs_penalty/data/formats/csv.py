@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.catalogue import DATASETS
+from sdp_vs_penalty.data.catalogue import fetch_remedy
 from sdp_vs_penalty.data.formats.columns import HEADER, Choice, Header, columns_of
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.formats.stamps import past_midnight, seconds_of
@@ -53,23 +53,27 @@ def read(path: Path, choice: Choice) -> Measurements:
     header = Header.of(path, names, choice, table=_cell_table(table, names))
     chosen = sorted(names.index(name) for name in header.columns)
     _refuse_texts(table, names, chosen)
+    run = _run_of_columns(table, header, names, chosen)
+    clock = () if choice.rate is not None else header.groups.get("t", ())
+    is_text = any(table.kinds[names.index(name)] == "stamp" for name in clock)
+    return replace(run, t=past_midnight(run.t)) if is_text else run
+
+
+def _run_of_columns(
+    table: TextTable, header: Header, names: Sequence[str], chosen: Sequence[int]
+) -> Measurements:
+    """The run of the chosen columns; of a sparse table what is nearest in time."""
     called = [names[k] for k in chosen]
     pieces = _read_columns(table, chosen)
     try:
-        run = header.gather(
+        return header.gather(
             header.run(dict(zip(called, piece, strict=True))) for piece in pieces
         )
-    except _EmptyCellError as error:
+    except _EmptyCellError:
         columns = _sparse_columns(table, header, chosen, called)
         if columns is None:
-            raise error
-        run = header.read(columns)
-    clock = header.groups.get("t", ())
-    if choice.rate is None and any(
-        table.kinds[names.index(name)] == "stamp" for name in clock
-    ):
-        run = replace(run, t=past_midnight(run.t))
-    return run
+            raise
+        return header.read(columns)
 
 
 def inspect(path: Path) -> CellTable:
@@ -132,10 +136,9 @@ def _no_header(table: TextTable, choice: Choice) -> InputError:
     its columns."""
     path = table.path
     problem = "row 1 holds numbers instead of a header"
-    dataset = _dataset_of(path)
-    if dataset is not None:
-        remedy = f"take what `sdp-vs-penalty fetch {dataset}` makes of this raw file"
-        return InputError(problem, remedy, path)
+    public = fetch_remedy(path)
+    if public is not None:
+        return InputError(problem, public, path)
     remedy = f"put {HEADER} above them, or "
     layout = _layout(table.width, None if choice.joints is None else len(choice.joints))
     if layout is None:
@@ -154,14 +157,6 @@ def _no_header(table: TextTable, choice: Choice) -> InputError:
     )
 
 
-def _dataset_of(path: Path) -> str | None:
-    """The public data set that a raw file of this name belongs to; None without."""
-    for dataset in DATASETS.values():
-        if path.name in (Path(file.path).name for file in dataset.files):
-            return dataset.name
-    return None
-
-
 def _layout(width: int, n_joints: int | None) -> list[str] | None:
     """Our names of so many columns without a header: those of the robot's number of
     joints, else of three groups; None where neither fits."""
@@ -171,8 +166,10 @@ def _layout(width: int, n_joints: int | None) -> list[str] | None:
             n, n_left = divmod(width - n_clocks, len(groups))
             if n > 0 and n_left == 0:
                 layouts.append((n_clocks, n, groups))
-    usual = [layout for layout in layouts if layout[1] == n_joints]
-    usual += [layout for layout in layouts if layout[2] == _THREE_GROUPS]
+    if n_joints is None:
+        usual = [layout for layout in layouts if layout[2] == _THREE_GROUPS]
+    else:
+        usual = [layout for layout in layouts if layout[1] == n_joints]
     if not usual:
         return None
     n_clocks, n, groups = usual[0]
@@ -195,22 +192,35 @@ def _refuse_texts(
 def _read_columns(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
     """The chosen columns of consecutive pieces, at least one (empty) piece: (N,)
     numbers, or (N, n) where cells hold lists."""
-    first = table.first
-    width = table.width
-    yield [_no_values(table, k) for k in chosen]
-    single_blanks = table.delimiter is not None or _has_single_blanks(table)
-    if table.nested or table.has_wrapped_cells or not single_blanks:
-        yield from _read_carefully(table, chosen, first)
-        return
     from pyarrow import ArrowException
+
+    yield [_no_values(table, k) for k in chosen]
+    first = table.first
+    has_single_marks = table.delimiter is not None or _has_single_blanks(table)
+    if has_single_marks and not table.nested and not table.has_wrapped_cells:
+        try:
+            for piece in _read_by_arrow(table, chosen):
+                yield piece
+                first += len(piece[0])
+        except ArrowException:
+            pass  # what it does not take, the careful reader names or reads
+        else:
+            return
+    yield from _read_carefully(table, chosen, first)
+
+
+def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
+    """The same by the fast reader, whose errors name no cell."""
     from pyarrow import csv as arrow
 
-    names = [str(k) for k in range(width)]
     is_text = {str(k): table.kinds[k] in ("list", "stamp") for k in chosen}
     types = {name: "string" if text else "float64" for name, text in is_text.items()}
-    # Some forty blocks are read ahead.
-    how = {"use_threads": False, "block_size": PIECE // 4}
-    rows = arrow.ReadOptions(**how, skip_rows=first - 1, column_names=names)
+    rows = arrow.ReadOptions(
+        use_threads=False,
+        block_size=PIECE // 4,  # some forty blocks are read ahead
+        skip_rows=table.first - 1,
+        column_names=[str(k) for k in range(table.width)],
+    )
     cells = arrow.ParseOptions(
         delimiter=table.delimiter or " ",
         quote_char='"' if table.quoted else False,
@@ -222,16 +232,10 @@ def _read_columns(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Arra
         include_columns=list(types),
         decimal_point=table.decimal,
     )
-    try:
-        with arrow.open_csv(path_or_file(table.path), rows, cells, kinds) as file:
-            for batch in file:
-                yield [
-                    _values(table, k, column)
-                    for k, column in zip(chosen, batch.columns, strict=True)
-                ]
-                first += len(batch)
-    except ArrowException:  # what it does not take, the careful reader names or reads
-        yield from _read_carefully(table, chosen, first)
+    with arrow.open_csv(path_or_file(table.path), rows, cells, kinds) as file:
+        for batch in file:
+            pairs = zip(chosen, batch.columns, strict=True)
+            yield [_values(table, k, column) for k, column in pairs]
 
 
 def _no_values(table: TextTable, column: int) -> Array:

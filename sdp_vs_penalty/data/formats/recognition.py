@@ -263,7 +263,7 @@ def _joints_of_logger(
     columns = columns_of_pattern(logger.get("names"), names)
     if table is None or not columns or not set(keys) <= set(columns):
         return (), keys
-    texts = [next(iter(table.cells.get(columns[key], ())), "") for key in keys]
+    texts = [_first_cell(table, columns[key]) for key in keys]
     if len(set(texts)) != len(texts):
         return (), keys
     key_by_name = dict(zip(texts, keys, strict=True))
@@ -449,14 +449,23 @@ def _texts_of_joints(names: Sequence[str], table: CellTable | None) -> list[str]
         match = _JOINT_NAMES.fullmatch(name.lower())
         if match is not None:
             columns[int(match[1] or -1)] = name
-    cells = {k: next(iter(table.cells.get(n, ())), "") for k, n in columns.items()}
-    if list(cells) == [-1]:
-        words = re.findall(r"[A-Za-z_][\w/.-]*", cells[-1])
-        words = [word for word in words if word != "array"]
-        return words if len(words) > 1 else []
-    texts = [cells[k] for k in sorted(cells)]
+    texts = [_first_cell(table, columns[k]) for k in sorted(columns)]
+    if list(columns) == [-1]:
+        return _words_of_list(texts[0])
     is_unique = len(set(texts)) == len(texts)
     return texts if is_unique and all(texts) else []
+
+
+def _first_cell(table: CellTable, name: str) -> str:
+    """The first text of a column, "" without."""
+    return next(iter(table.cells.get(name, ())), "")
+
+
+def _words_of_list(text: str) -> list[str]:
+    """The names in a list that is written as text; none of one name alone."""
+    words = re.findall(r"[A-Za-z_][\w/.-]*", text)
+    words = [word for word in words if word != "array"]
+    return words if len(words) > 1 else []
 
 
 def _with_unit_of_clock(

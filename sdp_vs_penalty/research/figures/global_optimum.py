@@ -14,16 +14,16 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
     """Above: the objective over the feasible optimum; below: the worst violation. One
     column a problem; a line the certified optimum, a dot a run of annealing."""
     figure, axes = new_figure(2, len(searched), 5.2, sharex=True)
-    for column, found in zip(axes.T, searched, strict=True):
-        _draw_objective(column[0], found)
-        _draw_violation(column[1], found)
-        column[0].set_title(f"{found.label} run, {found.name}")
+    for column, problem in zip(axes.T, searched, strict=True):
+        _draw_objective(column[0], problem)
+        _draw_violation(column[1], problem)
+        column[0].set_title(f"{problem.label} run, {problem.name}")
         for axis in column:
             axis.set_xscale("symlog", linthresh=0.1)
             axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
             axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
             axis.axvline(
-                found.exact_by_theory,
+                problem.exact_by_theory,
                 color=style.RED,
                 linestyle=":",
                 label="exact from here on (largest multiplier)",
@@ -36,12 +36,12 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
     return figure
 
 
-def _draw_objective(axis: Any, found: Searched) -> None:
-    base = found.feasible_loss
+def _draw_objective(axis: Any, problem: Searched) -> None:
+    base = problem.feasible_loss
     lines = {
-        "certified optimum": ([x.value for x in found.free], style.BLACK, "-"),
+        "certified optimum": ([x.value for x in problem.free], style.BLACK, "-"),
         "certified, box on inertias": (
-            [x.lower for x in found.boxed],
+            [x.lower for x in problem.boxed],
             style.BLUE,
             "--",
         ),
@@ -49,17 +49,17 @@ def _draw_objective(axis: Any, found: Searched) -> None:
     for label, (values, color, line) in lines.items():
         excess = 100.0 * (np.array(values) / base - 1.0)
         axis.plot(WEIGHTS, excess, color=color, linestyle=line, label=label)
-    above = [100.0 * (point.objective / base - 1.0) for point in found.annealed]
-    _dots(axis, found, above)
+    above = [100.0 * (point.objective / base - 1.0) for point in problem.annealed]
+    _dots(axis, problem, above)
     axis.set_yscale("symlog", linthresh=1.0)
     axis.axhline(0.0, color=style.GREY, linewidth=0.6)
 
 
-def _draw_violation(axis: Any, found: Searched) -> None:
+def _draw_violation(axis: Any, problem: Searched) -> None:
     none = 1e-8  # where "none" is drawn [kg m^2, kg or m]
-    worst = np.maximum([x.worst for x in found.free], none)
+    worst = np.maximum([x.worst for x in problem.free], none)
     axis.plot(WEIGHTS, worst, color=style.BLACK, label="certified optimum")
-    boxed = [np.nan if x.best is None else x.best.worst for x in found.boxed]
+    boxed = [np.nan if x.best is None else x.best.worst for x in problem.boxed]
     axis.plot(
         WEIGHTS,
         np.maximum(boxed, none),
@@ -67,17 +67,17 @@ def _draw_violation(axis: Any, found: Searched) -> None:
         linestyle="--",
         label="certified, box on inertias",
     )
-    _dots(axis, found, [max(x.worst_violation, none) for x in found.annealed])
+    _dots(axis, problem, [max(x.worst_violation, none) for x in problem.annealed])
     axis.set_yscale("log")
     ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]
     axis.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
     axis.set_ylim(0.5 * none, 20.0)
 
 
-def _dots(axis: Any, found: Searched, values: Sequence[float]) -> None:
+def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
     """A dot for every run of annealing at every weight."""
     axis.plot(
-        [point.xi for point in found.annealed],
+        [point.xi for point in problem.annealed],
         values,
         linestyle="",
         marker="o",

@@ -1,7 +1,7 @@
 """Figures 1 to 7, of the Panda: its motions, torques and their errors, and physics
 engines."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from sdp_vs_penalty.research.tables import table_v
 from sdp_vs_penalty.research.tables.routes import SameConstraints
 from sdp_vs_penalty.research.tables.study import CUT, Frozen, Study
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.signals.filtered import FilteredRun
 
 PROBLEM = "panda"
@@ -43,7 +44,7 @@ def _on_unseen_folds(
     run = data.train
     rows = FilteredRun(run, data.preprocessing).all_rows(data.model)
     t = rows.motion.t - run.t[0]
-    made = dict[str, Array]()
+    predictions = dict[str, Array]()
     starts = list[float]()
     shown = np.zeros(len(t), bool)
     for name, method in methods.items():
@@ -53,11 +54,11 @@ def _on_unseen_folds(
             stretch = (t >= fold.start) & (t < fold.stop)
             torque[stretch] = predicted(rows, fold.theta)[stretch]
             shown |= stretch
-        made[name], starts = torque, [fold.start for fold in folds]
+        predictions[name], starts = torque, [fold.start for fold in folds]
     return (
         t[shown],
         rows.torque[shown],
-        {name: torque[shown] for name, torque in made.items()},
+        {name: torque[shown] for name, torque in predictions.items()},
         starts,
     )
 
@@ -70,7 +71,7 @@ def _on_all_runs(
     assert data.test is not None
     times = list[Array]()
     torques = list[Array]()
-    made = dict[str, list[Array]]()
+    predictions = dict[str, list[Array]]()
     starts = list[float]()
     begin = 0.0
     for run in data.test.runs():
@@ -79,10 +80,10 @@ def _on_all_runs(
         torques.append(rows.torque)
         for name, method in methods.items():
             torque = predicted(rows, study.theta(method, data))
-            made.setdefault(name, []).append(torque)
+            predictions.setdefault(name, []).append(torque)
         starts.append(begin)
         begin += float(run.t[-1] - run.t[0])
-    joined = {name: np.concatenate(parts) for name, parts in made.items()}
+    joined = {name: np.concatenate(parts) for name, parts in predictions.items()}
     return np.concatenate(times), np.concatenate(torques), joined, starts
 
 
@@ -95,15 +96,15 @@ def _draw_unseen(
     """Torques and errors on unseen motion, a line where another model predicts; each
     method's 100 |tau - tau_hat| / |tau| over all joints [%]."""
     torques_of = _on_unseen_folds if measured else _on_all_runs
-    t, torque, made, starts = torques_of(study, methods)
-    draw_torques(axes, t, torque, "measured" if measured else "recorded", made)
+    t, torque, predictions, starts = torques_of(study, methods)
+    draw_torques(axes, t, torque, "measured" if measured else "recorded", predictions)
     for axis in axes.flat:
         for start in starts[1:]:
             axis.axvline(start, color=style.GREY, linewidth=0.5)
     size = np.linalg.norm(torque)
     return {
         name: 100.0 * float(np.linalg.norm(torque - x) / size)
-        for name, x in made.items()
+        for name, x in predictions.items()
     }
 
 
@@ -132,50 +133,64 @@ def figure_1(study: Study) -> Any:
 
 def figure_2(study: Study) -> Any:
     """The validation motions: all simulated ones, and the real run's."""
-    runs = dict[str, list[tuple[str, Measurements]]]()
     assert study.simulated.test is not None
-    for k, run in enumerate(study.simulated.test.runs(), start=1):
-        runs.setdefault("simulated", []).append((f"run {k}", run))
+    runs_by_source = {"simulated": list(study.simulated.test.runs())}
     if study.run is not None:
-        runs["measured"] = [("run", study.run.window(0.0, CUT[0]))]
+        runs_by_source["measured"] = [study.run.window(0.0, CUT[0])]
     n = study.problem.robot.n
-    figure, axes = new_figure(n, len(runs), 1.15 * n + 0.6, sharex="col", sharey="row")
-    for k, (source, parts) in enumerate(runs.items()):
-        for name, run in parts:
-            for j in range(n):
-                width = 1.0 if len(parts) == 1 else 0.6
-                label = "position" if name in ("run", "run 1") else "_"
-                axes[j, k].plot(
-                    run.t - run.t[0],
-                    run.q[:, j],
-                    color=style.BLUE,
-                    linewidth=width,
-                    label=label,
-                )
-        for j, joint in enumerate(study.problem.robot.joints):
-            for limit in (joint.lower, joint.upper):
-                axes[j, k].axhline(
-                    limit,
-                    color=style.ORANGE,
-                    linestyle="--",
-                    linewidth=0.8,
-                    label="joint limit",
-                )
-        about = f"all {len(parts)} runs" if source == "simulated" else "one motion"
-        axes[0, k].set_title(f"{source}, unseen: {about}")
+    columns = len(runs_by_source)
+    figure, axes = new_figure(n, columns, 1.15 * n + 0.6, sharex="col", sharey="row")
+    for column, (source, runs) in zip(axes.T, runs_by_source.items(), strict=True):
+        _draw_positions(column, runs)
+        _draw_limits(column, study.problem.robot.joints)
+        about = f"all {len(runs)} runs" if source == "simulated" else "one motion"
+        column[0].set_title(f"{source}, unseen: {about}")
     if study.run is not None:
-        for fold in study.unseen("lmi-sdp").folds[1:]:
-            for axis in axes[:, -1]:
-                axis.axvline(
-                    fold.start,
-                    color=style.GREY,
-                    linewidth=0.6,
-                    label="next fold, estimated without it",
-                )
+        _mark_folds(axes[:, -1], [x.start for x in study.unseen("lmi-sdp").folds])
     label_joints(axes, study.problem.robot.position_units, "position")
     legend_below(figure, axes[0, -1])
     figure.suptitle("Validation motions (the paper's own are not public)")
     return figure
+
+
+def _draw_positions(axes: Any, runs: Sequence[Measurements]) -> None:
+    """Each joint's position on its axis (n,), all runs over their own time."""
+    width = 1.0 if len(runs) == 1 else 0.6
+    for number, run in enumerate(runs):
+        label = "position" if number == 0 else "_"
+        for axis, position in zip(axes, run.q.T, strict=True):
+            axis.plot(
+                run.t - run.t[0],
+                position,
+                color=style.BLUE,
+                linewidth=width,
+                label=label,
+            )
+
+
+def _draw_limits(axes: Any, joints: Sequence[Joint]) -> None:
+    """Both ends of each joint's range."""
+    for axis, joint in zip(axes, joints, strict=True):
+        for limit in (joint.lower, joint.upper):
+            axis.axhline(
+                limit,
+                color=style.ORANGE,
+                linestyle="--",
+                linewidth=0.8,
+                label="joint limit",
+            )
+
+
+def _mark_folds(axes: Any, starts: Sequence[float]) -> None:
+    """Where a fold begins, but the first [s]."""
+    for start in starts[1:]:
+        for axis in axes:
+            axis.axvline(
+                start,
+                color=style.GREY,
+                linewidth=0.6,
+                label="next fold, estimated without it",
+            )
 
 
 def figure_3(study: Study) -> Any:

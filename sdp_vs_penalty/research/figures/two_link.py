@@ -66,44 +66,53 @@ def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
     )
 
 
+#: The pose that is drawn [rad], and from where it is seen [degrees].
+_POSE = (0.6, 0.7)
+_VIEW = {"elev": 18, "azim": -65}
+#: Length of a frame's axes [m]; x, y, z as everywhere in robotics: red, green, blue.
+_AXIS_LENGTH = 0.25
+_AXIS_COLORS = {"x": style.RED, "y": style.GREEN, "z": style.BLUE}
+
+
 def _robot(axis: Any, problem: Problem) -> None:
     """In three dimensions: each link's shape, and its frame."""
-    (poses,) = problem.robot.poses(
-        np.array([(0.6, 0.7)])
-    )  # the pose that is drawn [rad]
-    frames = [
-        np.eye(4),
-        *(p @ j.link_frame for p, j in zip(poses, problem.robot.joints, strict=True)),
-    ]
+    (poses,) = problem.robot.poses(np.array([_POSE]))
+    frames = [np.eye(4)]
+    for pose, joint in zip(poses, problem.robot.joints, strict=True):
+        frames.append(pose @ joint.link_frame)
     for link, frame in enumerate(frames[1:]):
-        along, x, radius = radius_profile(problem, link)
-        angle = np.linspace(0.0, 2.0 * np.pi, len(x))
-        points = np.zeros((len(x), len(x), 3))
-        points[:, :, along] = x[:, None]
-        across = radius[:, None, None] * np.stack(
-            [np.cos(angle), np.sin(angle)], axis=1
-        )
-        points[:, :, [a for a in range(3) if a != along]] = across
-        points = points @ frame[:3, :3].T + frame[:3, 3]
-        axis.plot_surface(
-            *np.moveaxis(points, 2, 0), color="#cccccc", alpha=0.5, linewidth=0
-        )
-    for name, frame in enumerate(frames):
-        # x, y, z as everywhere in robotics: red, green, blue; here from the same
-        # palette, and labelled.
-        for k, (color, letter) in enumerate(
-            ((style.RED, "x"), (style.GREEN, "y"), (style.BLUE, "z"))
-        ):
-            end = frame[:3, 3] + 0.25 * frame[:3, k]
-            axis.plot(*np.column_stack([frame[:3, 3], end]), color=color, linewidth=1.2)
-            axis.text(*end, f"${letter}_{name}$", fontsize=7, color=color)
+        surface = _surface(problem, link, frame)
+        axis.plot_surface(*surface, color="#cccccc", alpha=0.5, linewidth=0)
+    for number, frame in enumerate(frames):
+        _draw_frame(axis, frame, number)
     axis.set_box_aspect((1, 1, 1.6))
     axis.set(xlim=(-0.6, 0.6), ylim=(-0.6, 0.6), zlim=(0.0, 1.92))
-    axis.set(
-        xticks=[-0.5, 0.0, 0.5], yticks=[-0.5, 0.0, 0.5], zticks=[0.0, 0.5, 1.0, 1.5]
-    )
+    across = [-0.5, 0.0, 0.5]
+    axis.set(xticks=across, yticks=across, zticks=[0.0, 0.5, 1.0, 1.5])
     axis.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
-    axis.view_init(elev=18, azim=-65)
+    axis.view_init(**_VIEW)
+
+
+def _surface(problem: Problem, link: int, frame: Array) -> Array:
+    """(3, k, k) points of a link's shape in the base [m]: circles along its axis."""
+    along, x, radius = radius_profile(problem, link)
+    angle = np.linspace(0.0, 2.0 * np.pi, len(x))
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    points = np.zeros((len(x), len(x), 3))
+    points[:, :, along] = x[:, None]
+    across = [a for a in range(3) if a != along]
+    points[:, :, across] = radius[:, None, None] * circle
+    moved = points @ frame[:3, :3].T + frame[:3, 3]
+    return np.moveaxis(moved, 2, 0)
+
+
+def _draw_frame(axis: Any, frame: Array, number: int) -> None:
+    """The axes of a frame, labelled."""
+    origin = frame[:3, 3]
+    for k, (letter, color) in enumerate(_AXIS_COLORS.items()):
+        end = origin + _AXIS_LENGTH * frame[:3, k]
+        axis.plot(*np.column_stack([origin, end]), color=color, linewidth=1.2)
+        axis.text(*end, f"${letter}_{number}$", fontsize=7, color=color)
 
 
 def _section(axis: Any, problem: Problem, link: int, plane: tuple[int, int]) -> None:
@@ -188,43 +197,26 @@ def figure_10(study: Study) -> Any:
     n = study.problem.robot.n
     figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)
     unfeasible = [*w.boxed[:3], *w.unbounded[:3]]
-    possible = {"color": style.SKY, "alpha": 0.45, "linewidth": 0}
-    possible["label"] = "all feasible with equal torques (certified)"
-    groups: tuple[tuple[list[Array], dict[str, Any]], ...] = (
-        (
-            [*w.feasible.values(), *w.penalty_runs],
-            {"color": style.ORANGE, "linewidth": 0.6, "label": "feasible estimates"},
-        ),
-        (
-            unfeasible,
-            {
-                "color": style.RED,
-                "linewidth": 0.8,
-                "linestyle": ":",
-                "label": "unfeasible",
-            },
-        ),
-        ([w.true], {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}),
+    lines = (
+        ([*w.feasible.values(), *w.penalty_runs], _FEASIBLE),
+        (unfeasible, _UNFEASIBLE),
+        ([w.true], _TRUE),
     )
     for k, j in np.ndindex(axes.shape):
         axis = axes[k, j]
-        component = [*COMPONENTS][k]
-        i = w.intervals
+        bounds = w.intervals
         axis.fill_between(
-            w.t, i.lower_bound[:, j, k], i.upper_bound[:, j, k], **possible
+            w.t, bounds.lower_bound[:, j, k], bounds.upper_bound[:, j, k], **_POSSIBLE
         )
-        for wrenches, look in groups:
+        for wrenches, look in lines:
             for values in wrenches:
                 axis.plot(w.t, values[:, j, k], **look)
-        # Room around the interval; unfeasible wrenches may leave it by orders of
-        # magnitude.
-        low = i.lower[:, j, k].min()
-        high = i.upper[:, j, k].max()
-        axis.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
-        symbol = f"${component[0]}_{component[1]}$" + (
-            " = torque" if component == "nz" else ""
-        )
-        axis.set_ylabel(f"{symbol} [{plain_unit(COMPONENTS[component])}]")
+        _limit_to_interval(axis, bounds.lower[:, j, k], bounds.upper[:, j, k])
+        component, unit = [*COMPONENTS.items()][k]
+        symbol = f"${component[0]}_{component[1]}$"
+        if component == "nz":
+            symbol += " = torque"
+        axis.set_ylabel(f"{symbol} [{plain_unit(unit)}]")
     for j in range(n):
         axes[0, j].set_title(f"joint {j + 1}")
         axes[-1, j].set_xlabel("time [s]")
@@ -237,3 +229,33 @@ def figure_10(study: Study) -> Any:
         " bounds there is no largest)"
     )
     return figure
+
+
+#: How the wrenches of Fig. 10 look.
+_POSSIBLE: dict[str, Any] = {
+    "color": style.SKY,
+    "alpha": 0.45,
+    "linewidth": 0,
+    "label": "all feasible with equal torques (certified)",
+}
+_FEASIBLE: dict[str, Any] = {
+    "color": style.ORANGE,
+    "linewidth": 0.6,
+    "label": "feasible estimates",
+}
+_UNFEASIBLE: dict[str, Any] = {
+    "color": style.RED,
+    "linewidth": 0.8,
+    "linestyle": ":",
+    "label": "unfeasible",
+}
+_TRUE: dict[str, Any] = {"color": style.BLACK, "linewidth": 1.4, "label": "p_real"}
+
+
+def _limit_to_interval(axis: Any, lower: Array, upper: Array) -> None:
+    """Room around the interval; unfeasible wrenches may leave it by orders of
+    magnitude."""
+    low = lower.min()
+    high = upper.max()
+    room = 0.3 * (high - low)
+    axis.set_ylim(low - room, high + room)

@@ -358,8 +358,14 @@ def chain_task(n: int, draw: int = 0) -> Task:
         wide[:, -1] += rng.normal(size=samples)
     data = LeastSquares.stacked(stack, n * samples)
     convex = problem.constraints(model).convex
-    known = problem.parameter_bound(model), problem.nominal(model), problem.box
-    return Task(model, data, ConstraintSet(convex), *known)
+    return Task(
+        model=model,
+        data=data,
+        constraints=ConstraintSet(convex),
+        bound=problem.parameter_bound(model),
+        nominal=problem.nominal(model),
+        box=problem.box,
+    )
 
 
 def thin_links(rng: np.random.Generator, problem: Problem) -> Array:

@@ -116,15 +116,12 @@ def judge(
 ) -> Judgement:
     """Classify one answer; ``accuracy`` is the accuracy that was asked for."""
     error, violation = _primal(instance, reference, answer.theta)
-    numbers = (
-        error,
-        violation,
-        (reference.upper - _dual(instance, answer)) / reference.scale,
-    )
-    if answer.claims in ("failed", "inaccurate"):
-        return Judgement(answer.claims, *numbers)
-    kind, remark = classified(reference, answer.claims, error, violation, accuracy)
-    return Judgement(kind, *numbers, remark)
+    dual_gap = (reference.upper - _dual(instance, answer)) / reference.scale
+    kind = answer.claims
+    remark = ""
+    if answer.claims not in ("failed", "inaccurate"):
+        kind, remark = classified(reference, answer.claims, error, violation, accuracy)
+    return Judgement(kind, error, violation, dual_gap, remark)
 
 
 def classified(
@@ -184,11 +181,16 @@ def _dual(instance: Instance, answer: Answer) -> float:
     numbers = (x for x in (answer.theta, multipliers, slopes) if x is not None)
     if multipliers is None or not all(np.all(np.isfinite(x)) for x in numbers):
         return -np.inf
-    posed = answer.theta, instance.objective, instance.constraints, multipliers, slopes
+    fit = Fit(
+        answer.theta,
+        instance.objective,
+        instance.constraints,
+        multipliers,
+        slopes,
+        bound=instance.task.bound,
+    )
     with suppress(np.linalg.LinAlgError):
-        return float(
-            np.nan_to_num(Fit(*posed, bound=instance.task.bound).lower, nan=-np.inf)
-        )
+        return float(np.nan_to_num(fit.lower, nan=-np.inf))
     return -np.inf
 
 

@@ -154,12 +154,14 @@ def make_tables(
     return tables_made
 
 
-def _write_page(made: Sequence[tuple[Table, list[Path]]], study: Study) -> None:
+def _write_page(
+    tables_and_paths: Sequence[tuple[Table, list[Path]]], study: Study
+) -> None:
     """The page of tables of one problem."""
     from sdp_vs_penalty.research.links_page import links_page
 
-    _, paths = made[0]
-    page = links_page([table for table, _ in made], study)
+    _, paths = tables_and_paths[0]
+    page = links_page([table for table, _ in tables_and_paths], study)
     write_text(paths[0].with_name(PAGE), page)
 
 

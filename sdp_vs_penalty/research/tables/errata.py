@@ -143,7 +143,8 @@ def _free_of_link_1(problem: Problem) -> str:
 def _volumes(problem: Problem) -> str:
     """Of link 2, a cylinder with a conical end: the box of its centre of mass over its
     own volume, from the cones of the problem."""
-    wide, tapered = (c for c in problem.cones if c.link == 2)
+    cones = [c for c in problem.cones if c.link == 2]
+    wide, tapered = cones
     low, high = problem.box[1, 1]
     taper = (wide.radius - tapered.radius) / -tapered.slope
     length = high - low - taper

@@ -3,6 +3,7 @@ certified."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas
@@ -16,13 +17,14 @@ from sdp_vs_penalty.research.annealing import (
     point_fields,
     search_runs,
 )
+from sdp_vs_penalty.research.memo import remembered, source_version, task_content
 from sdp_vs_penalty.research.penalised_box import BoxedOptimum, BoxedProblem
 from sdp_vs_penalty.research.penalised_optimum import (
     PenalisedOptimum,
     PenalisedProblem,
     cvxpy_optima,
 )
-from sdp_vs_penalty.research.tables.study import Effort, Study
+from sdp_vs_penalty.research.tables.study import QUICK, Data, Effort, Study
 from sdp_vs_penalty.research.tables.table import Row, Table, notes, register_table
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -86,7 +88,7 @@ class _Item:
 def global_optima(study: Study) -> Table:
     """Global optimum of the published penalised objective over its weight, certified."""
     searched = study.once(penalised_optima)
-    rows = [row for found in searched for row in _rows(found)]
+    rows = [row for problem in searched for row in _rows(problem)]
     exact = [
         f"{x.label}, {x.name}: {x.exact_by_theory:.5g} by the largest multiplier,"
         f" {x.exact_by_bisection:.5g} by bisection"
@@ -97,8 +99,7 @@ def global_optima(study: Study) -> Table:
         rows,
         notes(
             "global",
-            runs=study.effort.global_runs,
-            evaluations=study.effort.global_evaluations,
+            searches=_searches_in_words(study),
             exact="; ".join(exact),
         ),
         _headline(searched),
@@ -106,10 +107,20 @@ def global_optima(study: Study) -> Table:
     )
 
 
+def _searches_in_words(study: Study) -> str:
+    """Runs and evaluations of each data set's searches."""
+    return "; ".join(
+        f"{data.label}: runs {effort.global_runs}, evaluations a weight"
+        f" {effort.global_evaluations}"
+        for data in study.whole
+        for effort in [_effort(study, data)]
+    )
+
+
 def penalised_optima(study: Study) -> list[Searched]:
     """Both problems of every data set."""
     items = [
-        _Item(data.label, study.task(data), two_step, study.effort)
+        _Item(data.label, study.task(data), two_step, _effort(study, data))
         for data in study.whole
         for two_step in (False, True)
     ]
@@ -117,10 +128,18 @@ def penalised_optima(study: Study) -> list[Searched]:
     return list(study.workers.map(_searched, items))
 
 
+def _effort(study: Study, data: Data) -> Effort:
+    """The budget; "single" searches long in the real run alone, where there is one."""
+    if study.budget == "single" and data is not study.whole[-1]:
+        return QUICK
+    return study.effort
+
+
 def _searched(item: _Item) -> Searched:
     problem = PenalisedProblem(item.task, item.two_step)
     boxed = BoxedProblem(problem).branch_all(WEIGHTS, GAP, MOST_CELLS)
-    by_cvxpy = cvxpy_optima(problem, WEIGHTS)
+    content = (source_version(), *task_content(item.task), item.two_step, WEIGHTS)
+    by_cvxpy = remembered("cvxpy", content, partial(_by_cvxpy, problem))
     annealing = SearchPlan(item.effort.global_runs, item.effort.global_evaluations)
     local = replace(annealing, annealing=False)
     seed = item.task.seed
@@ -132,10 +151,16 @@ def _searched(item: _Item) -> Searched:
         exact_by_bisection=problem.exact_weight_by_bisection(),
         free=problem.solve_all(WEIGHTS),
         boxed=boxed,
-        cvxpy=np.array([by_cvxpy.get(weight, np.nan) for weight in WEIGHTS]),
+        cvxpy=np.array(by_cvxpy),
         annealed=search_runs(problem.published, seed, ANNEALED, annealing),
         multi_start=search_runs(problem.published, seed, ANNEALED, local),
     )
+
+
+def _by_cvxpy(problem: PenalisedProblem) -> list[float]:
+    """The relaxation's optimum at each weight, NaN where there is none."""
+    optima = cvxpy_optima(problem, WEIGHTS)
+    return [optima.get(weight, np.nan) for weight in WEIGHTS]
 
 
 def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
@@ -156,23 +181,23 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
     return pandas.DataFrame(rows)
 
 
-def _rows(found: Searched) -> list[Row]:
+def _rows(problem: Searched) -> list[Row]:
     rows = []
     for k, (weight, free, boxed) in enumerate(
-        zip(WEIGHTS, found.free, found.boxed, strict=True)
+        zip(WEIGHTS, problem.free, problem.boxed, strict=True)
     ):
-        annealed = lowest(found.annealed, weight)
-        started = lowest(found.multi_start, weight)
+        annealed = lowest(problem.annealed, weight)
+        started = lowest(problem.multi_start, weight)
         rows.append(
             {
-                "data": found.label,
-                "problem": found.name,
+                "data": problem.label,
+                "problem": problem.name,
                 "xi": weight,
                 "optimum": free.value,
                 "lower_bound": free.lower,
                 "gap": free.gap,
-                "cvxpy_optimum": found.cvxpy[k],
-                "excess_loss_percent": found.excess_percent(free),
+                "cvxpy_optimum": problem.cvxpy[k],
+                "excess_loss_percent": problem.excess_percent(free),
                 "links_violated": free.n_links_violated,
                 "worst_violation": free.worst,
                 "box_optimum": np.nan if boxed.best is None else boxed.best.value,
@@ -196,15 +221,15 @@ def _above(value: float | None, lower: float) -> float | None:
 
 
 def _headline(searched: Sequence[Searched]) -> str:
-    said = []
+    sentences = []
     largest = max(PenaltyPaper.weights)
-    for found in searched:
-        free = found.free[WEIGHTS.index(largest)]
-        excess = found.excess_percent(free)
-        said.append(
-            f"{found.label}, {found.name} {excess:.3f} %, {free.n_links_violated} links"
+    for problem in searched:
+        free = problem.free[WEIGHTS.index(largest)]
+        excess = problem.excess_percent(free)
+        sentences.append(
+            f"{problem.label}, {problem.name} {excess:.3f} %, {free.n_links_violated} links"
         )
     return (
         f"At the paper's largest weight, {largest:g}, the optimum's loss against the"
-        f" feasible optimum's, and links that cannot exist: {'; '.join(said)}."
+        f" feasible optimum's, and links that cannot exist: {'; '.join(sentences)}."
     )

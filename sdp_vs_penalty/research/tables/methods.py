@@ -1,5 +1,8 @@
 """Methods compared: all of them on every data set."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
 import pandas
 
 from sdp_vs_penalty.estimation.constants import ROUNDING
@@ -38,61 +41,89 @@ def methods(study: Study) -> Table:
     )
 
 
+@dataclass(frozen=True)
+class Judged:
+    """A method on a data set: what it is, its estimate, and processor time [s]."""
+
+    estimator: str | Estimator
+    result: Result
+    seconds: float
+
+
+def _judged(study: Study, data: Data, method: str) -> Judged:
+    """A method's estimate; of one that needs a black box, its links with friction
+    refitted to these data."""
+    needs_black_box = (
+        method not in WITH_PRIOR and estimator_types()[method].needs_black_box
+    )
+    if not needs_black_box:
+        result = study.result(method, data)
+        return Judged(method, result, study.seconds(method, data))
+    retrieved = study.reverse_engineered
+    links = Frozen(retrieved.theta.reshape(-1, 10))
+    theta = study.theta(links, data)
+    result = Result(theta, retrieved.certificate, retrieved.seconds, {})
+    return Judged(links, result, retrieved.seconds)
+
+
 def _row(study: Study, data: Data, method: str) -> Row:
     # The lower bound on the least loss that any feasible theta has.
     optimum = study.result("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None
-    estimator: str | Estimator = method
-    seconds: float
-    if method not in WITH_PRIOR and estimator_types()[method].needs_black_box:
-        retrieved = study.reverse_engineered
-        estimator = Frozen(retrieved.theta.reshape(-1, 10))
-        result = Result(
-            study.theta(estimator, data), retrieved.certificate, retrieved.seconds, {}
-        )
-        seconds = retrieved.seconds
-    else:
-        result = study.result(method, data)
-        seconds = study.seconds(method, data)
-    error = data.errors(result.theta)[1]
-    fold = None
-    again = None
-    if data is not study.simulated:
-        unseen = study.unseen(estimator)
-        again = error
-        error = unseen.relative_error_percent
-        fold = unseen.folds[unseen.worst - 1].relative_error_percent
+    judged = _judged(study, data, method)
+    theta = judged.result.theta
     task = study.task(data)
-    links = result.theta[task.links]
-    violations = task.constraints.worst(result.theta)
-    worst, family = max((x, name) for name, x in violations.items())
-    figures_of_links = link_figures(study.problem, links)
-    # The independent ones of a multi-start method; with a joint prior their losses hold
-    # it too.
-    runs = pandas.DataFrame(
-        [] if method in WITH_PRIOR else result.details.get("runs") or [],
-        columns=["loss", "violation"],
-    ).astype(float)
-    excess = 100.0 * (runs["loss"] / optimum - 1.0)
-    broken = runs["violation"]
+    links = theta[task.links]
+    violations = task.constraints.worst(theta)
+    family = max(violations, key=lambda name: (violations[name], name))
+    worst = violations[family]
+    figures = link_figures(study.problem, links)
+    # With a joint prior the losses of runs hold it too.
+    runs = [] if method in WITH_PRIOR else judged.result.details.get("runs") or []
     return {
         "data": data.label,
         "method": method,
-        "excess_loss_percent": 100.0 * (task.data.loss(result.theta) / optimum - 1.0),
+        "excess_loss_percent": 100.0 * (task.data.loss(theta) / optimum - 1.0),
         "worst_violation": worst,
         "violated_family": family if worst >= ROUNDING else None,
         "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
-        "smallest_thickness_mm": 1e3 * figures_of_links["smallest_thickness"],
-        "unseen_error_percent": error,
-        "worst_fold_error_percent": fold,
-        "repeatability_error_percent": again,
-        "positive_definite_percent": 100.0 * figures_of_links["positive_mass_matrices"],
-        "seconds": seconds,
-        "runs": len(runs) or None,
-        "feasible_runs": int((broken < 1e-6).sum()) if len(runs) else None,
-        **{
-            f"run_excess_loss_percent_{name}": excess.agg(name)
-            for name in ("min", "median", "max")
-        },
-        **{f"run_violation_{name}": broken.agg(name) for name in ("min", "max")},
+        "smallest_thickness_mm": 1e3 * figures["smallest_thickness"],
+        **_errors(study, data, judged),
+        "positive_definite_percent": 100.0 * figures["positive_mass_matrices"],
+        "seconds": judged.seconds,
+        **_independent_runs(runs, optimum),
     }
+
+
+def _errors(study: Study, data: Data, judged: Judged) -> Row:
+    """Errors on unseen motion, of the worst fold, and on the training motion again."""
+    error = data.errors(judged.result.theta)[1]
+    if data is study.simulated:
+        return {
+            "unseen_error_percent": error,
+            "worst_fold_error_percent": None,
+            "repeatability_error_percent": None,
+        }
+    unseen = study.unseen(judged.estimator)
+    worst = unseen.folds[unseen.worst - 1]
+    return {
+        "unseen_error_percent": unseen.relative_error_percent,
+        "worst_fold_error_percent": worst.relative_error_percent,
+        "repeatability_error_percent": error,
+    }
+
+
+def _independent_runs(runs: Sequence[Mapping[str, float]], optimum: float) -> Row:
+    """Of a multi-start method how many starts there were, and where they ended."""
+    frame = pandas.DataFrame(runs, columns=["loss", "violation"]).astype(float)
+    excess = 100.0 * (frame["loss"] / optimum - 1.0)
+    violation = frame["violation"]
+    row: Row = {
+        "runs": len(frame) or None,
+        "feasible_runs": int((violation < 1e-6).sum()) if len(frame) else None,
+    }
+    for name in ("min", "median", "max"):
+        row[f"run_excess_loss_percent_{name}"] = excess.agg(name)
+    for name in ("min", "max"):
+        row[f"run_violation_{name}"] = violation.agg(name)
+    return row

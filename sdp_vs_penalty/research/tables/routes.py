@@ -76,6 +76,7 @@ def routes(study: Study) -> Table:
             folds=FOLDS,
             budget=study.effort.evaluations,
             fold_budget=study.effort.fold_evaluations,
+            two_step_budget=study.effort.two_step_fold_evaluations,
             runs=study.effort.annealing_runs,
         ),
         _headline(rows, judged),
@@ -125,11 +126,11 @@ def _errors(
             "less_sdp_points": None,
             "less_sdp_interval": None,
         }
-    own: FoldInterval = interval_of(fold_errors(judged[name]))
+    interval: FoldInterval = interval_of(fold_errors(judged[name]))
     less = None if name == SDP else difference(judged[name], judged[SDP])
     return {
         "unseen_error_percent": judged[name].relative_error_percent,
-        "interval_percent": own.in_words,
+        "interval_percent": interval.in_words,
         "less_sdp_points": None if less is None else less.mean,
         "less_sdp_interval": None if less is None else less.in_words,
     }
@@ -139,18 +140,18 @@ def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
     by_name = {row["method"]: row for row in rows}
     sdp = by_name[SDP]
     penalty = by_name[PENALTY]
-    said = (
+    sentence = (
         f"On one problem the SDP and the exact penalty tie: loss"
         f" {sdp['excess_loss_percent']:.5f} and {penalty['excess_loss_percent']:.5f} %"
         f" over the optimum, {sdp['seconds']:.2g} and {penalty['seconds']:.2g} s."
     )
     if not judged:
-        return said
+        return sentence
     default = judged["SDP, default (entropic prior)"]
     squares = judged["least squares"]
     less = difference(default, squares)
     verdict = "significant" if less.is_significant else "not significant"
     return (
-        f"{said} The default SDP less least squares: {less.mean:+.2f} points,"
+        f"{sentence} The default SDP less least squares: {less.mean:+.2f} points,"
         f" t = {less.t:.2f} on {len(default.folds)} folds, {verdict}."
     )

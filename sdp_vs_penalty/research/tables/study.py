@@ -31,7 +31,11 @@ from sdp_vs_penalty.estimators.estimator import (
     make_task,
     no_progress,
 )
-from sdp_vs_penalty.estimators.penalty_paper import PAPER_BUDGET, PenaltyPaper
+from sdp_vs_penalty.estimators.penalty_paper import (
+    PAPER_BUDGET,
+    PenaltyPaper,
+    PenaltyPaperTwoStep,
+)
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word
 from sdp_vs_penalty.problem.problem import Problem
@@ -66,9 +70,10 @@ class Effort:
     replicates : noisy runs behind Table I's coverage; iterations : of Table II's
     search; duration : of Table V's sinusoids [s]; instants, retrievals : of the
     wrenches, and relaxed retrievals of them; evaluations, annealing_runs : loss
-    evaluations of a run of the paper's method, and its runs; fold_evaluations : of the
-    one run on each fold; global_evaluations, global_runs : evaluations at each weight
-    of the table of global optima, and its runs.
+    evaluations of a run of the paper's method, and its runs; fold_evaluations,
+    two_step_fold_evaluations : of the one run on each fold, in one step and in two;
+    global_evaluations, global_runs : evaluations at each weight of the table of global
+    optima, and its runs.
     """
 
     replicates: int
@@ -79,6 +84,7 @@ class Effort:
     evaluations: int
     annealing_runs: int
     fold_evaluations: int
+    two_step_fold_evaluations: int
     global_evaluations: int
     global_runs: int
 
@@ -92,6 +98,7 @@ QUICK = Effort(
     evaluations=PenaltyPaper.evaluations // 3,
     annealing_runs=1,
     fold_evaluations=PenaltyPaper.evaluations // 3,
+    two_step_fold_evaluations=PenaltyPaper.evaluations // 3,
     global_evaluations=600,
     global_runs=3,
 )
@@ -100,6 +107,7 @@ SINGLE = replace(
     QUICK,
     evaluations=PAPER_BUDGET,
     fold_evaluations=PenaltyPaper.evaluations,
+    two_step_fold_evaluations=PAPER_BUDGET,
     global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
     global_runs=1,
 )
@@ -112,6 +120,7 @@ PAPER = Effort(
     evaluations=PAPER_BUDGET,
     annealing_runs=PenaltyPaper.runs,
     fold_evaluations=PAPER_BUDGET,
+    two_step_fold_evaluations=PAPER_BUDGET,
     global_evaluations=PAPER_BUDGET // len(PenaltyPaper.weights),
     global_runs=PenaltyPaper.runs,
 )
@@ -422,6 +431,8 @@ class Study:
         run each."""
         if isinstance(estimator, PenaltyPaper):
             evaluations = self.effort.fold_evaluations
+            if isinstance(estimator, PenaltyPaperTwoStep):
+                evaluations = self.effort.two_step_fold_evaluations
             return replace(estimator, runs=1, evaluations=evaluations)
         return estimator
 

@@ -364,10 +364,10 @@ def _on_other_rows(study: Study, data: Data) -> list[tuple[str, Array]]:
     def ordinary(effects: str) -> tuple[float, Array]:
         """Training loss and test RMSE (n,) of ordinary least squares with these
         effects."""
-        own = replace(data, model=study.problem.model(effects))
-        train = own.regression.least_squares()
+        data_of_effects = replace(data, model=study.problem.model(effects))
+        train = data_of_effects.regression.least_squares()
         theta = np.asarray(np.linalg.lstsq(train.R, train.rho, rcond=1e-10)[0], float)
-        return train.loss(theta), np.sqrt(own.errors(theta)[0])
+        return train.loss(theta), np.sqrt(data_of_effects.errors(theta)[0])
 
     fit = _fit(study, data, data.train)
     linear = ordinary(usual)[1]

@@ -36,45 +36,13 @@ _SHOWN = ("p_hat", "delta", "ols")
 @register_table("IV")
 def unseen_torque(study: Study) -> Table:
     """Table IV: torque error of each joint on motion that no estimate was made from."""
-    robot = study.problem.robot
-    rows = []
-    for row in study.problem.published.get("table_IV", []):
-        cells = [row[f"joint_{j + 1}"] for j in range(robot.n)]
-        rows.append(_row(row["estimate"], cells, "published"))
     study.estimate(study.methods.values(), study.judged)
-    estimates = _estimates(study)
+    rows = _published_rows(study)
     for data in study.judged:
-        repeated = data is study.repeated
-        ending, label = (
-            ("repeatability", "measured, repeated")
-            if repeated
-            else (data.label, data.label)
-        )
-        for name, (method, effects) in estimates.items() if repeated else ():
-            unseen_result = study.unseen(method, effects)
-            rows.append(
-                _row(
-                    f"{name}_measured",
-                    (unseen_result.rmse**2).tolist(),
-                    "measured, unseen",
-                    unseen_result.relative_error_percent,
-                    interval_of(fold_errors(unseen_result)).in_words,
-                    unseen_result.folds[unseen_result.worst - 1].relative_error_percent,
-                )
-            )
-        for name, (method, effects) in estimates.items():
-            own_method = (
-                data if effects is None else replace(data, model=Model(robot, effects))
-            )
-            theta = study.theta(method, own_method)
-            mse, relative = own_method.errors(theta)
-            interval = None if repeated else _over_runs(own_method, theta)
-            rows.append(
-                _row(f"{name}_{ending}", mse.tolist(), label, relative, interval)
-            )
-    units = " and ".join(
-        sorted({f"({unit.replace('*', ' ')})^2" for unit in robot.torque_units})
-    )
+        if data is study.repeated:
+            rows += _unseen_rows(study)
+        rows += _judged_rows(study, data)
+    units = " and ".join(_squared_units(study))
     where = "simulated" if study.repeated is None else "measured"
     errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
     errors_in_words = [
@@ -92,6 +60,56 @@ def unseen_torque(study: Study) -> Table:
     shown = ("p_hat", "p_real", "delta", "ols", "penalty", "lmi_sdp")
     as_printed = [name in shown for name in _bare_names(rows)]
     return table.shortened(columns, as_printed)
+
+
+def _published_rows(study: Study) -> list[Row]:
+    """As printed."""
+    joints = [f"joint_{j + 1}" for j in range(study.problem.robot.n)]
+    return [
+        _row(row["estimate"], [row[joint] for joint in joints], "published")
+        for row in study.problem.published.get("table_IV", [])
+    ]
+
+
+def _unseen_rows(study: Study) -> list[Row]:
+    """Every estimate on the folds of the real run that it has not seen."""
+    rows = []
+    for name, (method, effects) in _estimates(study).items():
+        result = study.unseen(method, effects)
+        rows.append(
+            _row(
+                f"{name}_measured",
+                (result.rmse**2).tolist(),
+                "measured, unseen",
+                result.relative_error_percent,
+                interval_of(fold_errors(result)).in_words,
+                result.folds[result.worst - 1].relative_error_percent,
+            )
+        )
+    return rows
+
+
+def _judged_rows(study: Study, data: Data) -> list[Row]:
+    """Every estimate from the training part of a data set, on its test part."""
+    is_repeated = data is study.repeated
+    ending = "repeatability" if is_repeated else data.label
+    label = "measured, repeated" if is_repeated else data.label
+    rows = []
+    for name, (method, effects) in _estimates(study).items():
+        judged = data
+        if effects is not None:
+            judged = replace(data, model=Model(study.problem.robot, effects))
+        theta = study.theta(method, judged)
+        mse, relative = judged.errors(theta)
+        interval = None if is_repeated else _over_runs(judged, theta)
+        rows.append(_row(f"{name}_{ending}", mse.tolist(), label, relative, interval))
+    return rows
+
+
+def _squared_units(study: Study) -> list[str]:
+    """Of the joints' mean squared errors."""
+    units = {unit.replace("*", " ") for unit in study.problem.robot.torque_units}
+    return sorted(f"({unit})^2" for unit in units)
 
 
 def _bare_names(rows: Sequence[Row]) -> list[str]:

@@ -185,9 +185,8 @@ def unseen(study: Study) -> Table:
             study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
             rows += (rows_found := _rows(study, study.run, method, added))
             errors[method, added] = rows_found[FOLDS]["relative_error_percent"]
-    usual, friction, all_of_it = (
-        errors[DEFAULT_METHOD, added] for added in ADDED_EFFECTS
-    )
+    default_errors = [errors[DEFAULT_METHOD, added] for added in ADDED_EFFECTS]
+    usual, friction, all_of_it = default_errors
     return Table(
         f"Errors on unseen motion of {study.problem.title}",
         rows,

@@ -13,7 +13,7 @@ every torque can bear impossible loads. They come from the relaxed retrieval: to
 and no physics.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,31 +37,43 @@ from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.solvers.extremes import Slice
 
 #: Components of a wrench, and their units.
-COMPONENTS = dict(fx="N", fy="N", fz="N", nx="N*m", ny="N*m", nz="N*m")
+COMPONENTS = {
+    "fx": "N",
+    "fy": "N",
+    "fz": "N",
+    "nx": "N*m",
+    "ny": "N*m",
+    "nz": "N*m",
+}
 
 
 def wrench_regressor(
     robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
 ) -> Array:
     """Y with w_j = Y[:, j] theta, shape (N, n, 6, 10 n), for states of shape (N, n)."""
-    q, dq, ddq = (np.ascontiguousarray(np.atleast_2d(x), float) for x in (q, dq, ddq))
+    q, dq, ddq = map(_states, (q, dq, ddq))
+    n = robot.n
     model = robot._model
     data = model.createData()
     frames = [inertia.transform(j.link_frame) for j in robot.joints]
-    out = np.zeros((len(q), robot.n, 6, robot.n, 10))
+    out = np.zeros((len(q), n, 6, n, 10))
     for k in range(len(q)):
         pin.rnea(model, data, q[k], dq[k], ddq[k])
-        for link in range(robot.n):
-            own_wrench = (
-                pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1]) @ frames[link]
-            )
+        for link in range(n):
+            body = pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1])
+            wrench = body @ frames[link]
             joint = link
             down = np.eye(6)
             while joint >= 0:
-                out[k, joint, :, link] = down @ own_wrench
+                out[k, joint, :, link] = down @ wrench
                 down = data.liMi[joint + 1].toDualActionMatrix() @ down
                 joint = robot.joints[joint].parent
-    return out.reshape(len(q), robot.n, 6, 10 * robot.n)
+    return out.reshape(len(q), n, 6, 10 * n)
+
+
+def _states(values: ArrayLike) -> Array:
+    """(N, n) of one state or several."""
+    return np.ascontiguousarray(np.atleast_2d(values), float)
 
 
 @dataclass(frozen=True)
@@ -83,11 +95,9 @@ class WrenchIntervals:
         """Largest distance between attained and certified ends, relative to the widest
         interval."""
         widest = float((self.upper_bound - self.lower_bound).max())
-        worst = float(
-            np.maximum(
-                self.lower - self.lower_bound, self.upper_bound - self.upper
-            ).max()
-        )
+        below = self.lower - self.lower_bound
+        above = self.upper_bound - self.upper
+        worst = float(np.maximum(below, above).max())
         return worst / widest if widest > 0.0 else 0.0
 
 
@@ -122,35 +132,53 @@ def unfeasible_retrievals(
     open starts within 1 kg, m or kg m^2 of zero.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
-    box = problem.box.reshape(-1, 2)
     size = float(np.abs(pi).max())
-    n_found = 0
-    free = np.tile([-1.0, 1.0], (len(box), 1))
-    free[::10, 0] = -1.0 if boxed else 0.0  # masses
-    known = np.isfinite(box) & (boxed | (np.arange(len(box)) % 10 == 0))[:, None]
-    low, high = np.where(known, box, free).T
+    low, high = _start_box(problem, boxed)
+    bounds: tuple[Array | float, Array | float] = (-np.inf, np.inf)
+    if boxed:
+        box = problem.box.reshape(-1, 2)
+        bounds = (box[:, 0], box[:, 1])
 
-    def links_of(p: Array) -> Array:
-        return inertia.standard_from_barycentric(p.reshape(-1, 10))
+    def residual(p: Array) -> Array:
+        return np.asarray((base @ _links(p).ravel() - pi) / size)
 
-    for k in range(20 * count):
+    n_yielded = 0
+    for seed in range(20 * count):
         end = optimize.least_squares(
-            lambda p: (base @ links_of(p).ravel() - pi) / size,
-            np.random.default_rng(k).uniform(low, high),
-            bounds=(box[:, 0], box[:, 1]) if boxed else (-np.inf, np.inf),
+            residual,
+            np.random.default_rng(seed).uniform(low, high),
+            bounds=bounds,
             x_scale="jac",
-            **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15),
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
             max_nfev=1000,
         )
-        links = links_of(end.x)
-        if (
-            np.abs(end.fun).max() <= 1e-8
-            and inertia.consistency_margin(links).min() < 0.0
-        ):
+        links = _links(end.x)
+        reproduces = np.abs(end.fun).max() <= 1e-8
+        if reproduces and inertia.consistency_margin(links).min() < 0.0:
             yield links
-            n_found += 1
-        if n_found == count:
+            n_yielded += 1
+        if n_yielded == count:
             return
+
+
+def _links(p: Array) -> Array:
+    """(n, 10) links of barycentric parameters (10 n,)."""
+    return inertia.standard_from_barycentric(p.reshape(-1, 10))
+
+
+def _start_box(problem: Problem, boxed: bool) -> tuple[Array, Array]:
+    """Ends (10 n,) between which random starts are drawn: the bounds of masses, with
+    ``boxed`` of all, else 1 kg, m or kg m^2 about zero."""
+    box = problem.box.reshape(-1, 2)
+    is_mass = np.arange(len(box)) % 10 == 0
+    free = np.tile([-1.0, 1.0], (len(box), 1))
+    if not boxed:
+        free[is_mass, 0] = 0.0
+    is_bounded = np.isfinite(box) & (boxed | is_mass)[:, None]
+    low, high = np.where(is_bounded, box, free).T
+    return low, high
 
 
 @dataclass(frozen=True)
@@ -184,23 +212,20 @@ def wrench_study(study: Study) -> WrenchStudy:
     study.progress("relaxed retrievals")
     pi = study.base @ links
     count = study.effort.retrievals
-    boxed = [
-        Y @ retrieval.ravel()
-        for retrieval in unfeasible_retrievals(problem, pi, count, True)
-    ]
-    unbounded = [
-        Y @ retrieval.ravel()
-        for retrieval in unfeasible_retrievals(problem, pi, count, False)
-    ]
+    boxed = _wrenches(Y, unfeasible_retrievals(problem, pi, count, True))
+    unbounded = _wrenches(Y, unfeasible_retrievals(problem, pi, count, False))
     estimates = {"published p_hat": published_links(problem, "p_hat")}
-    estimates |= {
-        k: study.links(m, study.simulated)
-        for k, m in study.methods.items()
-        if k != "ols"
-    }
-    named = {name: Y @ retrieval.ravel() for name, retrieval in estimates.items()}
-    runs = [Y @ retrieval.ravel() for retrieval in penalty_links(study)]
+    for name, method in study.methods.items():
+        if name != "ols":
+            estimates[name] = study.links(method, study.simulated)
+    named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
+    runs = _wrenches(Y, penalty_links(study))
     return WrenchStudy(t, Y @ links, named, runs, boxed, unbounded, intervals)
+
+
+def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
+    """(M, n, 6) of links (n, 10) each."""
+    return [regressor @ links.ravel() for links in retrievals]
 
 
 def penalty_links(study: Study) -> list[Array]:
@@ -235,41 +260,52 @@ def wrench_table(study: Study) -> Table:
     Rows: joint and component; largest true value, then largest deviations from it.
     """
     w = study.once(wrench_study)
+    components = [
+        (joint + 1, *component)
+        for joint in range(study.problem.robot.n)
+        for component in COMPONENTS.items()
+    ]
+    rows = pandas.DataFrame(components, columns=["joint", "component", "unit"])
+    for name, values in _columns(w).items():
+        rows[name] = values.ravel()
+    table_notes = notes(
+        "wrenches",
+        instants=len(w.t),
+        slack=w.intervals.slack,
+        runs=len(w.penalty_runs),
+        boxed=len(w.boxed),
+        unbounded=len(w.unbounded),
+    )
+    title = f"Internal joint wrenches of {study.problem.title}"
+    return Table(title, rows, table_notes, digits=3)
+
+
+def _columns(w: WrenchStudy) -> dict[str, Array]:
+    """(n, 6) a column: over the instants the largest, or the mean where it says so."""
     low = w.intervals.lower
     high = w.intervals.upper
+    width = high - low
     columns: dict[str, Array] = {
         "true": np.abs(w.true).max(axis=0),
-        "interval_mean_width": (high - low).mean(axis=0),
-        "interval_max_width": (high - low).max(axis=0),
+        "interval_mean_width": width.mean(axis=0),
+        "interval_max_width": width.max(axis=0),
         # How far feasible parameters of equal torque can be from the true wrench.
         "interval_deviation": np.maximum(high - w.true, w.true - low).max(axis=0),
     }
-    columns |= {
-        name: np.abs(value - w.true).max(axis=0) for name, value in w.feasible.items()
-    }
+    for name, wrenches in w.feasible.items():
+        columns[name] = _largest_error(wrenches, w.true)
+    estimates = list(w.feasible.values())
     columns["spread_of_penalty_runs"] = np.ptp(w.penalty_runs, axis=0).max(axis=0)
-    columns["spread_of_estimates"] = np.ptp(list(w.feasible.values()), axis=0).max(
-        axis=0
-    )
-    for name, group in (
-        ("unfeasible_in_box", w.boxed),
-        ("unfeasible_unbounded", w.unbounded),
-    ):
+    columns["spread_of_estimates"] = np.ptp(estimates, axis=0).max(axis=0)
+    groups = {"unfeasible_in_box": w.boxed, "unfeasible_unbounded": w.unbounded}
+    for name, group in groups.items():
         if group:
-            errors = [np.abs(x - w.true).max(axis=0) for x in group]
+            errors = [_largest_error(wrenches, w.true) for wrenches in group]
             columns[f"{name}_median"] = np.median(errors, axis=0)
             columns[f"{name}_max"] = np.max(errors, axis=0)
-    of = [
-        (j + 1, *component)
-        for j in range(study.problem.robot.n)
-        for component in COMPONENTS.items()
-    ]
-    rows = pandas.DataFrame(of, columns=["joint", "component", "unit"])
-    groups = {"runs": w.penalty_runs, "boxed": w.boxed, "unbounded": w.unbounded}
-    counts = {name: len(members) for name, members in groups.items()}
-    return Table(
-        f"Internal joint wrenches of {study.problem.title}",
-        rows.assign(**{name: values.ravel() for name, values in columns.items()}),
-        notes("wrenches", instants=len(w.t), slack=w.intervals.slack, **counts),
-        digits=3,
-    )
+    return columns
+
+
+def _largest_error(wrenches: Array, true: Array) -> Array:
+    """(n, 6) over the instants."""
+    return np.asarray(np.abs(wrenches - true).max(axis=0))

@@ -1,0 +1,46 @@
+"""Pieces of HTML that report and page share."""
+
+import numpy as np
+
+from sdp_vs_penalty.render.charts import mean_curve, since_reversal, spread_rows
+from sdp_vs_penalty.render.pieces import bars, heat_map
+
+UNITS = ["N*m"] * 4
+
+
+def test_bars_are_logarithmic_where_one_joint_dwarfs_the_others():
+    assert "logarithmic" in bars([1.0, 1.2, 1.1, 40.0], None, [1.0] * 4, UNITS)
+
+
+def test_bars_of_like_errors_are_linear():
+    assert "logarithmic" not in bars([1.0, 1.2, 1.1, 2.0], None, [1.0] * 4, UNITS)
+
+
+def test_a_heat_map_escapes_its_names():
+    drawn = heat_map("<script>", [("<b>", [0.5])], 1)
+    assert "<b>" not in drawn
+    assert "<script>" not in drawn
+
+
+def test_time_is_counted_from_the_nearest_reversal():
+    t = np.arange(0.0, 2.0, 0.1)
+    velocity = np.where(t < 0.95, -1.0, 1.0)
+    seconds, direction = since_reversal(t, velocity)
+    np.testing.assert_allclose(seconds, t - 0.95)
+    assert np.all(direction == 1.0)
+
+
+def test_a_motion_without_reversal_is_far_from_one():
+    seconds, _ = since_reversal(np.arange(3.0), np.ones(3))
+    assert np.all(np.isinf(seconds))
+
+
+def test_a_mean_curve_runs_through_a_line():
+    x = np.linspace(0.0, 1.0, 480)
+    centres, means = mean_curve(x, 2.0 * x)
+    np.testing.assert_allclose(means, 2.0 * centres)
+
+
+def test_rows_are_spread_from_the_first_to_the_last():
+    rows = spread_rows(10_000, 100)
+    assert (rows[0], rows[-1], len(rows)) == (0, 9_999, 100)

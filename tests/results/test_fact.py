@@ -1,0 +1,62 @@
+"""A fact: one method, one definition, one text."""
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.results import Record, fact, facts_of
+
+
+class Measured(Record):
+    """Two joints, and something that is not known."""
+
+    @fact("N m", digits=2)
+    def joint_error(self) -> np.ndarray:
+        """Root mean square of what is left."""
+        return np.array([0.1234, 12.0])
+
+    @fact("%")
+    def share(self) -> float | None:
+        """A share that nobody measured."""
+        return None
+
+
+def test_a_fact_is_a_property():
+    assert Measured().joint_error[1] == 12.0
+
+
+def test_a_fact_is_printed_joint_by_joint():
+    assert Measured().facts()["joint_error"].texts == ["0.12", "12"]
+
+
+def test_a_fact_is_printed_with_its_unit():
+    assert Measured().facts()["joint_error"].text == "0.12, 12 N m"
+
+
+def test_a_fact_is_defined_by_the_docstring_of_its_method():
+    found = Measured().facts()["joint_error"].definition
+    assert found == "Root mean square of what is left."
+
+
+def test_what_is_not_known_is_a_dash():
+    assert facts_of(Measured())["share"].text == "- %"
+
+
+def test_a_fact_in_json_has_the_text_that_is_printed():
+    plain = Measured().facts_to_dict()["joint_error"]
+    assert plain["texts"] == ["0.12", "12"]
+    assert plain["value"] == pytest.approx([0.1234, 12.0])
+
+
+def test_every_fact_of_the_results_is_defined():
+    from sdp_vs_penalty import Estimate
+    from sdp_vs_penalty.checks import Report
+    from sdp_vs_penalty.diagnosis import Diagnosis
+    from sdp_vs_penalty.diagnosis.comparison import Comparison
+    from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+    from sdp_vs_penalty.results import FactMethod
+    from sdp_vs_penalty.simulation.follow import Following
+
+    for kind in (Comparison, Diagnosis, Estimate, Failures, Following, Report):
+        methods = [x for x in vars(kind).values() if isinstance(x, FactMethod)]
+        assert methods, kind
+        assert all(method.__doc__ for method in methods), kind
