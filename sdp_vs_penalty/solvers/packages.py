@@ -174,8 +174,8 @@ class Qics(Solver):
             info["y_opt"],
             getattr(info["z_opt"], "vec", info["z_opt"]),
         )  # as versions have it
-        parts = [np.asarray(dual, float).ravel() for dual in duals]
-        z = signs * np.concatenate(parts)
+        flat_duals = [np.asarray(dual, float).ravel() for dual in duals]
+        z = signs * np.concatenate(flat_duals)
         x = np.asarray(info["x_opt"]).ravel()
         more = f"({info['exit_status']})"
         return self.make_solution(

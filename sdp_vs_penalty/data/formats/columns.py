@@ -475,6 +475,9 @@ def _rate_of(groups_read: Mapping[str, Sequence[Array]]) -> float | None:
     """The rate that velocities show [Hz]; None without."""
     if "dq" not in groups_read:
         return None
+    lengths = {len(x) for group in ("q", "dq") for x in groups_read[group]}
+    if len(lengths) != 1:  # whoever reads the channels refuses them
+        return None
     blocks = [
         np.column_stack([np.reshape(x, (len(x), -1)) for x in groups_read[group]])
         for group in ("q", "dq")
