@@ -67,7 +67,20 @@ class SmoothingFilter:
 
 def smoothing_kernel(half: int, period: float) -> Array:
     """(3, 2 half + 1) weights of the value, the rate and the acceleration in the middle
-    of a cubic that is fitted to a window."""
+    of a cubic that is fitted to a window.
+
+    Parameters
+    ----------
+    half : int
+        Samples on either side of the middle.
+    period : float
+        Time between samples [s].
+
+    Returns
+    -------
+    (3, 2 half + 1) array
+        A row each: of the value, its rate [1/s] and its acceleration [1/s^2].
+    """
     t = np.arange(-half, half + 1) * period
     fit = np.linalg.pinv(np.vander(t, 4, increasing=True))
     return np.ascontiguousarray(fit[:3] * np.array([[1.0], [1.0], [2.0]]))
