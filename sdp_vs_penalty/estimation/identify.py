@@ -250,10 +250,30 @@ def proved(
     made_of: Mapping[str, str] | None = None,
 ) -> Proof:
     """The proof that the objective of a certified theta is within its interval of the
-    optimum; made_of : the hashes of model and data that it names.
+    optimum.
 
-    Raises InputError where the method is not convex, or has no constraints: nothing
-    bounds it.
+    Parameters
+    ----------
+    task : Task
+        What was solved.
+    fit : Fit
+        The method's answer.
+    theta : (p,) array
+        As certified.
+    method : str
+        Its name.
+    made_of : mapping of str to str, optional
+        The hashes of model and data that the proof names.
+
+    Returns
+    -------
+    Proof
+        For :func:`~sdp_vs_penalty.solvers.proof.write_proof`.
+
+    Raises
+    ------
+    InputError
+        Where the method is not convex, or has no constraints: nothing bounds it.
     """
     if fit.multipliers is None:
         what = f"method {method} has no lower bound to prove"
@@ -396,9 +416,21 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
 
 
 def consistent(links: Array) -> bool:
-    """Whether every pseudo-inertia is positive definite, beyond rounding, and with it
-    every M(q) = sum J_i^T I_i J_i, since whatever moves a joint moves a link
-    (Traversaro et al., IROS 2016)."""
+    """Whether every pseudo-inertia is positive definite, beyond rounding.
+
+    With it every M(q) = sum J_i^T I_i J_i is, since whatever moves a joint moves a link
+    (Traversaro et al., IROS 2016).
+
+    Parameters
+    ----------
+    links : (n, 10) array
+        Standard parameters.
+
+    Returns
+    -------
+    bool
+        Of all links together.
+    """
     eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 

@@ -253,7 +253,20 @@ def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     """Filters for a log without torque, resolved. Noise of positions is in every column
     there: the states' cut-off begins where the command, free of noise, says how fast
-    the motion is, and rises as far as the positions show a sharper one."""
+    the motion is, and rises as far as the positions show a sharper one.
+
+    Parameters
+    ----------
+    settings : Preprocessing
+        As a user or a problem gives them.
+    data : Measurements
+        Without torque.
+
+    Returns
+    -------
+    Preprocessing
+        For such a log.
+    """
     lowest_cutoff = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
         commanded_runs = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]

@@ -225,8 +225,18 @@ def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
 
 
 def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Which kinds of DOUBTS the check has named of the training runs, in a sentence;
-    checks : issues as plain JSON by run, as a model keeps them."""
+    """Which kinds of DOUBTS the check has named of the training runs.
+
+    Parameters
+    ----------
+    checks : mapping of str to sequence of mapping
+        Issues as plain JSON by run, as a model keeps them.
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
     kinds = [
         str(issue["kind"])
         for issues in checks.values()

@@ -88,7 +88,26 @@ def smoothing_kernel(half: int, period: float) -> Array:
 
 def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Array]:
     """Value, rate and acceleration (N - 2 half, channels) of a whole log, by the kernel
-    of the stream."""
+    of the stream.
+
+    Parameters
+    ----------
+    samples : (N, channels) array
+        Of a log, evenly spaced.
+    half : int
+        Samples on either side of the middle.
+    period : float
+        Time between samples [s].
+
+    Returns
+    -------
+    (N - 2 half, channels) array
+        Values.
+    (N - 2 half, channels) array
+        Rates [1/s].
+    (N - 2 half, channels) array
+        Accelerations [1/s^2].
+    """
     windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
     value, rate, acceleration = (
         windows @ weights for weights in smoothing_kernel(half, period)
