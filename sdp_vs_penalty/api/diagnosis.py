@@ -163,26 +163,29 @@ def diagnose_and_add(
         gain_uncertainty=gain_uncertainty,
         judged_recordings=read(judged_recordings, "judged_recordings"),
     )
-    if not diagnosis.sure or not recording.torque_logged:
+    if not recording.torque_logged:
         return diagnosis, None
-    progress("adding what is sure")
-    try:
-        better = add(
-            model,
-            diagnosis.selected(confident=True),
-            recording,
-            frozen=frozen,
-            seed=seed,
-            progress=progress,
-            gain_uncertainty=gain_uncertainty,
-        )
-    except InputError as error:
-        remark = f"What is sure cannot be added to this model: {error}"
-        return replace(diagnosis, remarks=(*diagnosis.remarks, remark)), None
-    sized = with_sizes_of(diagnosis, better)
+    better = None
+    if diagnosis.sure:
+        progress("adding what is sure")
+        try:
+            better = add(
+                model,
+                diagnosis.selected(confident=True),
+                recording,
+                frozen=frozen,
+                seed=seed,
+                progress=progress,
+                gain_uncertainty=gain_uncertainty,
+            )
+        except InputError as error:
+            remark = f"What is sure cannot be added to this model: {error}"
+            return replace(diagnosis, remarks=(*diagnosis.remarks, remark)), None
+        diagnosis = with_sizes_of(diagnosis, better)
     if test is not None and diagnosis.held_out_source == "test":
-        progress("judging the model with all that is sure")
-        models = {"before": model, "after": better}
-        before, after = compare(models, test, noise_from=judged_recordings)
-        sized = sized.with_judged_errors(before.rmse, after.rmse)
-    return sized, better
+        progress("judging on the test run")
+        models = [model] if better is None else [model, better]
+        compared = compare(models, test, noise_from=judged_recordings)
+        before, after = compared[0].rmse, compared[-1].rmse
+        diagnosis = diagnosis.with_judged_errors(before, after)
+    return diagnosis, better

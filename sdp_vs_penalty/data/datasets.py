@@ -195,10 +195,9 @@ def _emps_runs(folder: Path) -> dict[str, Measurements]:
 def _tx40_runs(folder: Path) -> dict[str, Measurements]:
     """Angles [rad] and torques [N m] of the motors at 5 kHz, a header and one column a
     motor each."""
-    q, tau = (
-        np.loadtxt(folder / file.name, delimiter=",", skiprows=1)
-        for file in DATASETS["tx40"].files
-    )
+    positions, torques = DATASETS["tx40"].files
+    q = np.loadtxt(folder / positions.name, delimiter=",", skiprows=1)
+    tau = np.loadtxt(folder / torques.name, delimiter=",", skiprows=1)
     # Samples a second of the TX40's log.
     return {
         "exciting": Measurements(

@@ -332,21 +332,28 @@ class Diagnosis(Record, JsonRecord):
         The search fits every step again by least squares; those errors stay where the
         sure findings are not the first of the list, and for the weak ones after them.
         """
-        n_sure = len([f for f in self.effects if f.torque_is_certain])
-        sure = self.effects[:n_sure]
-        if not sure or self.curves or not all(f.torque_is_certain for f in sure):
+        if self.retuned:
             return self
+        if not self.effects and not self.curves:
+            return replace(self, held_out_rmse_before=before, held_out_rmse=before)
         ladder = list(self.effects)
-        if not self.retuned:
+        if ladder:
             ladder[0] = replace(ladder[0], held_out_rmse_before=before)
-        ladder[n_sure - 1] = replace(ladder[n_sure - 1], held_out_rmse_after=after)
-        if len(ladder) > n_sure:
-            ladder[n_sure] = replace(ladder[n_sure], held_out_rmse_before=after)
+        with_all = self.held_out_rmse
+        n_sure = len([f for f in ladder if f.torque_is_certain])
+        are_first = all(f.torque_is_certain for f in ladder[:n_sure])
+        if n_sure and are_first and not self.curves:
+            last = ladder[n_sure - 1]
+            ladder[n_sure - 1] = replace(last, held_out_rmse_after=after)
+            if len(ladder) > n_sure:
+                ladder[n_sure] = replace(ladder[n_sure], held_out_rmse_before=after)
+            else:
+                with_all = after
         return replace(
             self,
             effects=tuple(ladder),
             held_out_rmse_before=before,
-            held_out_rmse=after if len(ladder) == n_sure else self.held_out_rmse,
+            held_out_rmse=with_all,
         )
 
     @fact("", digits=9)
@@ -485,7 +492,7 @@ class Diagnosis(Record, JsonRecord):
                 f" {formatting.joints(above)} (joint {worst + 1}: {times} times)."
             )
         return (
-            "Nothing is missing that these measurements could show: fitted again, no"
+            "Nothing is missing that these measurements could show: no"
             f" joint errs more than {times} times its noise."
         )
 

@@ -676,7 +676,8 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
 
     def columns(x: float) -> list[Block]:
         still = np.full_like(state, x)
-        q, dq = (state if s == signal else still for s in ("q", "dq"))
+        q = state if signal == "q" else still
+        dq = state if signal == "dq" else still
         return effect.blocks(Motion(still[:, 0], q, dq, still))
 
     first = columns(0.0)

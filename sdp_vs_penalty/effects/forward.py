@@ -254,7 +254,8 @@ class Plant:
         m)."""
         count = len(moves)
         size = len(state.q)
-        travel, dq = (np.concatenate(x) for x in zip(*moves, strict=True))
+        travel = np.concatenate([way for way, _ in moves])
+        dq = np.concatenate([velocity for _, velocity in moves])
         still = np.zeros_like(dq)
         motion = _Probe(
             np.tile(state.t + 0.5 * h, count),
@@ -352,13 +353,13 @@ class Plant:
         n = self.robot.n
         q = np.full((1, n), 0.1)
         still = np.zeros((1, n))
-        motions = [
-            Motion(np.zeros(1), q, still, a, temperature=still)
-            for a in (still, np.ones((1, n)))
-        ]
-        before, after = (
-            [b.columns for b in effect.blocks(motion)] for motion in motions
-        )
+
+        def columns(ddq: Array) -> list[Array]:
+            motion = Motion(np.zeros(1), q, still, ddq, temperature=still)
+            return [b.columns for b in effect.blocks(motion)]
+
+        before = columns(still)
+        after = columns(np.ones((1, n)))
         return not all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
     def _contacts(self) -> tuple[Array, Array]:

@@ -368,9 +368,12 @@ class JointElasticity(LinkDeviation):
 
 def _moved(motion: Motion, joint: int, x: Array) -> Array:
     """(N, n) change of the torque on all joints where the link of one moves by x (N,)."""
-    by_q, by_dq, by_ddq = (by[:, :, joint] for by in motion.derivatives)
-    x, rate, acceleration = (y[:, None] for y in motion.rates(x))
-    return np.asarray(by_q * x + by_dq * rate + by_ddq * acceleration)
+    by_q, by_dq, by_ddq = motion.derivatives
+    x, rate, acceleration = motion.rates(x)
+    change = by_q[:, :, joint] * x[:, None]
+    change += by_dq[:, :, joint] * rate[:, None]
+    change += by_ddq[:, :, joint] * acceleration[:, None]
+    return np.asarray(change)
 
 
 #: What may be expected of an arm that nobody has calibrated: displacements [m] and
@@ -438,7 +441,9 @@ class KinematicError(Effect):
         from scipy.interpolate import CubicSpline
 
         thinned = _thinned(motion)
-        q, dq, ddq = (x[thinned] for x in (motion.q, motion.dq, motion.ddq))
+        q = motion.q[thinned]
+        dq = motion.dq[thinned]
+        ddq = motion.ddq[thinned]
         by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
         columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
         return (

@@ -430,8 +430,10 @@ class Motion:
     @cached_property
     def derivatives(self) -> tuple[Array, Array, Array]:
         """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
-        states = self.q, self.dq, self.ddq
-        return self._model.robot.inverse_dynamics_derivatives(self.model_links, *states)
+        robot = self._model.robot
+        return robot.inverse_dynamics_derivatives(
+            self.model_links, self.q, self.dq, self.ddq
+        )
 
 
 def _only(ratios: Array) -> int | None:

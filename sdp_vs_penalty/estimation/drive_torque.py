@@ -149,16 +149,17 @@ def with_drive_torque(
         tau = np.array(run.tau)
         for part, inside in _parts(run):
             rate = np.gradient(part.q, part.t, axis=0)
-            states = (part.q, rate, np.gradient(rate, part.t, axis=0))
+            acceleration = np.gradient(rate, part.t, axis=0)
             command = sampled_command(part)
-            tau[inside] += loop.drive(
-                Motion(
-                    part.t,
-                    *states,
-                    command=command,
-                    position_integral=part.integrals[1],
-                )
+            motion = Motion(
+                part.t,
+                part.q,
+                rate,
+                acceleration,
+                command=command,
+                position_integral=part.integrals[1],
             )
+            tau[inside] += loop.drive(motion)
         runs.append(replace(run, tau=tau, torque_logged=True))
     return concatenate(runs)
 

@@ -78,8 +78,14 @@ def courses_of(
             warm = motion.joint_temperature
         path = unknown if motion.position_integral is None else motion.position_integral
         states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm, path)
-        rows = states.rows(courses), np.asarray(torque)[courses], moving[courses]
-        out.append(Course(run.names[0], *rows, motion.command))
+        course = Course(
+            run.names[0],
+            states.rows(courses),
+            np.asarray(torque)[courses],
+            moving[courses],
+            motion.command,
+        )
+        out.append(course)
     if not out:
         raise no_rows(run, 2.0 * half * filters.dt + shortest)
     return out

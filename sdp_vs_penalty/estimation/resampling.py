@@ -381,15 +381,19 @@ class Split:
 
     def result(self, estimator: Estimator, judged: Sequence[Fold]) -> CrossValidation:
         """What folds add up to."""
-        names = (
-            self.problem.name,
-            estimator.name,
-            tuple(e.text for e in self.model.effects),
-        )
+        effects = tuple(e.text for e in self.model.effects)
         periodic = any(clock.periodic for clock in self.phases.clocks)
         band = self.runs.settings.torque_cutoff
         assert band is not None
-        return CrossValidation(*names, tuple(judged), periodic, self.phases.guard, band)
+        return CrossValidation(
+            self.problem.name,
+            estimator.name,
+            effects,
+            tuple(judged),
+            periodic,
+            self.phases.guard,
+            band,
+        )
 
     def _trained(self, fold: int) -> Model:
         """The model with what :func:`identify` takes from the data beside its

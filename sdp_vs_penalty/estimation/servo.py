@@ -322,7 +322,7 @@ class _Loop:
         wide = with_sensitivities(
             model, model.reference, lambda e: bool(e.position_gains)
         )
-        (drive,) = (e for e in model.effects if e.position_gains)
+        drive = next(e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
         return self.fitted_at_delay(
             float(np.clip(drive.shape["T"] + step, 0.0, LATEST))

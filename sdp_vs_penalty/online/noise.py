@@ -17,6 +17,7 @@ from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.online.information import SIZE, PayloadPrior
 from sdp_vs_penalty.online.smoothing import smooth
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.signals.runs import interpolated
 
 #: s: lengths of stretches over which residuals are averaged.
 _STRETCHES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
@@ -167,10 +168,8 @@ def _stretches(estimate: Estimate, run: Measurements, delay: float) -> list[_Str
         clock = np.arange(run.t[rows[0]], run.t[rows[-1]], period)
         if len(clock) < 4 * half:
             continue
-        q, tau = [
-            np.column_stack([np.interp(clock, run.t[rows], x) for x in signal[rows].T])
-            for signal in (run.q, run.tau)
-        ]
+        q = interpolated(clock, run.t[rows], run.q[rows])
+        tau = interpolated(clock, run.t[rows], run.tau[rows])
         position, velocity, acceleration = smooth(q, half, period)
         torque = smooth(tau, half, period)[0]
         motion = Motion(clock[half:-half], position, velocity, acceleration)

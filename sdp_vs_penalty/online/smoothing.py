@@ -109,7 +109,5 @@ def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Arra
         Accelerations [1/s^2].
     """
     windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
-    value, rate, acceleration = (
-        windows @ weights for weights in smoothing_kernel(half, period)
-    )
-    return value, rate, acceleration
+    value, rate, acceleration = smoothing_kernel(half, period)
+    return windows @ value, windows @ rate, windows @ acceleration

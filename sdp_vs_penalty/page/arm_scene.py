@@ -131,7 +131,8 @@ class ArmScene:
 
     def _draw(self, look: _Look) -> list[Any]:
         """Joints and links of an arm, a group a joint."""
-        scene, joints = self.scene, self.about["joints"]
+        scene = self.scene
+        joints = self.about["joints"]
         thin = 0.02 * reach(self.about)
         groups = [scene.group() for _ in joints]
         for joint, group in zip(joints, groups, strict=True):

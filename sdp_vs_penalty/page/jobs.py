@@ -82,7 +82,8 @@ class JobRequest(dict[str, Any]):
         self, words: Mapping[str, Any], progress: Progress = no_progress
     ) -> None:
         super().__init__(words)
-        self.progress, self.begin = progress, time.perf_counter()
+        self.progress = progress
+        self.begin = time.perf_counter()
 
     @property
     def folder(self) -> Path:
@@ -573,7 +574,8 @@ def _card_arrays(
     model and of the model with all that is sure, each (M, n), of the judged runs."""
     models = {"before": model, **({} if better is None else {"after": better})}
     compared = compare(models, judged)
-    before, after = compared[0].signals, compared[-1].signals
+    before = compared[0].signals
+    after = compared[-1].signals
     keep = spread_rows(len(before.t), CARD_ROWS)
     arrays = {name: getattr(before, name) for name in ("q", "dq", "measured")}
     arrays |= {"before": before.modelled, "after": after.modelled}
@@ -748,10 +750,8 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     comparison = compare(
         {"model": estimate}, checked.judge, noise_from=checked.judged_recordings
     )[0]
-    (arm, judge), (_, train) = (
-        driven(estimate, checked.judge),
-        driven(estimate, checked.train),
-    )
+    (arm, judge) = driven(estimate, checked.judge)
+    (_, train) = driven(estimate, checked.train)
     settings = estimate.preprocessing.resolve(judge)
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
     runs = [*train.runs(), *(judge.runs() if checked.test is not None else ())]

@@ -125,7 +125,8 @@ class Session:
     @property
     def first_and_current(self) -> list[ModelStep]:
         """The first model and the current one; one where they are the same."""
-        first, current = self.history[0], self.current
+        first = self.history[0]
+        current = self.current
         return [current] if current is first else [first, current]
 
     @property
@@ -153,7 +154,8 @@ class Session:
     @property
     def change(self) -> str:
         """What became of each joint's error from the first model to the current one."""
-        first, last = self.history[0].comparison, self.current.comparison
+        first = self.history[0].comparison
+        last = self.current.comparison
         floor = last["noise_floor"]
         known = None if None in floor else np.array(floor)
         sentence = changes(np.array(first["rmse"]), np.array(last["rmse"]), known)
@@ -221,7 +223,8 @@ class Session:
     ) -> None:
         """Begin one of the coroutines below, unless another one is at work."""
         if self.task is None:
-            self.notice, self.working = None, Working()
+            self.notice = None
+            self.working = Working()
             self.task = asyncio.get_running_loop().create_task(do(*arguments, **how))
             self.task.add_done_callback(self._ended)
 
@@ -279,11 +282,9 @@ class Session:
         self.names[source] = urdf or source
         answer = await self._job("Reading the robot", "robot", robot={"source": source})
         self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
-        self.runs, self.effects, self.method = (
-            [],
-            list(answer["effects"]),
-            DEFAULT_METHOD,
-        )
+        self.runs = []
+        self.effects = list(answer["effects"])
+        self.method = DEFAULT_METHOD
         self._forget_models()
 
     def read_arrived(self) -> None:
@@ -364,7 +365,8 @@ class Session:
         for run in new:
             if for_testing(run["name"]):
                 run["use"] = "test"
-        self.runs, self.made_by = [*before, *new], None
+        self.runs = [*before, *new]
+        self.made_by = None
         self._choose_uses(new)
         self.effects = list(answer.get("effects", self.effects))
         self.mappings = [*self.mappings, *answer.get("mappings", ())]
@@ -513,7 +515,8 @@ class Session:
             added=tuple(texts),
             frozen=frozen,
         )
-        self.history, self.undone = [*self.history, step], []
+        self.history = [*self.history, step]
+        self.undone = []
         self.new = "diagnose", "history"
 
     async def ask(self, title: str, job: str, **on: Any) -> None:

@@ -61,13 +61,18 @@ class CentreOfMassCone(JsonRecord):
     def constraint(self, indices: NDArray[np.intp]) -> Constraint:
         """The demand on the link's ten parameters, which sit at ``indices`` of theta."""
         coefficients = np.zeros((4, 3))
-        coefficients[0, 0], coefficients[1:, 0] = (
-            self.radius,
-            np.where(self.along, self.slope, 0.0),
-        )
+        coefficients[0, 0] = self.radius
+        coefficients[1:, 0] = np.where(self.along, self.slope, 0.0)
         coefficients[1:, 1:] = np.eye(3)[:, ~self.along]
-        who = "centre of mass cone", f"link {self.link}", indices[:4]
-        return build.linear(*who, coefficients, np.zeros(3), "soc")
+        name = f"link {self.link}"
+        return build.linear(
+            "centre of mass cone",
+            name,
+            indices[:4],
+            coefficients,
+            np.zeros(3),
+            "soc",
+        )
 
 
 #: Where the torque is measured, as in problem.toml, and in words; a URDF does not say.
@@ -373,7 +378,9 @@ class Problem(Shown):
     ) -> list[Constraint]:
         name = f"link {link + 1}"
         box = self.box[link]
-        mass, com, _ = (x[link] for x in self.link_sizes)
+        masses, coms, _ = self.link_sizes
+        mass = masses[link]
+        com = coms[link]
         out = [build.pseudo_inertia(name, indices)]
         # m >= 0 is part of the pseudo-inertia
         rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)

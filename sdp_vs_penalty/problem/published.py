@@ -133,7 +133,8 @@ def published_trajectory(
         return [float(rows[name][f"joint_{j + 1}"]) for j in range(problem.robot.n)]
 
     harmonics = range(1, 1 + sum(name.startswith("a_") for name in rows))
-    a, b = (np.array([values(f"{x}_{k}") for k in harmonics]).T for x in "ab")
+    a = np.array([values(f"a_{k}") for k in harmonics]).T
+    b = np.array([values(f"b_{k}") for k in harmonics]).T
     frequency = float(settings["frequency_over_pi"])
     blend = float(settings["blend"])
     duration = float(settings["duration"])

@@ -258,7 +258,8 @@ def cause_of(failures: Failures, joint: int) -> str:
 
 def describe_worst(compared: Comparison, failures: Failures) -> str:
     """Which joint errs most, by how much, and when."""
-    facts, joint = compared.facts(), compared.worst_joint
+    facts = compared.facts()
+    joint = compared.worst_joint
     if compared.error_over_noise is None:
         error = facts["joint_error"].of_joint(joint)
         unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
@@ -319,7 +320,8 @@ CERTIFICATE = (
 def caveats(estimate: Estimate) -> list[str]:
     """What to know before parameters are read, a sentence each; the verdict judges the
     links."""
-    sources, lines = estimate.sources, []
+    sources = estimate.sources
+    lines = []
     if law := estimate.details.get("servo"):
         lines.append(
             f"No torque was logged: the servos' law ({law['law']}) stands for it."

@@ -97,7 +97,8 @@ class Section:
 def verdict(data: ReportData) -> Context:
     """What is wrong, when, why, and what adding did: in words and one picture; then how
     good the last model is, and each model in a line."""
-    first, last = data.comparisons[0], data.comparisons[-1]
+    first = data.comparisons[0]
+    last = data.comparisons[-1]
     is_alone = len(data.comparisons) == 1
     record = data.verdict
     change = "" if is_alone else words.describe_addition(first, last)
@@ -473,7 +474,8 @@ def provenance(data: ReportData) -> Context:
 
 def _origin(estimate: Estimate) -> dict[str, Any]:
     """How a model came about, by name."""
-    filters, known = estimate.preprocessing, estimate.provenance
+    filters = estimate.preprocessing
+    known = estimate.provenance
     settings = [f"{name}={value}" for name, value in estimate.settings.items()]
     versions = [f"{name} {v}" for name, v in known.get("versions", {}).items()]
     cutoffs = [

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 #: A title, and names with their texts.
 Summary = tuple[str, Sequence[tuple[str, str]]]
 #: Lines below a title, and characters of a line.
-_LINES, _WIDTH = 4, 110
+_LINES = 4
+_WIDTH = 110
 
 
 class Shown:

@@ -163,7 +163,8 @@ class Table:
     def latex(self) -> str:
         """A floating table with booktabs and siunitx."""
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
-        columns, layout = [], []
+        columns = []
+        layout = []
         for column, is_number in zip(self.columns(), self.numeric(), strict=True):
             if is_number:
                 columns.append([infinite.get(cell, cell) for cell in column])

@@ -476,5 +476,12 @@ def linear(
     coefficients (k, d).
 
     Of a second-order cone, |u| <= s, these are (s, u); of a matrix its entries."""
-    arrays = np.asarray(constant, float), np.asarray(coefficients, float)
-    return Constraint(family, name, cone, np.asarray(indices, np.intp), *arrays)
+    places = np.asarray(indices, np.intp)
+    return Constraint(
+        family,
+        name,
+        cone,
+        places,
+        np.asarray(constant, float),
+        np.asarray(coefficients, float),
+    )

@@ -429,8 +429,12 @@ class Robot(JsonRecordSkippingNone):
             for k, row in enumerate(zip(*states, strict=True)):
                 derive(model, data, *row)
                 out[:, k] += sign * np.array([data.dtau_dq, data.dtau_dv, data.M])
-        by_q, by_dq, by_ddq = (self._projected(x, True) for x in out)
-        return by_q, by_dq, by_ddq
+        by_q, by_dq, by_ddq = out
+        return (
+            self._projected(by_q, True),
+            self._projected(by_dq, True),
+            self._projected(by_ddq, True),
+        )
 
     def placement_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike

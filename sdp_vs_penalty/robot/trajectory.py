@@ -68,9 +68,8 @@ class FourierTrajectory:
         end = self.duration - self.blend
         w = np.pi / self.blend
         inside = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
-        (q1, v1, _), (q2, v2, _) = (
-            self._series(np.array([s])) for s in (0.0, end - self.blend)
-        )
+        q1, v1, _ = self._series(np.array([0.0]))
+        q2, v2, _ = self._series(np.array([end - self.blend]))
         rising = np.clip(t, 0.0, self.blend)
         falling = np.clip(t - end, 0.0, self.blend)
         first = (
@@ -84,9 +83,11 @@ class FourierTrajectory:
             -0.5 * v2 * w * np.sin(w * falling),
         )
         when = [t < self.blend, t > end]
-        q, dq, ddq = (
-            np.select(when, x[:2], x[2]) for x in zip(first, last, inside, strict=True)
-        )
+        parts = zip(first, last, inside, strict=True)
+        states = [
+            np.select(when, [begin, finish], middle) for begin, finish, middle in parts
+        ]
+        q, dq, ddq = states
         moving = (t > 0.0) & (t < self.duration)
         return q, np.where(moving, dq, 0.0), np.where(moving, ddq, 0.0)
 

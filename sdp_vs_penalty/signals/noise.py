@@ -132,7 +132,9 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     n = runs.n
     moving = [_without(runs.pieces[j], runs.still[:, j] >= STILL) for j in range(n)]
     parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
-    ar, sigma, degrees = (np.array(values) for values in zip(*parts, strict=True))
+    ar = np.array([x for x, _, _ in parts])
+    sigma = np.array([x for _, x, _ in parts])
+    degrees = np.array([x for _, _, x in parts])
     floor = np.array(
         [
             residual[np.concatenate(p), j].std() if p else 0.0

@@ -400,7 +400,8 @@ def follow(
     windows_by_ride = zip(
         *(_windows(ride, horizon, windows) for ride in rides), strict=True
     )
-    one, far, naive_one, naive_far = (np.concatenate(x) for x in windows_by_ride)
+    joined = [np.concatenate(x) for x in windows_by_ride]
+    one, far, naive_one, naive_far = joined
     drawn = _drawn(estimate, seed, draws)
     free = []
     for ride in rides:
@@ -449,7 +450,8 @@ class _Ride:
         there."""
         assert self.loop is not None
         (mass, w), states = self.loop, self.course.states
-        q, dq = ((1.0 - share) * x[k] + share * x[k + 1] for x in (states.q, states.dq))
+        q = (1.0 - share) * states.q[k] + share * states.q[k + 1]
+        dq = (1.0 - share) * states.dq[k] + share * states.dq[k + 1]
         half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
         pull = w * w * (q - state.q - half) + 2.0 * w * (
             dq - state.dq - 0.5 * h * state.ddq

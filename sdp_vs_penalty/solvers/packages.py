@@ -69,17 +69,18 @@ class Cvxopt(Solver):
             coo.shape,
         )
         b = cvxopt.matrix(problem.b)
-        parts = (
-            A[equal:, :],
-            b[equal:],
-            {k: dims[k] for k in "lqs"},
-            A[:equal, :],
-            b[:equal],
-        )
+        cones = {k: dims[k] for k in "lqs"}
         options = {**settings, "show_progress": False}
         try:
             result = solvers.conelp(
-                cvxopt.matrix(problem.q), *parts, kktsolver="ldl", options=options
+                cvxopt.matrix(problem.q),
+                A[equal:, :],
+                b[equal:],
+                cones,
+                A[:equal, :],
+                b[:equal],
+                kktsolver="ldl",
+                options=options,
             )
         except (ValueError, ArithmeticError) as error:
             return Solution.none(problem, str(error))

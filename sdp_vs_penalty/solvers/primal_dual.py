@@ -279,7 +279,9 @@ class _InteriorPoint:
     def polished(self) -> Iterate:
         """After a Newton step that leaves no slope, where that stays inside."""
         change = self.cones.slack_map @ -self.correction
-        rows, mats = (view[0] for view in self._views(change[None]))
+        all_rows, all_mats = self._views(change[None])
+        rows = all_rows[0]
+        mats = all_mats[0]
         multipliers = self.both[1] - self.scaled(
             rows,
             self.mats[1],

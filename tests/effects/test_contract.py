@@ -254,7 +254,7 @@ def test_constraints_hold_at_the_nominal_parameters_and_keep_sign_and_range(name
             (1.01, False),
             (-1.01, False),
         ):
-            theta = nominal + value * effect.range * step
+            theta = nominal + value * effect.largest_parameter * step
             plain = [c for c in constraints if c.family != "pseudo-inertia"]
             assert all(c.margin(theta) >= 0.0 for c in plain) == kept
     assert a_body == (name == "payload")

@@ -233,3 +233,15 @@ def test_an_extended_model_is_the_same_on_the_page(extended):
     shown = extended.session.current.comparison["facts"]
     assert texts(shown) == texts(written)
     extended.session.undo()
+
+
+def test_diagnose_and_compare_print_one_error_of_the_model(diagnosed):
+    """What a diagnosis says of the model before anything is added is what `compare`
+    says of it."""
+    found = diagnosed.diagnosis
+    if found.effects or found.retuned or found.curves:
+        pytest.skip("something was found in this story")
+    facts = found.facts()
+    compared = diagnosed.compared["facts"]
+    assert facts["left_error"].texts == compared["joint_error"]["texts"]
+    assert facts["left_over_noise"].texts == compared["error_over_noise"]["texts"]

@@ -36,5 +36,7 @@ def read(folder: Path, choice: Choice) -> Measurements:
         if len(values) % len(t) or len(values) != len(columns["q"]):
             what = f"{len(values)} numbers of {key} do not fit {len(t)} instants"
             raise InputError(what, "fetch it again", folder)
-    q, dq, tau = (columns[key].reshape(len(t), -1) for key in ("q", "dq", "tau"))
+    q = columns["q"].reshape(len(t), -1)
+    dq = columns["dq"].reshape(len(t), -1)
+    tau = columns["tau"].reshape(len(t), -1)
     return Measurements(t, q, tau, dq, None, (folder.name,))

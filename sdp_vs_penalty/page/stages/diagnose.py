@@ -24,7 +24,8 @@ from sdp_vs_penalty.render.words import (
 def models(view: View) -> None:
     """Each joint's error from model to model, with undo and redo."""
     session = view.session
-    history, units = session.history, session.robot["units"]
+    history = session.history
+    units = session.robot["units"]
     draw.judged(history)
     with draw.tag("div", style="row"):
         if len(history) > 1:
@@ -51,7 +52,8 @@ def models(view: View) -> None:
 )
 def findings(view: View) -> None:
     """What the last diagnosis found, each to be added."""
-    session, diagnosis = view.session, view.session.findings
+    session = view.session
+    diagnosis = view.session.findings
     with draw.tag("div", style="row"):
         again = "Diagnose" if diagnosis is None else "Diagnose again"
         diagnose = partial(session.start, session.diagnose)
@@ -98,7 +100,8 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
 def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None:
     """The picture of a joint's error against its cause, then what the finding is and
     what adding it does."""
-    session, finding = view.session, diagnosis.effects[k]
+    session = view.session
+    finding = diagnosis.effects[k]
     done = " done" if finding.text in session.added else ""
     with draw.tag("li", style=f"card finding-card{done}"):
         with draw.tag("div", style="head"):
@@ -152,7 +155,8 @@ def _constants(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) ->
 
 def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
     """What was measured without a name: curve, band, and a button to add it as a table."""
-    session, units = view.session, view.session.robot["units"]
+    session = view.session
+    units = view.session.robot["units"]
     texts = session.diagnosed.curve_texts
     curves = zip(diagnosis.curves, words.curves, texts, strict=True)
     for k, (curve, sentence, text) in enumerate(curves):
@@ -208,7 +212,8 @@ def _others(words: DiagnosisWords) -> None:
 def _diagnosed(session: Session) -> StageVerdict | None:
     """What became of each joint's error, and what the last diagnosis says, where it is
     of this model."""
-    diagnosis, added = session.findings, session.added
+    diagnosis = session.findings
+    added = session.added
     sentence = ""
     if diagnosis is not None:
         found = diagnosis.texts

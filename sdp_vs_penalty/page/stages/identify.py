@@ -233,8 +233,10 @@ class _Fit:
 
     def follow(self) -> None:
         """Show what is chosen now."""
-        view, model = self.view, self.model
-        session, j = view.session, view.joint or 0
+        view = self.view
+        model = self.model
+        session = view.session
+        j = view.joint or 0
         units = session.robot["units"]
         steps = session.first_and_current
         recordings = [session.recording(step, view.run) for step in steps]
@@ -266,7 +268,8 @@ class _Fit:
         self, j: int, units: Sequence[str], recordings: Sequence[Any]
     ) -> None:
         """Measured and modelled torque, and where the error is large."""
-        view, last = self.view, recordings[-1]
+        view = self.view
+        last = recordings[-1]
         steps = view.session.first_and_current
         modelled = {
             step.label: recording["modelled"]
@@ -286,7 +289,8 @@ def _figures(model: ModelStep) -> None:
     """How well the model does: as every table of models says it, and the other lines of
     the verdict."""
     draw.judged([model])
-    facts, runs = model.comparison["facts"], model.judged_on
+    facts = model.comparison["facts"]
+    runs = model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     new = facts["new_motion_percent"]["texts"][0]
     seconds = facts["judged_seconds"]["texts"][0]
@@ -307,7 +311,8 @@ def _words(model: ModelStep, j: int, unit: str) -> str:
     """What can be said of the error of joint j (from 0) in a sentence or two."""
     facts = model.comparison["facts"]
     plain = formatting.plain_unit(unit)
-    number, error = model.joint_number(j), facts["joint_error"]["texts"][j]
+    number = model.joint_number(j)
+    error = facts["joint_error"]["texts"][j]
     text = f"Joint {number}: the error is {error} {plain}"
     if facts["error_over_noise"]["value"] is not None:
         times = facts["error_over_noise"]["texts"][j]

@@ -249,7 +249,8 @@ def _list(view: View) -> None:
 
 
 #: Where the bar of a split begins and ends [% for training].
-_LEAST, _MOST = "40", "75"
+_LEAST = "40"
+_MOST = "75"
 
 
 def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:

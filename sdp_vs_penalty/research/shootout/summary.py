@@ -93,13 +93,12 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
             curves = profile(runs, accuracy)
             for k, solver in enumerate(shown):
                 ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
-                ends = (
-                    np.append(ratios, 1e5),
-                    np.append(shares, shares[-1:] if len(shares) else 0.0),
-                )
+                last = shares[-1:] if len(shares) else 0.0
+                x = np.append(ratios, 1e5)
+                y = np.append(shares, last)
                 style = {"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"}
                 width = 2.2 if solver == "lmi-sdp" else 1.2
-                panel.step(*ends, where="post", label=solver, linewidth=width, **style)
+                panel.step(x, y, where="post", label=solver, linewidth=width, **style)
             panel.set(
                 xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}"
             )

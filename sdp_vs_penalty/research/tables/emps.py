@@ -34,12 +34,13 @@ def emps(study: Study) -> Table:
             "table emps is about measurements that are not at hand",
             f"name the folder that holds emps/ by {VARIABLE}",
         )
-    tracking, _ = runs = runs_found["tracking"], runs_found["pulses"]
+    tracking = runs_found["tracking"]
+    pulses = runs_found["pulses"]
     # The authors' least-squares values: M [kg], F_v [N s/m], F_c [N], offset [N], and
     # viscous friction's difference between the directions [N s/m], which their model
     # lacks.
     authors = 95.1089, 203.5034, 20.3935, -3.1648, 0.0
-    rows = [_row(study, "authors, least squares", authors, *runs)]
+    rows = [_row(study, "authors, least squares", authors, tracking, pulses)]
     filtered = read_and_filter(study.problem, tracking)
     for method in dict.fromkeys(("ols", DEFAULT_METHOD)):
         study.progress(f"EMPS by {method}")
@@ -54,7 +55,8 @@ def emps(study: Study) -> Table:
                 study,
                 method,
                 constants_of_estimate,
-                *runs,
+                tracking,
+                pulses,
                 unseen.relative_error_percent,
             )
         )
@@ -63,7 +65,8 @@ def emps(study: Study) -> Table:
         study.progress(f"EMPS by {method}, five parameters")
         options = PoseOptions(effects=effects, seed=study.seed)
         estimate = estimate_parameters(study.problem, filtered, method, options)
-        rows.append(_row(study, f"{method}, asymmetric", _constants(estimate), *runs))
+        name = f"{method}, asymmetric"
+        rows.append(_row(study, name, _constants(estimate), tracking, pulses))
     errors = [float(row["position_rmse_pulses_mm"] or np.inf) for row in rows]
     return Table(
         "EMPS, the electro-mechanical positioning system of nonlinearbenchmark.org",
