@@ -61,7 +61,7 @@ def links_frame(estimate: Parameters) -> pandas.DataFrame:
     Returns
     -------
     DataFrame
-        A row a link.
+        A row a link. One without mass has no centre of mass: NaN stands there.
     """
     import pandas
 
