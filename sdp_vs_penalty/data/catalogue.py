@@ -63,3 +63,19 @@ def dataset(name: str) -> Dataset:
     """The data set of a name; InputError where there is none."""
     require_known("dataset", name, DATASETS)
     return DATASETS[name]
+
+
+def dataset_of_raw_file(path: Path) -> str | None:
+    """The data set that a raw file of this name belongs to; None without."""
+    for candidate in DATASETS.values():
+        if path.name in (PurePosixPath(file.path).name for file in candidate.files):
+            return candidate.name
+    return None
+
+
+def fetch_remedy(path: Path) -> str | None:
+    """What to do with a raw file of a public data set; None for another file."""
+    name = dataset_of_raw_file(path)
+    if name is None:
+        return None
+    return f"take what `sdp-vs-penalty fetch {name}` makes of this raw file"

@@ -1,7 +1,7 @@
 """The verb ``add``: an effect joins the model, and everything is identified again."""
 
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -99,77 +99,103 @@ def add(
     )
     estimate.require_joints(measurements)
     measurements.require_torque("add")
-    diagnosed = isinstance(effects, Diagnosis)
     if isinstance(effects, Diagnosis):
         frozen = frozen or effects.frozen
-        effects = (
-            *effects.retuned,
-            *effects.beside_curves,
-            *(c.effect(estimate.robot).text for c in effects.curves),
-        )
-    texts = (
-        effects
-        if isinstance(effects, str)
-        else ",".join(e if isinstance(e, str) else e.text for e in effects)
-    )
+    texts = _written(effects, estimate)
     new_effects = parse_effects(texts, estimate.robot)
     if not new_effects:
         raise InputError(
             "No effect to add", "name one, such as presliding_hysteresis:7"
         )
     added, retuned = _retunes(estimate, new_effects, frozen)
-    if frozen and diagnosed:
-        # What has changed of a held model's own effects only identifying them again
-        # takes in.
-        there = {(e.name, j) for e in estimate.model.effects for j in e.joints}
-        added = [
-            e for e in added if e.several or not there & {(e.name, j) for j in e.joints}
-        ]
-        if not added:
-            raise InputError(
-                "All these effects are the held model's own",
-                "identify it again on these runs",
-            )
+    if frozen and isinstance(effects, Diagnosis):
+        added = _without_held(estimate, added)
     # Refuses what is there already; what may come several times is known by its
     # constants only.
-    Model(
-        estimate.robot, (*estimate.model.effects, *(e for e in added if not e.several))
-    )
+    once = [e for e in added if not e.several]
+    Model(estimate.robot, (*estimate.model.effects, *once))
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
         gain_errors = independent_gains(gain_uncertainty, estimate.robot.n)
-
     filtered = FilteredRuns.of(measurements, estimate.preprocessing)
-
-    def identified(effects: Sequence[Effect]) -> Estimate:
-        options = PoseOptions(
-            effects=effects,
-            weighting=estimate.weighting,
-            gain_uncertainty=gain_errors,
-            seed=seed,
-        )
-        return estimate_parameters(
-            estimate.problem, filtered, estimate.estimator, options, progress=progress
-        )
-
     progress("estimating shape constants")
     new = estimate_constants(estimate, added, measurements, frozen)
     # Refuses constants that are there already.
     Model(estimate.robot, (*estimate.model.effects, *new))
     if frozen:
         made = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
-        return _with_noise_of(estimate, made)
-    extended = identified([*_own(estimate, retuned), *new])
-    together = joint_optimum_of_constants(
-        extended, [e for e in added if not all_given(e)], filtered
-    )
-    if together is None:
-        return _with_noise_of(estimate, extended)
-    model, shapes = together
-    extended = identified(model.effects)
-    details = {**extended.details, "shapes": [s.to_dict() for s in shapes]}
-    return _with_noise_of(estimate, replace(extended, details=details))
+    else:
+        again = _Again(estimate, filtered, gain_errors, seed, progress)
+        to_estimate = [e for e in added if not all_given(e)]
+        made = again.identified_jointly([*_own(estimate, retuned), *new], to_estimate)
+    return _with_noise_of(estimate, made)
+
+
+def _written(
+    effects: str | Diagnosis | Sequence[Finding | Retune | str], estimate: Estimate
+) -> str:
+    """Effects as they are written, separated by commas; of a diagnosis all of it."""
+    if isinstance(effects, str):
+        return effects
+    if isinstance(effects, Diagnosis):
+        curves = [c.effect(estimate.robot).text for c in effects.curves]
+        effects = (*effects.retuned, *effects.beside_curves, *curves)
+    return ",".join(e if isinstance(e, str) else e.text for e in effects)
+
+
+def _without_held(estimate: Estimate, added: Sequence[Effect]) -> list[Effect]:
+    """Effects that a held model does not have: what has changed of its own ones only
+    identifying them again takes in."""
+    there = {(e.name, j) for e in estimate.model.effects for j in e.joints}
+    new = [e for e in added if e.several or not there & {(e.name, j) for j in e.joints}]
+    if not new:
+        raise InputError(
+            "All these effects are the held model's own",
+            "identify it again on these runs",
+        )
+    return new
+
+
+@dataclass(frozen=True)
+class _Again:
+    """A model that is identified again, with other effects, by its own method."""
+
+    estimate: Estimate
+    runs: FilteredRuns
+    gain_errors: Array
+    seed: int
+    progress: Progress
+
+    def identified(self, effects: Sequence[Effect]) -> Estimate:
+        """The model with some effects."""
+        options = PoseOptions(
+            effects=effects,
+            weighting=self.estimate.weighting,
+            gain_uncertainty=self.gain_errors,
+            seed=self.seed,
+        )
+        return estimate_parameters(
+            self.estimate.problem,
+            self.runs,
+            self.estimate.estimator,
+            options,
+            progress=self.progress,
+        )
+
+    def identified_jointly(
+        self, effects: Sequence[Effect], to_estimate: Sequence[Effect]
+    ) -> Estimate:
+        """The same where shape constants of effects and the model's own may move each
+        other: at their joint optimum."""
+        extended = self.identified(effects)
+        together = joint_optimum_of_constants(extended, to_estimate, self.runs)
+        if together is None:
+            return extended
+        model, shapes = together
+        extended = self.identified(model.effects)
+        details = {**extended.details, "shapes": [s.to_dict() for s in shapes]}
+        return replace(extended, details=details)
 
 
 def _with_noise_of(estimate: Estimate, made: Estimate) -> Estimate:

@@ -233,12 +233,16 @@ def _of_time(x: States, e: JointError) -> Array:
 
 def _of_hum(x: States, e: JointError) -> Array:
     """Waves of the frequencies that stand out of the error's spectrum."""
-    pieces = [e.error[x.rows.segment == k] for k in np.unique(x.rows.segment)]
+    rows = x.rows
+    pieces = [e.error[rows.segment == k] for k in np.unique(rows.segment)]
     longest = max(len(p) for p in pieces)
-    series = [p for p in pieces if 2 * len(p) > longest]
-    lines = spectral_lines(series, x.rows.rate, x.rows.n)
-    angles = [2.0 * np.pi * f * x.t for f in lines if f < x.rows.cutoff]
-    waves = [w(a) for a in angles for w in (np.sin, np.cos)]
+    long_enough = [p for p in pieces if 2 * len(p) > longest]
+    lines = spectral_lines(long_enough, rows.rate, rows.n)
+    waves = []
+    for frequency in lines:
+        if frequency < rows.cutoff:
+            angle = 2.0 * np.pi * frequency * x.t
+            waves += [np.sin(angle), np.cos(angle)]
     return _columns(waves, len(x.t))
 
 

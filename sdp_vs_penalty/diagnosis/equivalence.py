@@ -161,20 +161,29 @@ def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
 def _promising(search: Search, group: _Group) -> list[Candidate]:
     """The best form of each law that explains enough of what the group does."""
     best = dict[Hashable, tuple[float, Candidate]]()
-    joints = frozenset[int]().union(*(t.joints for t in group.terms))
     for batch in search.library.batches:
-        if batch.forms[0].replaces_own_constant or not joints & {*batch.joints}:
-            continue
-        if len(group.terms) > 1 and not joints <= {*batch.joints}:
+        if not _acts_where(group, batch):
             continue
         explained, _ = search.score.explained(group.fit, batch)
         for f in _that_may_stand(search, group, batch):
             share = float(explained[f]) / max(group.squares, 1e-300)
             form = batch.forms[f]
-            if share > best.get(form.discrete_choice, (_PROMISING,))[0]:
+            most, _ = best.get(form.discrete_choice, (_PROMISING, form))
+            if share > most:
                 best[form.discrete_choice] = share, form
     ranked = sorted(best.values(), key=lambda pair: -pair[0])
     return [form for _, form in ranked[:MAX_CANDIDATES_REFINED]]
+
+
+def _acts_where(group: _Group, batch: Batch) -> bool:
+    """Whether candidates act on a joint of a single finding, or on all joints of several
+    findings."""
+    if batch.forms[0].replaces_own_constant:
+        return False
+    joints = frozenset[int]().union(*(t.joints for t in group.terms))
+    if len(group.terms) > 1:
+        return joints <= {*batch.joints}
+    return bool(joints & {*batch.joints})
 
 
 def _that_may_stand(search: Search, group: _Group, batch: Batch) -> list[int]:

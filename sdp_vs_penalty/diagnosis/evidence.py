@@ -113,7 +113,7 @@ class EvidenceScorer(WhiteFitter):
     """The score of candidates on some rows.
 
     n_candidates : that there are; laws : among how many each of them chooses, if more
-    than one.
+    than one; like : a scorer whose rows may be the same.
     """
 
     def __init__(
@@ -122,8 +122,9 @@ class EvidenceScorer(WhiteFitter):
         n_candidates: int,
         laws: Mapping[Key, int] | None = None,
         rules: Rules = ALL_RULES,
+        like: WhiteFitter | None = None,
     ) -> None:
-        super().__init__(data)
+        super().__init__(data, like)
         self.n_candidates = max(n_candidates, 1)
         self.laws = laws or {}
         self.rules = rules

@@ -117,7 +117,7 @@ def beside_model(
         masked = rows.masked | without if rows.masked.size else without
         rows = replace(rows, masked=masked)
     data = whitened(rows, data.noise, estimate, data.frozen)
-    out = Search(data, search.library, search.rules)
+    out = Search(data, search.library, search.rules, like=search)
     out.nuisances.frequencies = search.nuisances.frequencies
     out.in_reference = {t.key for t, _ in with_torque}
     out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in search.terms]

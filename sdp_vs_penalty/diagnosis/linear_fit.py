@@ -201,11 +201,26 @@ class WhiteFit:
 
 
 class WhiteFitter:
-    """Fits of the model and some effects to white rows; one basis serves them all."""
+    """Fits of the model and some effects to white rows; one basis serves them all.
 
-    def __init__(self, data: WhiteData) -> None:
+    like : a fitter whose rows may be the same; its basis then serves again.
+    """
+
+    def __init__(self, data: WhiteData, like: WhiteFitter | None = None) -> None:
         self.data = data
         self.floor = 1.0 if data.known else 1e-12
+        if like is not None and like.has_rows_of(data):
+            self._basis = like._basis
+            self._basis_products = like._basis_products
+
+    def has_rows_of(self, data: WhiteData) -> bool:
+        """Whether the model's columns and the torque of other data are these."""
+        same_effects = list(self.data.own_effects) == list(data.own_effects)
+        return (
+            same_effects
+            and np.array_equal(self.data.X, data.X)
+            and np.array_equal(self.data.y, data.y)
+        )
 
     @cached_property
     def _basis(self) -> tuple[Array, Array, dict[Key | None, list[int]]]:

@@ -47,15 +47,28 @@ def search(
 
 
 class Search:
-    """A search over one library; afterwards ``terms`` and ``fit``."""
+    """A search over one library; afterwards ``terms`` and ``fit``.
+
+    like : a search beside another model, whose rows may be the same.
+    """
 
     def __init__(
-        self, data: WhiteData, library: Library, rules: Rules = ALL_RULES
+        self,
+        data: WhiteData,
+        library: Library,
+        rules: Rules = ALL_RULES,
+        like: Search | None = None,
     ) -> None:
         self.data = data
         self.library = library
         self.rules = rules
-        self.score = EvidenceScorer(data, len(library.laws), library.laws, rules)
+        self.score: EvidenceScorer = EvidenceScorer(
+            data,
+            len(library.laws),
+            library.laws,
+            rules,
+            like=None if like is None else like.score,
+        )
         self._columns: dict[str, dict[int, Array]] = {}
         self.terms: list[ScoredEffect] = []
         #: Candidates that had not enough left once they had joined.

@@ -19,8 +19,18 @@ def estimator_types() -> dict[str, type[Estimator]]:
 
 
 def make_estimator(method: str | Estimator) -> Estimator:
-    """The estimator of a name, with its default settings, or the one given; InputError
-    for no such."""
+    """The estimator of a name, with its default settings.
+
+    Parameters
+    ----------
+    method : str or Estimator
+        A name, or the estimator itself.
+
+    Returns
+    -------
+    Estimator
+        Raises InputError for a name that is none.
+    """
     if isinstance(method, Estimator):
         return method
     return cast(
@@ -30,8 +40,20 @@ def make_estimator(method: str | Estimator) -> Estimator:
 
 
 def with_solver(method: str, solver_name: str | None) -> Estimator | str:
-    """The method, its solver exchanged where one is asked for. Raises InputError where
-    it has none."""
+    """The method, its solver exchanged.
+
+    Parameters
+    ----------
+    method : str
+        A name.
+    solver_name : str or None
+        None: as it is.
+
+    Returns
+    -------
+    Estimator or str
+        Raises InputError where the method solves no SDP.
+    """
     if solver_name is None:
         return method
     estimator: Any = make_estimator(method)

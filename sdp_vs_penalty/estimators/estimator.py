@@ -157,8 +157,28 @@ def make_task(
 ) -> Task:
     """What an estimator needs to know, from a problem and compressed measurements.
 
-    like : a task of the same problem and model on other data; what does not depend on
-    data is taken from it.
+    Parameters
+    ----------
+    problem : Problem
+        Robot, bounds and nominal links.
+    model : Model
+        What makes torque.
+    regression : Regression
+        The compressed rows of the model.
+    weighting : str
+        "noise": joints by the residuals of a first least-squares pass; "none".
+    seed : int
+        Of everything random.
+    progress : callable
+        Hears what is at work.
+    like : Task, optional
+        Of the same problem and model on other data: what does not depend on data is
+        taken from it.
+
+    Returns
+    -------
+    Task
+        Data, constraints and prior as arrays.
     """
     links = model.rigid_indices.reshape(-1, 10)
     if like is None:
@@ -282,6 +302,20 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
     """(n,) weights sigma / sigma_j from residuals of a first pass, sigma their root
     mean square.
 
+    Parameters
+    ----------
+    regression : Regression
+        The compressed rows.
+    theta : (p,) array
+        Of the first pass [SI].
+
+    Returns
+    -------
+    (n,) array
+        What each joint's rows are multiplied by.
+
+    Notes
+    -----
     A joint whose residual is below 1e-6 of its torque counts as that exact, so that
     noise-free data are not weighted by rounding.
     """
@@ -297,9 +331,21 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
 
 
 def with_joint_prior(task: Task, weight: float) -> Task:
-    """The task with a pull of the joints' own parameters to zero: one that alone would
-    make all of its joint's torque costs ``weight`` rows (:attr:`Task.joint_scale`); 0:
-    as it is."""
+    """The task with a pull of the joints' own parameters to zero.
+
+    Parameters
+    ----------
+    task : Task
+        As it is.
+    weight : float
+        What a parameter costs that alone would make all of its joint's torque
+        (:attr:`Task.joint_scale`) [rows]; 0: nothing.
+
+    Returns
+    -------
+    Task
+        With the pull in its data.
+    """
     if task.joint_scale is None or weight == 0.0:
         return task
     return replace(
@@ -309,12 +355,36 @@ def with_joint_prior(task: Task, weight: float) -> Task:
 
 
 def sample_variance(task: Task) -> float:
-    """Residual variance of one filtered torque row in unconstrained least squares."""
+    """Residual variance of one filtered torque row in unconstrained least squares.
+
+    Parameters
+    ----------
+    task : Task
+        The data.
+
+    Returns
+    -------
+    float
+        [(N m)^2], joints weighted as in the task.
+    """
     return task.data.loss(task.ols) / max(task.data.rows, 1)
 
 
 def white_variance(data: LeastSquares, oversampling: float) -> float:
-    """Variance of the residual of least squares, were it white: of one independent row."""
+    """Variance of the residual of least squares, were it white.
+
+    Parameters
+    ----------
+    data : LeastSquares
+        The rows.
+    oversampling : float
+        Rows per independent sample.
+
+    Returns
+    -------
+    float
+        Of one independent row.
+    """
     U = span(data.R)
     left = data.rho - U @ (U.T @ data.rho)
     degrees = max(data.rows - oversampling * U.shape[1], 1.0)

@@ -386,6 +386,20 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
     """The convex constraints without those that others or the data imply.
 
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        All of them.
+    objective : Objective
+        Whose data say how far each parameter can reach.
+
+    Returns
+    -------
+    list of Constraint
+        Which a solver is given.
+
+    Notes
+    -----
     The range of a parameter is out of reach where the way there makes more torque than
     was measured, whatever the others do. Redundant rows leave the dual undetermined,
     which costs a solver digits; feasibility and certificate use the full set.
@@ -407,8 +421,26 @@ def interior_point(
     """A theta strictly inside all convex constraints: the nominal one, or that of
     largest margin.
 
-    Raises Infeasible, which names the families that exclude each other or leave no
-    room, and InputError where the solver finds neither a point nor an optimum.
+    Parameters
+    ----------
+    task : Task
+        The nominal robot and the bounds of theta.
+    constraints : ConstraintSet
+        What theta is to be inside of.
+    solver_name : str
+        Which finds the largest margin.
+
+    Returns
+    -------
+    (p,) array
+        Strictly inside.
+
+    Raises
+    ------
+    Infeasible
+        Names the families that exclude each other or leave no room.
+    InputError
+        Where the solver finds neither a point nor an optimum.
     """
     # A share of its bound: strictly inside in any system of units.
     lower = np.array([p.lower for p in task.model.parameters])

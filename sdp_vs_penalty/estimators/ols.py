@@ -39,7 +39,18 @@ class Ols(Estimator):
 
 def condition_number(task: Task) -> float:
     """Ratio of the extreme singular values of the base parameters' compressed regressor
-    W = R B^+; infinite where the data leave a direction open."""
+    W = R B^+.
+
+    Parameters
+    ----------
+    task : Task
+        The data R and the map B to the base parameters.
+
+    Returns
+    -------
+    float
+        Infinite where the data leave a direction open.
+    """
     regressor = task.data.R @ np.linalg.pinv(task.base)
     singular = np.linalg.svd(regressor, compute_uv=False)
     if singular[-1] <= 0.0:
@@ -48,9 +59,24 @@ def condition_number(task: Task) -> float:
 
 
 def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
-    """Base parameters pi_hat (b,) and their standard deviations (b,), infinite where
-    not excited.
+    """Base parameters and their standard deviations.
 
+    Parameters
+    ----------
+    task : Task
+        The data.
+    oversampling : float
+        Filtered rows per independent sample.
+
+    Returns
+    -------
+    pi_hat : (b,) array
+        Of least squares.
+    deviations : (b,) array
+        Infinite where not excited.
+
+    Notes
+    -----
     C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019, eq. 14), N
     the number of independent rows: filtered rows repeat each other ``oversampling``
     times, so that N is rows / oversampling and (W^T W) counts each of them that often.

@@ -290,14 +290,8 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
     carried: set[str] = set()
     for element in root.findall("joint"):
         name = element.get("name")
-        ends = [element.find(which) for which in ("parent", "child")]
-        parent, child = (
-            "" if end is None else str(end.get("link", "")) for end in ends
-        )
-        for link in (parent, child):
-            if link not in links:
-                what = f"joint {name!r} names link {link!r}, which is not in the file"
-                raise InputError(what, "correct the file")
+        parent = _end_of_joint(element, "parent", links)
+        child = _end_of_joint(element, "child", links)
         if child in carried:
             what = (
                 f"link {child!r} has two parent joints (joint {name!r} closes a loop)"
@@ -313,6 +307,18 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
             "give one base",
         )
     return links, children, roots[0]
+
+
+def _end_of_joint(element: Any, which: str, links: Mapping[str, Any]) -> str:
+    """The link that a joint hangs on ("parent") or carries ("child"); InputError for one
+    that the file does not have."""
+    end = element.find(which)
+    link = "" if end is None else str(end.get("link", ""))
+    if link not in links:
+        name = element.get("name")
+        what = f"joint {name!r} names link {link!r}, which is not in the file"
+        raise InputError(what, "correct the file")
+    return link
 
 
 def _joint(element: Any, parent: int, placement: Array) -> Joint:

@@ -323,10 +323,10 @@ def test_degrees_that_are_cut_at_a_full_turn_go_on(cut, tmp_path):
 
 
 def test_units_of_a_command_unwrap_too(tmp_path):
-    turning = np.linspace(0.0, 14.0, 160)[:, None]
+    turning = np.linspace(-7.0, 7.5, 160)[:, None]
     columns = [T, *channels(np.degrees(turning) % 360.0, TAU[:, :1])]
     path = write(tmp_path / "run.csv", ["t", "q1", "tau1"], columns)
-    with pytest.warns(Remark, match="cut at a full turn in 2 places"):
+    with pytest.warns(Remark, match="cut at a full turn in 3 places"):
         run = convert(path, scale={"q": "deg"})
     np.testing.assert_allclose(run.q, turning, atol=1e-8)
 
@@ -339,3 +339,8 @@ def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
     assert run_cli(*words) == 2
     said = capsys.readouterr().err
     assert f"check {path} --problem two_link --fix fixed.csv" in said
+
+
+def test_raw_files_of_public_data_are_fetched(tmp_path):
+    path = write(tmp_path / "curr_data.csv", numbered("Joint_{}", first=1), [*Q.T])
+    refusal(lambda: read_silently(path), "sdp-vs-penalty fetch tx40")

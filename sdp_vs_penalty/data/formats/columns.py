@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty import formatting
+from sdp_vs_penalty.data.catalogue import fetch_remedy
 from sdp_vs_penalty.data.formats.recognition import (
     AmbiguousColumnsError,
     CellTable,
@@ -147,14 +148,11 @@ class Header:
         rename = expanded(choice.rename or {}, names)
         if recognition is not None:
             rename = recognition.rename
-        if recognition is None and not choice.rename and counted_from_zero(names):
+        elif not choice.rename and counted_from_zero(names):
             problem = "columns are counted from 0, and not alike"
             raise _lacking(path, names, problem, ["q", "tau"], what, remedy)
         _require_columns(rename, names, what)
-        groups = _groups(rename, names, recognition is not None, what)
-        clock = _clock_of(rename, names, choice)
-        if clock is not None:
-            groups = {"t": list(parts_of(clock, names)), **groups}
+        groups = _groups(rename, names, choice, recognition is not None, what)
         missing = _missing_groups(groups)
         if missing:
             problem = f"no column {' or '.join(missing)}"
@@ -162,7 +160,6 @@ class Header:
         unused = _unused_columns(groups, names, what)
         if unused and not rename:
             _say_unused(path, unused)
-        episode = "episode_index" if "episode_index" in names else None
         return cls(
             path,
             groups,
@@ -171,7 +168,7 @@ class Header:
             names,
             order=_order_of(recognition, choice, table, names),
             rate=choice.rate,
-            episode=episode,
+            episode="episode_index" if "episode_index" in names else None,
             joints=recognition.joints if recognition else (),
             recognition=recognition,
         )
@@ -367,14 +364,22 @@ def _require_columns(
 
 
 def _groups(
-    rename: Mapping[str, str], names: Sequence[str], is_recognised: bool, what: str
+    rename: Mapping[str, str],
+    names: Sequence[str],
+    choice: Choice,
+    is_recognised: bool,
+    what: str,
 ) -> dict[str, Sequence[str]]:
-    """The file's columns of each of our groups; those with our own names too, unless
-    columns were recognised."""
+    """The file's columns of each of our groups, the clock's first; those with our own
+    names too, unless columns were recognised."""
     ours = {} if is_recognised else dict(zip(names, names, strict=True))
     named = {**ours, **rename}
-    groups = {group: _columns(named, group, what) for group in GROUPS}
-    return {group: columns for group, columns in groups.items() if columns}
+    columns = {group: _columns(named, group, what) for group in GROUPS}
+    groups = dict[str, Sequence[str]]()
+    clock = _clock_of(rename, names, choice)
+    if clock is not None:
+        groups["t"] = list(parts_of(clock, names))
+    return groups | {group: there for group, there in columns.items() if there}
 
 
 def _clock_of(
@@ -407,7 +412,8 @@ def _lacking(
 ) -> InputError:
     """The error of a file without columns, with the command that names them."""
     shown = f"{problem} (columns: {brief_names(names)})"
-    return InputError(shown, remedy or _rename_command(path, missing), what)
+    how = remedy or fetch_remedy(path) or _rename_command(path, missing)
+    return InputError(shown, how, what)
 
 
 def _unused_columns(

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.catalogue import DATASETS
+from sdp_vs_penalty.data.catalogue import fetch_remedy
 from sdp_vs_penalty.data.formats.columns import HEADER, Choice, Header, columns_of
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.formats.stamps import past_midnight, seconds_of
@@ -136,10 +136,9 @@ def _no_header(table: TextTable, choice: Choice) -> InputError:
     its columns."""
     path = table.path
     problem = "row 1 holds numbers instead of a header"
-    dataset = _dataset_of(path)
-    if dataset is not None:
-        remedy = f"take what `sdp-vs-penalty fetch {dataset}` makes of this raw file"
-        return InputError(problem, remedy, path)
+    public = fetch_remedy(path)
+    if public is not None:
+        return InputError(problem, public, path)
     remedy = f"put {HEADER} above them, or "
     layout = _layout(table.width, None if choice.joints is None else len(choice.joints))
     if layout is None:
@@ -158,14 +157,6 @@ def _no_header(table: TextTable, choice: Choice) -> InputError:
     )
 
 
-def _dataset_of(path: Path) -> str | None:
-    """The public data set that a raw file of this name belongs to; None without."""
-    for dataset in DATASETS.values():
-        if path.name in (Path(file.path).name for file in dataset.files):
-            return dataset.name
-    return None
-
-
 def _layout(width: int, n_joints: int | None) -> list[str] | None:
     """Our names of so many columns without a header: those of the robot's number of
     joints, else of three groups; None where neither fits."""
@@ -175,8 +166,10 @@ def _layout(width: int, n_joints: int | None) -> list[str] | None:
             n, n_left = divmod(width - n_clocks, len(groups))
             if n > 0 and n_left == 0:
                 layouts.append((n_clocks, n, groups))
-    usual = [layout for layout in layouts if layout[1] == n_joints]
-    usual += [layout for layout in layouts if layout[2] == _THREE_GROUPS]
+    if n_joints is None:
+        usual = [layout for layout in layouts if layout[2] == _THREE_GROUPS]
+    else:
+        usual = [layout for layout in layouts if layout[1] == n_joints]
     if not usual:
         return None
     n_clocks, n, groups = usual[0]

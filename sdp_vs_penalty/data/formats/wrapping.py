@@ -21,7 +21,8 @@ _TOLERANCE = 0.25 * np.pi
 def unwrapped(
     run: Measurements, path: str | Path, groups: Sequence[str] = POSITIONS
 ) -> Measurements:
-    """The run with angles that go on where they were cut at a full turn.
+    """The run with angles that go on where they were cut at a full turn, their means
+    within half a turn of zero.
 
     Parameters
     ----------
@@ -42,8 +43,10 @@ def unwrapped(
         turns = [_turns(column) for column in blocks[group].T]
         n_of_group = sum(int(np.count_nonzero(np.diff(x))) for x in turns)
         if n_of_group:
-            shift = 2.0 * np.pi * np.column_stack(turns)
-            blocks[group] = blocks[group] - shift
+            going_on = blocks[group] - 2.0 * np.pi * np.column_stack(turns)
+            # A controller of 0 to 360 degrees says 350 of a joint at -10.
+            middle = np.round(np.nanmean(going_on, axis=0) / (2.0 * np.pi))
+            blocks[group] = going_on - 2.0 * np.pi * middle
             n_cuts += n_of_group
     if n_cuts == 0:
         return run
