@@ -38,8 +38,8 @@ from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import folder_lock, write_text
-from sdp_vs_penalty.formatting import markdown_table
 from sdp_vs_penalty.parallel import spread
+from sdp_vs_penalty.results.table import markdown_lines
 
 #: With all rules.
 WITH_ALL = "none"
@@ -168,7 +168,7 @@ def ablation_text(known: Mapping[str, Arms]) -> str:
                 f" without. {len(known)} cases of the classes {', '.join(classes)}."
             ),
             "",
-            *markdown_table(heads, rows),
+            *markdown_lines(heads, rows),
             "",
         ]
     )

@@ -127,7 +127,9 @@ class LoggerJudge:
         comparison = RunComparison(
             [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
         )
-        if not comparison.differs(1.0) and not self._contradicts_in_some(numbers, net):
+        is_one_joint = comparison.times_of_worst_joint >= TIMES
+        differs = comparison.differs(1.0) or is_one_joint
+        if not differs and not self._contradicts_in_some(numbers, net):
             return False
         cause = comparison.best_cause(lambda k: self._faults_of_one(numbers[k]))
         if cause is None:

@@ -151,6 +151,11 @@ class RunComparison:
         n_moving = max(int(self.moving[0].sum()), 1)
         return float(np.exp(0.5 * self.lost.sum() / n_moving))
 
+    @property
+    def times_of_worst_joint(self) -> float:
+        """The same of the joint of a run that one arm for all explains worst."""
+        return float(np.exp(0.5 * self.lost.max()))
+
     @cached_property
     def samples(self) -> float:
         """Independent samples of a run, in the mean."""
@@ -308,8 +313,8 @@ class RunComparison:
             severity="warning",
             where=joints_text(joints) if joints else "the run",
             what=f"{what}, beside the others.",
-            certainty="likely: one arm for all runs explains them"
-            f" {self.times:.2g} times worse than one for each",
+            certainty="likely: one arm for all runs explains a joint"
+            f" {self.times_of_worst_joint:.2g} times worse than one for each",
             remedy=remedy,
             figures={
                 "joints": [k + 1 for k in joints],
