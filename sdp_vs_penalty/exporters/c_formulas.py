@@ -129,5 +129,10 @@ def formulas(estimate: Estimate) -> Iterator[str]:
         joints = effect.joints
         each = theta.reshape(len(joints), -1)
         for joint, own in zip(joints, each, strict=True):
-            term = formula(effect, joint, own, estimate)
+            term = formula(
+                effect,
+                joint,
+                own,
+                estimate,
+            )
             yield f"tau[{joint}] += {term}; /* {effect.name} */"

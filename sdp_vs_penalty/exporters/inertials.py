@@ -151,7 +151,10 @@ class LinkCheck:
         out["plausible"] = self.consistent and not self.unlikely
         if self.nearest is not None:
             values = {k: float(v) for k, v in self.nearest.urdf_attributes.items()}
-            out |= {"nearest_inertia": values, "distance": self.distance}
+            out |= {
+                "nearest_inertia": values,
+                "distance": self.distance,
+            }
         return out
 
 

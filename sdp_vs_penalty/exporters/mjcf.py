@@ -191,7 +191,10 @@ def _spring(stiffness: float, offset: float) -> dict[str, float]:
             else {}
         )
     stiffness = stiffness or _SOFT * abs(offset)
-    return {"stiffness": stiffness, "springref": -offset / stiffness}
+    return {
+        "stiffness": stiffness,
+        "springref": -offset / stiffness,
+    }
 
 
 def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:

@@ -60,7 +60,12 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         body = part.inertial
         link = element(model, "link", name=part.name)
         pose = np.concatenate([joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])])
-        element(link, "pose", pose, relative_to=part.parent)
+        element(
+            link,
+            "pose",
+            pose,
+            relative_to=part.parent,
+        )
         inertial = element(link, "inertial")
         _texts(
             inertial, pose=f"{' '.join(map(number, body.com))} 0 0 0", mass=body.mass

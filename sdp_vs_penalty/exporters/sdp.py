@@ -201,7 +201,12 @@ def write_posed(
             "choose lmi-sdp, lmi-sdp-thickness, lmi-sdp-plain or lmi-sdp-entropic",
         )
     check_format(out, estimator.entropy > 0.0)
-    posed = build_problem(problem, measurements, options, progress)
+    posed = build_problem(
+        problem,
+        measurements,
+        options,
+        progress,
+    )
     task = posed.task
     runs = posed.runs
     objective, constraints = estimator.posed(task)

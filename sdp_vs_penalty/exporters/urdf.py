@@ -84,7 +84,11 @@ class Document:
                 "files with a <!DOCTYPE> are not edited", "remove it", path
             )
         root = etree.fromstring(
-            source, etree.XMLParser(resolve_entities=False, no_network=True)
+            source,
+            etree.XMLParser(
+                resolve_entities=False,
+                no_network=True,
+            ),
         )
         encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
         if encoding not in ("UTF-8", "ASCII", "US-ASCII", "ISO-8859-1", "LATIN-1"):
@@ -408,7 +412,12 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
         )
         for link in (there[e.get("name")] for e, _ in fixed):
             if link.find("inertial") is not None:
-                document.put(link, "inertial", {}, zero)
+                document.put(
+                    link,
+                    "inertial",
+                    {},
+                    zero,
+                )
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
     names = [joint.name for joint in urdf_robot.tree]
     for joint in urdf_robot.joints:

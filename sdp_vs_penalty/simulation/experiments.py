@@ -397,7 +397,11 @@ def _assumed(problem: Problem) -> Experiment:
     robot = problem.robot
     none = np.zeros(problem.robot.n)
     assumed_parts = (
-        random_trajectory(robot, seed=1, duration=21.0),
+        random_trajectory(
+            robot,
+            seed=1,
+            duration=21.0,
+        ),
         Sensor(50.0, none),
         (10, 10.0),
     )

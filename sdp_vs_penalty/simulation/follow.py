@@ -39,7 +39,10 @@ if TYPE_CHECKING:
 Drive = Literal["torque", "pd", "servo"]
 
 #: A free run has left the measured one beyond this error [rad, m].
-_LEFT = {"rad": 0.5, "m": 0.1}
+_LEFT = {
+    "rad": 0.5,
+    "m": 0.1,
+}
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,11 @@ class FreeRun(JsonRecord):
         """Plain JSON of the figures."""
         motion = "simulated", "measured", "cut"
         figures = {k: x for k, x in super().to_dict().items() if k not in motion}
-        return {"run": self.simulated.names[0], "cut": self.cut, **figures}
+        return {
+            "run": self.simulated.names[0],
+            "cut": self.cut,
+            **figures,
+        }
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -106,13 +113,21 @@ class FreeRun(JsonRecord):
             spread=None if spread is None else np.array(spread, float),
             loop=None if loop is None else np.array(loop, float),
             torque=torque,
-            simulated=Measurements(np.zeros(0), nothing, nothing, names=(data["run"],)),
+            simulated=Measurements(
+                np.zeros(0),
+                nothing,
+                nothing,
+                names=(data["run"],),
+            ),
             measured=nothing,
             cut=bool(data.get("cut", False)),
         )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(
+    frozen=True,
+    repr=False,
+)
 class Following(Record):
     """What a model run forward makes of measured runs. one_step : velocity after one
     step; ahead : position after a tenth of a second; left_out : effects that have no

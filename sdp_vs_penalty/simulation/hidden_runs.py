@@ -52,7 +52,10 @@ MAKERS: Mapping[str, Maker] = dict(sorted(_EVERY.items()))
 RUN_FILES = ("run1.csv", "run2.csv", "run3.csv", "test.csv")
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(
+    frozen=True,
+    repr=False,
+)
 class HiddenRuns(Shown):
     """runs : as logged; truth : what is hidden, for a scorer; hidden : the effects,
     sized."""
@@ -173,7 +176,12 @@ def simulate(
     effects = [
         (e.name, list(e.asked_joints or ())) for e in parse_effects(hide, robot.robot)
     ]
-    return hidden_runs(robot, effects, size, seed)
+    return hidden_runs(
+        robot,
+        effects,
+        size,
+        seed,
+    )
 
 
 def true_world(

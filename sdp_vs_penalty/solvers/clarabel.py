@@ -18,7 +18,10 @@ class Clarabel(Solver):
         ("tol_gap_abs", "tol_gap_rel", "tol_feas"), ACCURACY
     )
     status_meaning = {
-        **{"Solved": "optimal", "AlmostSolved": "inaccurate"},
+        **{
+            "Solved": "optimal",
+            "AlmostSolved": "inaccurate",
+        },
         **dict.fromkeys(("PrimalInfeasible", "AlmostPrimalInfeasible"), "infeasible"),
         **dict.fromkeys(("DualInfeasible", "AlmostDualInfeasible"), "unbounded"),
     }

@@ -31,7 +31,9 @@ class Cone:
 
     @property
     def rows(self) -> int:
-        return self.size * (self.size + 1) // 2 if self.kind == "psd" else self.size
+        if self.kind == "psd":
+            return self.size * (self.size + 1) // 2
+        return self.size
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,13 @@ class Solution:
         """
         x = np.full(len(problem.q), np.nan)
         z = np.full(len(problem.b), np.nan)
-        return cls(x, z, claims, status, iterations)
+        return cls(
+            x,
+            z,
+            claims,
+            status,
+            iterations,
+        )
 
 
 @cache
@@ -108,7 +116,8 @@ def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
         sqrt(2).
     """
     j, i = np.tril_indices(d)  # column by column of the upper triangle
-    return i, j, np.where(i == j, 1.0, np.sqrt(2.0))
+    weights = np.where(i == j, 1.0, np.sqrt(2.0))
+    return i, j, weights
 
 
 def svec(matrix: Array) -> Array:
@@ -183,9 +192,8 @@ def sdpa_text(problem: ConicProblem) -> str:
     stacked = sparse.hstack(
         [sparse.csc_matrix(problem.b[:, None]), problem.A], "csc"
     ).tocoo()
-    for row, k, value in zip(
-        stacked.row, stacked.col, -stacked.data * factor[stacked.row], strict=True
-    ):
+    values = -stacked.data * factor[stacked.row]
+    for row, k, value in zip(stacked.row, stacked.col, values, strict=True):
         if value != 0.0:
             lines.append(f"{k} {block[row] + 1} {i[row] + 1} {j[row] + 1} {value:.17g}")
     return "\n".join(lines) + "\n"
@@ -207,7 +215,9 @@ def cbf_text(problem: ConicProblem) -> str:
     """
     m = len(problem.q)
     starts = np.cumsum([0, *(c.rows for c in problem.cones)])
-    lines = ["VER", "3", "", "OBJSENSE", "MIN", "", "VAR", f"{m} 1", f"F {m}", ""]
+    lines = ["VER", "3", ""]
+    lines += ["OBJSENSE", "MIN", ""]
+    lines += ["VAR", f"{m} 1", f"F {m}", ""]
     psd = np.array([cone.kind == "psd" for cone in problem.cones], bool)
     if psd.any():
         sizes = [str(cone.size) for cone in problem.cones if cone.kind == "psd"]
@@ -249,9 +259,8 @@ def cbf_text(problem: ConicProblem) -> str:
     )
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
     at = matrices[problem.b[matrices] != 0.0]
-    lines += _section(
-        "DCOORD", number[block[at]], j[at], i[at], problem.b[at] * factor[at]
-    )
+    constants = problem.b[at] * factor[at]
+    lines += _section("DCOORD", number[block[at]], j[at], i[at], constants)
     return "\n".join(lines) + "\n"
 
 
@@ -290,5 +299,6 @@ def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
         weight = np.ones(cone.size)
         if cone.kind == "psd":
             i, j, weight = triangle(cone.size)
-        parts.append((np.full(len(i), number), i, j, 1.0 / weight))
+        numbers = np.full(len(i), number)
+        parts.append((numbers, i, j, 1.0 / weight))
     return tuple(np.concatenate(x) for x in zip(*parts, strict=True))  # type: ignore[return-value]

@@ -66,7 +66,12 @@ class Slice:
             )
         self.constraints, self.interior = (
             constraints,
-            _interior(constraints, free, theta, bound),
+            _interior(
+                constraints,
+                free,
+                theta,
+                bound,
+            ),
         )
         # Scaled so that all columns together, as seen from the interior point, are
         # orthonormal.
@@ -80,7 +85,8 @@ class Slice:
         )
         self.sdp = _posed(self.reduced.convex)
         # Free has orthonormal columns.
-        self.limit = np.abs(r @ free.T) @ (bound + np.abs(self.interior))
+        largest_step = bound + np.abs(self.interior)
+        self.limit = np.abs(r @ free.T) @ largest_step
         # Implied limits are generous: those of its own certified extremes are tighter.
         ends = [
             [self._solve(s * row)[1] for s in (1.0, -1.0)]
@@ -112,7 +118,8 @@ class Slice:
             spread = float(np.abs(g) @ self.limit)
             return Extreme(middle, middle - spread, self.interior)
         x, lower = self._solve(g / size)
-        theta = repair(self.constraints, self.interior + self.basis @ x, self.interior)
+        near = self.interior + self.basis @ x
+        theta = repair(self.constraints, near, self.interior)
         return Extreme(float(slope @ theta), middle + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
@@ -138,7 +145,8 @@ class Slice:
     def _solve(self, g: Array) -> tuple[Array, float]:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that
         minimum."""
-        solution = solver("clarabel").solve(replace(self.sdp.conic, q=g), 1e-10)
+        problem = replace(self.sdp.conic, q=g)
+        solution = solver("clarabel").solve(problem, 1e-10)
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.stack_multipliers(self.sdp.multipliers(solution))
         fit = Fit(

@@ -123,7 +123,8 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
             )
             slopes = np.where(definite[:, None, None], entropy_slopes, inverse)
     gram = bound[:, None] * data.curvature * bound
-    gram[np.diag_indices_from(gram)] += _RIDGE * np.trace(gram) + float(not gram.any())
+    ridge = _RIDGE * np.trace(gram) + float(not gram.any())
+    gram[np.diag_indices_from(gram)] += ridge
     cholesky, failed = dpotrf(
         gram, lower=1, clean=0
     )  # SciPy's own calls of it take as long again
@@ -131,7 +132,8 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
         raise np.linalg.LinAlgError
 
     def push(slope: Array) -> Array:
-        return data.R @ (bound * dpotrs(cholesky, slope, lower=1)[0])
+        step, _ = dpotrs(cholesky, slope, lower=1)
+        return data.R @ (bound * step)
 
     evidence = DualEvidence(
         fit.multipliers,
@@ -196,7 +198,8 @@ def _polished(
         flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
         y = e.y
         for _ in range(2):
-            y = y - push(bound * (slope - entries.adjoint(flat, p) + pull @ y))
+            leftover_slope = slope - entries.adjoint(flat, p) + pull @ y
+            y = y - push(bound * leftover_slope)
         leftover = slope - entries.adjoint(flat, p) + pull @ y
         cost = float(np.abs(leftover) @ bound)
         value = (
@@ -224,7 +227,11 @@ def _polished(
                 strict=True,
             )
         ]
-    return replace(e, multipliers=multipliers, push=push)
+    return replace(
+        e,
+        multipliers=multipliers,
+        push=push,
+    )
 
 
 def _inverse(group: ConeGroup, t: Array) -> Array:
@@ -239,7 +246,8 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
         4,
     )
     last = {int(first): k for k, first in enumerate(group.indices[:, 0])}
-    out[np.setdiff1d(np.arange(len(out)), list(last.values()))] = 0.0
+    others = np.setdiff1d(np.arange(len(out)), list(last.values()))
+    out[others] = 0.0
     return np.asarray(out)
 
 
@@ -289,4 +297,5 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     first = bisect_left(
         range(14 * steps), True, key=lambda k: feasible(10.0 ** (k / steps - 14.0))
     )
-    return np.asarray(theta + 10.0 ** (first / steps - 14.0) * (interior - theta))
+    share = 10.0 ** (first / steps - 14.0)
+    return np.asarray(theta + share * (interior - theta))

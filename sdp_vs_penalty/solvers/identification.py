@@ -87,8 +87,9 @@ class SdpProblem:
         """
         if self.entropy is None:
             return None
-        rows = slice(self.entropy_row, self.entropy_row + 36 * len(self.entropy.links))
-        blocks = unsvec(solution.z[rows].reshape(-1, 36), 8)[:, :4, :4]
+        end = self.entropy_row + 36 * len(self.entropy.links)
+        matrices = solution.z[self.entropy_row : end].reshape(-1, 36)
+        blocks = unsvec(matrices, 8)[:, :4, :4]
         return (
             blocks
             * unit_diagonals(self.entropy.nominal)
@@ -226,8 +227,9 @@ def least_squares_sdp(
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
         linear[:p] = weight * scale * entropy.entries.adjoint(inverse.ravel(), p)
-        quadratic = np.pad(quadratic, (0, logs.size + 10 * len(inverse)))
-        linear = np.pad(linear, (0, logs.size + 10 * len(inverse)))
+        n_more = logs.size + 10 * len(inverse)
+        quadratic = np.pad(quadratic, (0, n_more))
+        linear = np.pad(linear, (0, n_more))
         linear[logs] = -weight
         # Of the divergence the conic problem leaves out the trace at the centre, log
         # det and scaling.
@@ -469,9 +471,11 @@ def _log_det(
     constant = np.zeros((n, 8, 8))
     local = theta_scale[links.indices][:, :, None, None]
     blocks[:, :10, :4, :4] = links.coefficients * twice[:, None] * local
-    blocks[:, z, i, 4 + j] = blocks[:, z, 4 + j, i] = 1.0
+    blocks[:, z, i, 4 + j] = 1.0
+    blocks[:, z, 4 + j, i] = 1.0
     diagonal = np.flatnonzero(i == j)
-    blocks[:, z[diagonal], 4 + np.arange(4), 4 + np.arange(4)] = 1.0
+    last = 4 + np.arange(4)
+    blocks[:, z[diagonal], last, last] = 1.0
     constant[:, :4, :4] = links.values(centre) * twice
     new = width + np.arange(14 * n).reshape(n, 14)
     indices = np.column_stack([links.indices, new[:, :10]])
@@ -593,7 +597,9 @@ def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
         matrix, mode="economic", pivoting=True, check_finite=False
     )
     diagonal = np.abs(np.diagonal(r))
-    rank = int(np.sum(diagonal > 1e-13 * diagonal[0])) if diagonal[0] > 0.0 else 0
+    rank = 0
+    if diagonal[0] > 0.0:
+        rank = int(np.sum(diagonal > 1e-13 * diagonal[0]))
     rows = np.zeros((rank, matrix.shape[1]))
     rows[:, pivots] = r[:rank]
     reduced = q[:, :rank].T @ rho

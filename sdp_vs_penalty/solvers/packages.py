@@ -84,7 +84,10 @@ class Cvxopt(Solver):
             )
         except (ValueError, ArithmeticError) as error:
             return Solution.none(problem, str(error))
-        z = flat(result["y"], equal), flat(result["z"], len(problem.b) - equal)
+        z = (
+            flat(result["y"], equal),
+            flat(result["z"], len(problem.b) - equal),
+        )
         x = flat(result["x"], len(problem.q))
         return self.make_solution(
             x, np.concatenate(z), result["status"], result["iterations"]
@@ -171,7 +174,8 @@ class Qics(Solver):
             info["y_opt"],
             getattr(info["z_opt"], "vec", info["z_opt"]),
         )  # as versions have it
-        z = signs * np.concatenate([np.asarray(dual, float).ravel() for dual in duals])
+        parts = [np.asarray(dual, float).ravel() for dual in duals]
+        z = signs * np.concatenate(parts)
         x = np.asarray(info["x_opt"]).ravel()
         more = f"({info['exit_status']})"
         return self.make_solution(
@@ -323,7 +327,11 @@ class Sdpa(Solver):
             l=dims["l"],
             s=tuple(dims["s"]),
         )
-        settings = {**options, "print": "no", "numThreads": 1}
+        settings = {
+            **options,
+            "print": "no",
+            "numThreads": 1,
+        }
         x, y, info, _, more = sdpap.solve(
             -problem.A, -problem.b, problem.q, free, cones, settings
         )

@@ -133,7 +133,12 @@ class _InteriorPoint:
     def _views(self, flat: Array) -> tuple[Array, Array]:
         """The rows (k, rows) and blocks (k, blocks, 4, 4) of k slacks or multipliers."""
         split = self.cones.rows
-        blocks = flat[:, split:].reshape(len(flat), -1, ORDER, ORDER)
+        blocks = flat[:, split:].reshape(
+            len(flat),
+            -1,
+            ORDER,
+            ORDER,
+        )
         return flat[:, :split], blocks
 
     def evaluate(self) -> None:
@@ -160,7 +165,13 @@ class _InteriorPoint:
                 central = iterate
             if best is None or error < best.error:
                 final = iterate if error > accuracy else self.polished()
-                best = Optimum(final.theta, final.multipliers, k, error, central)
+                best = Optimum(
+                    final.theta,
+                    final.multipliers,
+                    k,
+                    error,
+                    central,
+                )
             if error <= accuracy or not self.advance():
                 break
         return best
@@ -187,7 +198,12 @@ class _InteriorPoint:
         flat = H.ravel()
         flat[cones.places] += cones.curvature @ self.products
         flat[:: len(H) + 1] *= 1.0 + _RIDGE
-        self.cholesky, failed = dpotrf(H.T, lower=1, overwrite_a=1, clean=0)
+        self.cholesky, failed = dpotrf(
+            H.T,
+            lower=1,
+            overwrite_a=1,
+            clean=0,
+        )
         if failed:
             raise np.linalg.LinAlgError
         # Predictor and what the leftover slope asks for, by one pair of triangular
@@ -200,7 +216,11 @@ class _InteriorPoint:
         self.step, self.correction = solutions.T
         products = float(self.both[0] @ self.both[1])
         gap = products - ORDER * float(cones.weight.sum())
-        diagonals = np.diagonal(self.factors, axis1=-2, axis2=-1)
+        diagonals = np.diagonal(
+            self.factors,
+            axis1=-2,
+            axis2=-1,
+        )
         logs = np.log(diagonals).sum(axis=(0, 2))
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
         # Half the square of Newton's decrement: what the leftover slope costs.
@@ -232,7 +252,12 @@ class _InteriorPoint:
         Z = self.mats[1]
         dS = self.change_mats[0]
         self.change[1] = self.target - self.both[1] - second
-        self.change[1] -= self.scaled(self.change_rows[0], Z, dS, self.rows[1])
+        self.change[1] -= self.scaled(
+            self.change_rows[0],
+            Z,
+            dS,
+            self.rows[1],
+        )
         inward = float((self.change_rows / self.rows).min(initial=-1e-12))
         turned = self.roots @ self.change_mats @ self.turned
         # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be

@@ -91,7 +91,12 @@ class Program(Solver):
         )
         z = np.zeros(len(problem.b))
         block, i, j, factor = svec_entries(problem.cones)
-        places = zip(block, i, j, strict=True)
+        places = zip(
+            block,
+            i,
+            j,
+            strict=True,
+        )
         row_by_place = {place: row for row, place in enumerate(places)}
         for matrix, number, first, second, value in entries.reshape(-1, 5):
             if int(matrix) != 2:
@@ -158,10 +163,21 @@ class Program(Solver):
             answer = self.answer(folder, problem)
         if answer is not None:
             x, z = answer
-            return Solution(x, z, claims, status, iterations)
+            return Solution(
+                x,
+                z,
+                claims,
+                status,
+                iterations,
+            )
         if claims in ("optimal", "inaccurate"):
             claims = "failed"
-        return Solution.none(problem, status, claims, iterations)
+        return Solution.none(
+            problem,
+            status,
+            claims,
+            iterations,
+        )
 
 
 def _write_parameters(folder: Path, name: str, options: Mapping[str, Any]) -> None:
@@ -243,7 +259,10 @@ class Dsdp(Program):
     requires = "program", "dsdp5"
     system_package = "dsdp"
     finest = 1e-6
-    default_options = {"gaptol": ACCURACY, "maxit": 1000}
+    default_options = {
+        "gaptol": ACCURACY,
+        "maxit": 1000,
+    }
     # Our problem is DSDP's dual.
     status_meaning = {
         "DSDP Converged": "optimal",

@@ -130,10 +130,20 @@ def infeasibility_proof(
             bound=bound,
         )
     )
-    problem = stated(nothing, constraints.convex, bound, parameters)
+    problem = stated(
+        nothing,
+        constraints.convex,
+        bound,
+        parameters,
+    )
     return _checked(
         {
-            **_proof("infeasible", problem, constraints, evidence),
+            **_proof(
+                "infeasible",
+                problem,
+                constraints,
+                evidence,
+            ),
             "y": [],
         }
     )
@@ -329,7 +339,10 @@ def _proof(
     ):
         roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
         pulls = [
-            {**e, "dual": _gram(root)}
+            {
+                **e,
+                "dual": _gram(root),
+            }
             for e, root in zip(name["entropy"], roots, strict=True)
         ]
         proved.append(
@@ -345,7 +358,11 @@ def _proof(
         "model": "",
         "data": "",
     }
-    return {**about, **problem, "constraints": proved}
+    return {
+        **about,
+        **problem,
+        "constraints": proved,
+    }
 
 
 def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:

@@ -100,7 +100,11 @@ def _transposed(matrices: Any) -> Any:
 
 def _diagonals(matrices: Array) -> Array:
     """(g, d) of each matrix."""
-    return np.diagonal(matrices, axis1=1, axis2=2)
+    return np.diagonal(
+        matrices,
+        axis1=1,
+        axis2=2,
+    )
 
 
 def factor(matrices: Array) -> Array:
@@ -158,7 +162,12 @@ def _entropy_tangent(
     exact, size = _square(v)
     dual = (inverse - exact).ravel()
     sizes = (np.abs(inverse) + size).ravel()
-    slope, constant = _against(entropy.entries, dual, sizes, p)
+    slope, constant = _against(
+        entropy.entries,
+        dual,
+        sizes,
+        p,
+    )
     # A logarithm is right to a few units of its last place, or of one.
     more = 2 * logs.sum() + log_det.sum()
     size_of_more = 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
@@ -217,7 +226,12 @@ def lower_bound(
     data = objective.least_squares
     signs = np.array([-1, 1])
     dual, dual_sizes = in_cones(constraints, evidence.multipliers)
-    slope, constant = _against(constraints, dual, dual_sizes, len(bound))
+    slope, constant = _against(
+        constraints,
+        dual,
+        dual_sizes,
+        len(bound),
+    )
     slope = signs[:, None] * slope
     constant = signs * constant
     linear = np.array([objective.linear, np.abs(objective.linear)])
@@ -294,7 +308,12 @@ def proves_infeasible(
     """
     evidence = DualEvidence(multipliers, np.zeros(0))
     nothing = Objective.without_data(len(bound))
-    lowest = lower_bound(nothing, constraints.entries, evidence, bound)
+    lowest = lower_bound(
+        nothing,
+        constraints.entries,
+        evidence,
+        bound,
+    )
     return lowest > 0.0
 
 

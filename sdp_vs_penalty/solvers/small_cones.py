@@ -170,7 +170,14 @@ def _parts(
             turn = 0 if group.cone == "nonnegative" else 2
         image, ones = _image(group.cone, group.constant.shape[1])
         begins = start + image.shape[1] * members
-        parts.append(_Part(turn, image, ones, begins))
+        parts.append(
+            _Part(
+                turn,
+                image,
+                ones,
+                begins,
+            )
+        )
         start += group.constant.size
     return sorted(parts, key=lambda part: part.turn)
 

@@ -150,7 +150,11 @@ class Solver(ABC):
         form = form.then(full_matrices) if self.full_matrices else form
         answer = self.run(form.problem, self.options(accuracy))
         x, z = form.back(answer.x, answer.z)
-        return replace(answer, x=x, z=z)
+        return replace(
+            answer,
+            x=x,
+            z=z,
+        )
 
     def solve_for_user(self, problem: ConicProblem, accuracy: float) -> Solution:
         """As :meth:`solve`, for a command.

@@ -15,7 +15,10 @@ from sdp_vs_penalty.solvers.rewrite import quadratic_factor
 from sdp_vs_penalty.solvers.solver import ACCURACY, Solver, flat
 
 CLAIMS = {
-    **{"optimal": "optimal", "optimal_inaccurate": "inaccurate"},
+    **{
+        "optimal": "optimal",
+        "optimal_inaccurate": "inaccurate",
+    },
     **dict.fromkeys(("infeasible", "infeasible_inaccurate"), "infeasible"),
     **dict.fromkeys(("unbounded", "unbounded_inaccurate"), "unbounded"),
 }
@@ -80,7 +83,7 @@ class ThroughCvxpy(Solver):
         constraints = []
         at = 0
         for cone in problem.cones:
-            rows = slice(at, at + (cone.size**2 if cone.kind == "psd" else cone.rows))
+            rows = slice(at, at + _n_rows(cone))
             at = rows.stop
             constraints.append(_membership(cone, problem.b[rows] - A[rows] @ x))
         model = cp.Problem(cp.Minimize(objective), constraints)
@@ -104,6 +107,11 @@ class ThroughCvxpy(Solver):
         )
 
 
+def _n_rows(cone: Cone) -> int:
+    """Of a cone whose matrices are full."""
+    return cone.size**2 if cone.kind == "psd" else cone.rows
+
+
 def _membership(cone: Cone, slack: Any) -> Any:
     import cvxpy as cp
 
@@ -121,7 +129,7 @@ def _dual(cone: Cone, constraint: Any) -> Array:
     """In the order of the cone's rows."""
     value = constraint.dual_value
     if value is None or (isinstance(value, list) and value[0] is None):
-        return np.full(cone.size**2 if cone.kind == "psd" else cone.rows, np.nan)
+        return np.full(_n_rows(cone), np.nan)
     if cone.kind == "psd":
         return np.ravel(0.5 * (value + value.T))
     return np.concatenate(

@@ -176,7 +176,12 @@ def at_joint(
         unit = np.eye(world.arm.n)[joint]
         return np.outer(size * law(world, motion), unit)
 
-    return Hidden((joint,), change, number, shape)
+    return Hidden(
+        (joint,),
+        change,
+        number,
+        shape,
+    )
 
 
 def plain(
@@ -355,7 +360,12 @@ def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
         speed = motion.dq[:, joint] / vs
         return sign(world, joint, motion) * np.exp(-(speed**2))
 
-    return at_joint(joint, law, vs=vs, delta=2.0)
+    return at_joint(
+        joint,
+        law,
+        vs=vs,
+        delta=2.0,
+    )
 
 
 def _presliding(
@@ -374,7 +384,12 @@ def _presliding(
 
 def _behind(t: Array, speed: Array, d: float) -> Array:
     """(N,) Dahl's state along a motion of this speed."""
-    states = bristles(t, speed[:, None], np.array([d]), np.ones_like)
+    states = bristles(
+        t,
+        speed[:, None],
+        np.array([d]),
+        np.ones_like,
+    )
     return states[:, 0]
 
 
@@ -541,7 +556,12 @@ def _slip(world: World, joint: int, rng: Generator) -> Hidden:
             out[k] = weight @ z
         return out
 
-    return at_joint(joint, law, None, d=d)
+    return at_joint(
+        joint,
+        law,
+        None,
+        d=d,
+    )
 
 
 def _position(world: World, joint: int, rng: Generator) -> Hidden:
@@ -556,7 +576,12 @@ def _position(world: World, joint: int, rng: Generator) -> Hidden:
         wave = np.cos(k * motion.q[:, joint] + phase)
         return np.asarray(wave * sign(world, joint, motion))
 
-    return at_joint(joint, law, None, k=k)
+    return at_joint(
+        joint,
+        law,
+        None,
+        k=k,
+    )
 
 
 #: By the library's name of each.
@@ -639,7 +664,12 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
             delayed[:, joint] = np.interp(t - size, t, tau[:, joint])
         return delayed - tau
 
-    return Hidden(joints, change, size=1e-3, channel=True)
+    return Hidden(
+        joints,
+        change,
+        size=1e-3,
+        channel=True,
+    )
 
 
 def _filter(world: World, joint: int, rng: Generator) -> Hidden:
@@ -654,7 +684,12 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
         passed = first_order(fine, float(t[1] - t[0]), T)
         return _resample(motion.t, t, passed) - tau
 
-    return Hidden((), change, size=1e-3, channel=True)
+    return Hidden(
+        (),
+        change,
+        size=1e-3,
+        channel=True,
+    )
 
 
 def _resample(t: Array, t_known: Array, values: Array) -> Array:
@@ -683,7 +718,12 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
             lag = -c * world.rigid(displaced(motion, joint, lag))[:, joint]
         return lag
 
-    return shifted(joint, shift, 1.0, 1e-5)
+    return shifted(
+        joint,
+        shift,
+        1.0,
+        1e-5,
+    )
 
 
 def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
@@ -715,7 +755,12 @@ def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
         tilted.gravity.linear = world.built.gravity.linear + across
         return world.rigid(motion, tilted) - world.rigid(motion)
 
-    return Hidden((), change, 1.0, size=0.1)
+    return Hidden(
+        (),
+        change,
+        1.0,
+        size=0.1,
+    )
 
 
 def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
@@ -777,7 +822,11 @@ def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 #: Dahl's friction over a travel that hardly shows.
-_stiction = partial(_presliding, low=0.0005, high=0.001)
+_stiction = partial(
+    _presliding,
+    low=0.0005,
+    high=0.001,
+)
 #: What shows only against a model that is kept as it is.
 FROZEN: Mapping[str, Maker] = {"payload": _payload}
 #: What a diagnosis meets as a nuisance.
