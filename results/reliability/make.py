@@ -1,7 +1,7 @@
 """Make this folder again: python results/reliability/make.py
 
 SDP_VS_PENALTY_DATA names the folder of the measurements. The committed worlds are the first
-30 of this list: the run was stopped."""
+50 of this list: the run was stopped."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from sdp_vs_penalty.research.provenance import make_folder
 
 HERE = Path(__file__).parent
 DATA = os.environ.get("SDP_VS_PENALTY_DATA", ".")
-PARTS = [1]
+PARTS = [1, 2, 3]
 COMMANDS = [
     ["benchmarks/check_real.py", "--data", DATA, "--out", str(HERE)],
     *(
