@@ -155,8 +155,10 @@ def jackknifed(estimates: Array) -> tuple[Array, Array]:
         Standard deviations.
     """
     n_parts = len(estimates)
-    spread = np.sqrt((n_parts - 1) * np.var(estimates, axis=0))
-    return np.mean(estimates, axis=0), spread
+    # Numbers that the rows do not determine may be as large as floats can be.
+    with np.errstate(over="ignore", invalid="ignore"):
+        spread = np.sqrt((n_parts - 1) * np.var(estimates, axis=0))
+        return np.mean(estimates, axis=0), spread
 
 
 def standard_errors_above_zero(values: Array) -> float:

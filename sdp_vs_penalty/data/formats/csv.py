@@ -385,9 +385,9 @@ def _sparse_columns(
         t = np.sum(parts, axis=0)
     channels = {name: x for name, x in values.items() if name not in clock}
     positions = [name for name in header.groups["q"] if name in channels]
-    kept_rows, merged = merge_columns(t, channels, positions)
-    _say_rows_left_out(table, len(t) - len(kept_rows))
-    stamps = {name: values[name][kept_rows] for name in clock}
+    rows, merged = merge_columns(t, channels, positions)
+    _say_rows_left_out(table, len(t) - len(rows))
+    stamps = {name: values[name][rows] for name in clock}
     return stamps | merged
 
 
