@@ -221,7 +221,8 @@ def _channels(alone: bool) -> Iterator[tuple[str, str, str, str, Change]]:
             yield (
                 "zeros",
                 f"{name} {seconds:g} s",
-                "zeros",
+                # A channel that holds zero for long is frozen at it.
+                "zeros|frozen position|frozen torque",
                 name,
                 partial(_held, seconds, True),
             )

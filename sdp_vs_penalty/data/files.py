@@ -316,40 +316,61 @@ def _without_silent_channels(path: Path, run: Measurements) -> Measurements:
 
 
 def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> None:
-    """InputError for what makes a run useless: too short, not finite, a clock that does
-    not advance.
+    """Refuse what makes a run useless: too short, not finite, a clock that does not
+    advance.
 
-    path : what messages call the run; word : and its samples; rows are counted from the
-    header on.
+    Parameters
+    ----------
+    path : what messages call the run
+    m : one run
+    word : what they call a sample; rows are counted from the header on
+
+    Raises
+    ------
+    InputError
+        The sample and column; of a clock a RepairableError.
     """
     first = 2 if word == "row" else 1
     if len(m.t) < 2:
-        raise InputError(
-            f"the run has {formatting.count(len(m.t), 'sample')}", "record longer", path
-        )
-
+        many = formatting.count(len(m.t), "sample")
+        raise InputError(f"the run has {many}", "record longer", path)
     for name, values in {"t": m.t[:, None], **m.groups}.items():
         for start, part in iter_chunks(values):
-            bad = ~(np.abs(part) <= LARGEST_VALUE[name])  # not a number compares false
-            if bad.any():
-                row, joint = np.argwhere(bad)[0].tolist()
+            is_bad = ~(np.abs(part) <= LARGEST_VALUE[name])  # of no number it is false
+            if is_bad.any():
+                row, joint = np.argwhere(is_bad)[0].tolist()
                 column = name if name == "t" else f"{name}{joint + 1}"
-                x = part[row, joint]
                 where = f"{word} {start + row + first}, column {column}"
-                what = f"{where}: no robot measures {x:.3g}"
-                if not np.isfinite(x):
-                    what = f"{where} is not a finite number"
-                raise InputError(what, f"correct the {word} or delete it", path)
+                raise _no_measurement(where, float(part[row, joint]), word, path)
+    _require_advancing_clock(path, m, word, first)
+
+
+def _no_measurement(
+    where: str, value: float, word: str, path: str | Path
+) -> InputError:
+    """The error of a number that no robot measures."""
+    what = f"{where}: no robot measures {value:.3g}"
+    if not np.isfinite(value):
+        what = f"{where} is not a finite number"
+    return InputError(what, f"correct the {word} or delete it", path)
+
+
+def _require_advancing_clock(
+    path: str | Path, m: Measurements, word: str, first: int
+) -> None:
+    """RepairableError where time repeats or runs backwards; first : number of the first
+    sample in messages."""
     stays = np.concatenate(
         [a + np.flatnonzero(np.diff(x) <= 0) for a, x in iter_chunks(m.t, overlap=1)]
     )
-    if len(stays):
-        row = int(stays[0])
-        how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
-        many = formatting.count(len(stays), f"such {word}")
-        steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
-        what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
-        raise RepairableError(what, "delete them, or cut the file there", path)
+    if len(stays) == 0:
+        return
+    row = int(stays[0])
+    how = "repeats" if m.t[row] == m.t[row + 1] else "runs backwards"
+    many = formatting.count(len(stays), f"such {word}")
+    steps = f"{m.t[row]:.6g} s to {m.t[row + 1]:.6g} s; {many}"
+    what = f"{word} {row + 1 + first}, column t: time {how} ({steps})"
+    raise RepairableError(what, "delete them, or cut the file there", path)
 
 
 def save(measurements: Measurements, path: str | Path) -> None:

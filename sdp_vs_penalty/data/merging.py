@@ -34,34 +34,39 @@ def half_period(clock: Array) -> float:
 def merge_columns(
     clock: Array, columns: Mapping[str, Array], leading: Sequence[str]
 ) -> tuple[NDArray[np.intp], dict[str, Array]]:
-    """The rows that are kept, and the columns there.
+    """The rows in which all columns have a value, their own or the nearest in time.
 
-    clock : (N,) s of all rows; columns : (N,) or (N, n), NaN where a row has none;
-    leading : columns whose rows are kept, the first one's. A column that has no value
-    in a row takes its nearest within half a period of the leading rows; rows of which
-    a column has none are left out.
+    Parameters
+    ----------
+    clock : (N,) of all rows [s]
+    columns : (N,) or (N, n) by name, NaN where a row has none
+    leading : columns whose rows are kept, the first one's
+
+    Returns
+    -------
+    rows : (K,) the rows that are kept, in the order of time; without those of which a
+        column has no value within half a period
+    columns : (K,) or (K, n) by name
     """
-    filled = {
-        name: ~np.isnan(x if x.ndim == 1 else x[:, 0]) for name, x in columns.items()
-    }
-    base = np.flatnonzero(filled[leading[0]] & np.isfinite(clock))
-    order = np.argsort(clock[base], kind="stable")
-    base = base[order] if np.any(np.diff(order) < 0) else base
+    base = _rows_with_value(clock, columns[leading[0]])
     within = half_period(clock[base])
     is_kept = np.ones(len(base), bool)
     places = dict[str, NDArray[np.intp]]()
-    for name in columns:
-        rows = np.flatnonzero(filled[name] & np.isfinite(clock))
-        rows = rows[np.argsort(clock[rows], kind="stable")]
-        if len(rows) == len(base) and np.array_equal(rows, base):
+    for name, values in columns.items():
+        rows = _rows_with_value(clock, values)
+        # A column that is never a number: whoever reads it says so.
+        if len(rows) == 0 or np.array_equal(rows, base):
             places[name] = base
             continue
-        if len(rows) == 0:
-            places[name] = base  # never a number: whoever reads it says so
-            continue
-        nearest, near = nearest_rows(clock[base], clock[rows], within)
+        nearest, is_near = nearest_rows(clock[base], clock[rows], within)
         places[name] = rows[nearest]
-        is_kept &= near
-    return base[is_kept], {
-        name: x[places[name][is_kept]] for name, x in columns.items()
-    }
+        is_kept &= is_near
+    merged = {name: x[places[name][is_kept]] for name, x in columns.items()}
+    return base[is_kept], merged
+
+
+def _rows_with_value(clock: Array, values: Array) -> NDArray[np.intp]:
+    """The rows in which a column has a value, in the order of time."""
+    first_values = values if values.ndim == 1 else values[:, 0]
+    rows = np.flatnonzero(~np.isnan(first_values) & np.isfinite(clock))
+    return rows[np.argsort(clock[rows], kind="stable")]

@@ -100,9 +100,9 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
     An arm's joint that stands still needs a torque, and a broken channel of one that
     moves is no idle joint.
     """
-    found: dict[str, float] = {}
+    idle: dict[str, float] = {}
     if not measurements.torque_logged or measurements.n != robot.n:
-        return found
+        return idle
     for k, joint in enumerate(robot.joints):
         # An encoder's last digit [rad, m].
         is_still = all(
@@ -110,8 +110,8 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
         )
         is_silent = is_still and not np.any(measurements.tau[:, k])
         if is_silent and measurements.samples:
-            found[joint.name] = float(np.mean(measurements.q[:, k]))
-    return found if len(found) < robot.n else {}
+            idle[joint.name] = float(np.mean(measurements.q[:, k]))
+    return idle if len(idle) < robot.n else {}
 
 
 def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
@@ -139,22 +139,22 @@ def check_torque(run: Measurements) -> None:
     # No sensor resolves the first, and no arm of a gram and a centimetre needs as little
     # as the second [N m, N].
     zero = 1e-12
-    least = 1e-6
-    most = 0.0
+    threshold = 1e-6
+    largest = 0.0
     has_numbers = False
     for _, part in iter_chunks(run.tau):
         sizes = np.abs(part)
         # What is no number is named row by row elsewhere.
-        most = max(most, float(np.fmax.reduce(sizes, axis=None, initial=0.0)))
+        largest = max(largest, float(np.fmax.reduce(sizes, axis=None, initial=0.0)))
         has_numbers = has_numbers or not np.isnan(sizes).all()
     if run.samples and not has_numbers:
         return
-    if not most > zero:
+    if not largest > zero:
         raise InputError(
             "every torque is zero", "log the torque, or the current", run.names[0]
         )
-    if most < least:
-        what = f"no torque exceeds {most:.2g} N m, less than any arm needs"
+    if largest < threshold:
+        what = f"no torque exceeds {largest:.2g} N m, less than any arm needs"
         raise InputError(what, "write torques in N m", run.names[0])
 
 

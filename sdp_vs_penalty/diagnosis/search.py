@@ -17,7 +17,13 @@ from sdp_vs_penalty.diagnosis.constants import (
     MAX_CANDIDATES_REFINED,
 )
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
-from sdp_vs_penalty.diagnosis.library import Candidate, Key, Library, may_join
+from sdp_vs_penalty.diagnosis.library import (
+    Batch,
+    Candidate,
+    Key,
+    Library,
+    may_join,
+)
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.nuisances import Nuisances
 from sdp_vs_penalty.diagnosis.refine import refine_constants
@@ -150,29 +156,31 @@ class Search:
         exact_joints: bool,
     ) -> list[ScoredEffect]:
         """The best form of each law on the grids, of the candidates that take most."""
-        best: dict[tuple[Hashable, ...], tuple[float, Candidate, dict[int, Array]]] = {}
+        best = dict[Hashable, tuple[float, Candidate, dict[int, Array]]]()
         for batch in self.library.batches:
-            joints = frozenset(batch.joints)
-            if on is not None and not (on == joints if exact_joints else on & joints):
+            if on is not None and not _acts_on(batch, on, exact_joints):
                 continue
             values = self.score.screened(fit, batch)
             free = may_join(batch.forms, picked, self.data.estimate.model)
             for f in np.argsort(-values)[: np.count_nonzero(values > 0.0)]:
                 form = batch.forms[f]
-                if on is None and form.key in self.refused:
+                if not free[f] or (on is None and form.key in self.refused):
                     continue
-                if free[f] and values[f] > best.get(form.discrete_choice, (0.0,))[0]:
+                if values[f] > best.get(form.discrete_choice, (0.0,))[0]:
                     columns = batch.columns(int(f))
                     best[form.discrete_choice] = float(values[f]), form, columns
         ranked = sorted(best.values(), key=lambda b: -b[0])
-        keys = list(dict.fromkeys(form.key for _, form, _ in ranked))
-        close = keys[:MAX_CANDIDATES_REFINED]
-        out = []
-        for _, form, columns in ranked:
-            if form.key in close:
-                self._columns.setdefault(form.effect.text, columns)
-                out.append(self.score.evidence_of(fit, form, columns))
-        return out
+        return [
+            self._judge_screened(fit, form, columns)
+            for form, columns in _of_first_candidates(ranked)
+        ]
+
+    def _judge_screened(
+        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
+    ) -> ScoredEffect:
+        """A candidate judged in the columns that its batch has already."""
+        self._columns.setdefault(form.effect.text, columns)
+        return self.score.evidence_of(fit, form, columns)
 
     def simplest(self, ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
         """Of candidates, the best first, the simplest that is as good as the best."""
@@ -409,6 +417,22 @@ class Search:
             terms = [t for t in out.terms if t is not weakest]
         out.fit = out.score.fit(out.terms)
         return out
+
+
+def _acts_on(batch: Batch, joints: frozenset[int], exactly: bool) -> bool:
+    """Whether candidates change the torque of some of the joints, or of exactly these."""
+    if exactly:
+        return joints == frozenset(batch.joints)
+    return bool(joints & frozenset(batch.joints))
+
+
+def _of_first_candidates(
+    ranked: Sequence[tuple[float, Candidate, dict[int, Array]]],
+) -> list[tuple[Candidate, dict[int, Array]]]:
+    """The forms, with their columns, of the candidates that come first."""
+    keys = list(dict.fromkeys(form.key for _, form, _ in ranked))
+    close = keys[:MAX_CANDIDATES_REFINED]
+    return [(form, columns) for _, form, columns in ranked if form.key in close]
 
 
 def simplicity(form: Candidate) -> tuple[int, int, bool]:

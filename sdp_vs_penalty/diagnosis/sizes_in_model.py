@@ -14,14 +14,10 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.conclude import sentence
 from sdp_vs_penalty.diagnosis.constants import UNCERTAIN
-from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sizes import size_of
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
-
-#: Of a finding whose torque is sure, while the model that holds it can shift it to other
-#: effects of the joint.
-OPEN_IN_MODEL = "the model leaves its size open by > 20 %"
 
 
 def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
@@ -45,7 +41,7 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     size, std = size_of(effect, theta, covariance)
     remarks = finding.remarks
     if finding.confidence == "confident" and not std < UNCERTAIN * abs(size):
-        remarks = (*remarks, OPEN_IN_MODEL)
+        remarks = (*remarks, REASONS["uncertain"])
     return replace(
         finding,
         shape=dict(effect.shape),

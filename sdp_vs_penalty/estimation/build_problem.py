@@ -147,8 +147,32 @@ def build_problem(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> EstimationProblem:
-    """The optimisation problem of identifying ``problem`` from ``measurements``, both
-    as users give them. Raises InputError for unusable input."""
+    """The optimisation problem of identifying a problem from measurements, both as
+    users give them.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        As in :func:`sdp_vs_penalty.identify`.
+    measurements : path, arrays, Measurements, FilteredRuns or BlackBox
+        The same.
+    options : PoseOptions, optional
+        Everything else that a user may choose.
+    progress : callable
+        Hears where the computation stands.
+    workers : Workers
+        Who compresses the runs.
+
+    Returns
+    -------
+    EstimationProblem
+        What an estimator minimises, and what made it.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used.
+    """
     problem = as_problem(problem, "pose(problem=...)")
     options = options or PoseOptions()
     data = read_and_filter(
@@ -169,7 +193,30 @@ def pose_filtered(
     Open shape constants are estimated first, then gains from known loads, then the
     current model that some effects refer to; rows in these columns are compressed, and
     weighted by joint. A black box has no friction, filters or noise: one effect, equal
-    weights. Raises InputError for unusable input.
+    weights.
+
+    Parameters
+    ----------
+    problem : Problem
+        To identify.
+    data : FilteredRuns or BlackBox
+        Measured, or answered.
+    options : PoseOptions
+        What a user chose.
+    progress : callable
+        Hears where the computation stands.
+    workers : Workers
+        Who compresses the runs.
+
+    Returns
+    -------
+    EstimationProblem
+        What an estimator minimises, and what made it.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used.
     """
     require_known("instruments", options.instruments or "none", ("command", "none"))
     if isinstance(data, BlackBox):
@@ -293,9 +340,25 @@ def _pose_servo_log(
 def in_columns(
     runs: FilteredRuns, model: Model, workers: Workers = ALONE
 ) -> Regression:
-    """Measurements in the columns of a model. Without torque the model's own errors are
-    what is left, and periods repeat them: blocks are stretches of the motion then, in
-    all its periods."""
+    """Measurements in the columns of a model.
+
+    Without torque the model's own errors are what is left, and periods repeat them:
+    blocks are stretches of the motion then, in all its periods.
+
+    Parameters
+    ----------
+    runs : FilteredRuns
+        Behind their filters.
+    model : Model
+        In whose columns.
+    workers : Workers
+        Who does it.
+
+    Returns
+    -------
+    Regression
+        Compressed.
+    """
     if runs.measurements.torque_logged:
         return compress(runs, model, workers=workers)
     return compress_cells(
@@ -304,9 +367,24 @@ def in_columns(
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:
-    """(n, n) factor of the covariance of gains known to ``uncertainty``, independent of
-    each other; a factor (n, e) as it is. Raises InputError for a standard deviation
-    that is none.
+    """A factor of the covariance of the torque channels' gains.
+
+    Parameters
+    ----------
+    uncertainty : float or (n, e) array
+        Relative standard deviation, of each gain by itself; or the factor.
+    joints : int
+        n.
+
+    Returns
+    -------
+    (n, n) or (n, e) array
+        The factor.
+
+    Raises
+    ------
+    InputError
+        For a standard deviation that is none.
     """
     if isinstance(uncertainty, np.ndarray):
         return uncertainty
@@ -317,15 +395,45 @@ def independent_gains(uncertainty: float | Array, joints: int) -> Array:
 
 
 def logged(data: Measurements | FilteredRuns) -> Measurements:
-    """The log itself."""
+    """The log itself.
+
+    Parameters
+    ----------
+    data : Measurements or FilteredRuns
+        With or without filters.
+
+    Returns
+    -------
+    Measurements
+        The log.
+    """
     return data.measurements if isinstance(data, FilteredRuns) else data
 
 
 def load_and_check(
     problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
 ) -> Measurements | FilteredRuns | BlackBox:
-    """What was given as measurements, read; InputError where it cannot be this robot's.
-    What lies behind filters has been read."""
+    """What was given as measurements, read. What lies behind filters has been read.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whose measurements they are.
+    measurements : path, arrays, Measurements, FilteredRuns or BlackBox
+        As users give them.
+    what : str
+        How an error names them.
+
+    Returns
+    -------
+    Measurements, FilteredRuns or BlackBox
+        Read and checked.
+
+    Raises
+    ------
+    InputError
+        Where they cannot be this robot's.
+    """
     n = problem.robot.n
     names = problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
@@ -348,8 +456,26 @@ def read_and_filter(
 ) -> FilteredRuns | BlackBox:
     """The runs behind their filters, or a black box's answers, read and checked once.
 
-    what : how an error names the measurements. Raises InputError where they cannot be
-    this robot's.
+    Parameters
+    ----------
+    problem : Problem
+        Whose measurements they are.
+    measurements : path, arrays, Measurements, FilteredRuns or BlackBox
+        As users give them.
+    settings : Preprocessing, optional
+        Filters; default: the problem's.
+    what : str
+        How an error names the measurements.
+
+    Returns
+    -------
+    FilteredRuns or BlackBox
+        Ready for :func:`pose_filtered`.
+
+    Raises
+    ------
+    InputError
+        Where they cannot be this robot's.
     """
     data = load_and_check(problem, measurements, what)
     if isinstance(data, BlackBox):
@@ -362,7 +488,22 @@ def filter_runs(
     data: Measurements | FilteredRuns,
     settings: Preprocessing | None = None,
 ) -> FilteredRuns:
-    """The log behind its filters; settings : default the problem's."""
+    """The log behind its filters.
+
+    Parameters
+    ----------
+    problem : Problem
+        With default filters.
+    data : Measurements or FilteredRuns
+        The latter keep their filters.
+    settings : Preprocessing, optional
+        Filters; default: the problem's.
+
+    Returns
+    -------
+    FilteredRuns
+        Of the log.
+    """
     if isinstance(data, FilteredRuns):
         return data
     settings = settings or problem.preprocessing
@@ -380,7 +521,25 @@ def with_reference(
 ) -> Model:
     """The model with the current model that its torque-dependent effects refer to,
     itself where there are none: least squares without those effects, then with them.
-    compressed : the training data in the columns of a model."""
+
+    Parameters
+    ----------
+    problem : Problem
+        To identify.
+    model : Model
+        With all effects.
+    compressed : callable
+        The training data in the columns of a model.
+    weighting : {"noise", "none"}
+        Of the joints' rows.
+    progress : callable
+        Hears where the computation stands.
+
+    Returns
+    -------
+    Model
+        With its reference.
+    """
     if not model.needs_reference:
         return model
     part = into = model.reference_free

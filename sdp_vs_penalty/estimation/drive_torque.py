@@ -81,7 +81,18 @@ def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
 
 
 def sampled_command(part: Stretch) -> Command:
-    """The command of a stretch as it was logged, on the grid of its clock."""
+    """The command of a stretch as it was logged, on the grid of its clock.
+
+    Parameters
+    ----------
+    part : Stretch
+        Of a log.
+
+    Returns
+    -------
+    Command
+        Positions over time.
+    """
     assert part.qcmd is not None
     clock = part.clock(np.arange(part.count))
     q = part.resampled(part.qcmd, 0, part.count)
@@ -116,8 +127,22 @@ def driven(
 def with_drive_torque(
     model: Model, theta: Array, measurements: Measurements
 ) -> Measurements:
-    """The log with the torque (N, n) that the servos of a model and its parameters
-    theta (p,) make of it [N m, N]."""
+    """The log with the torque that the servos of a model make of it.
+
+    Parameters
+    ----------
+    model : Model
+        With servos.
+    theta : (p,) array
+        Its parameters.
+    measurements : Measurements
+        Without torque.
+
+    Returns
+    -------
+    Measurements
+        With tau (N, n) [N m or N].
+    """
     loop = ServoLoop(model, theta)
     runs = []
     for run in measurements.runs():
@@ -140,7 +165,18 @@ def with_drive_torque(
 
 
 def plant(estimate: Estimate) -> Estimate:
-    """The same without its drives."""
+    """The same without its drives.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With or without drives.
+
+    Returns
+    -------
+    Estimate
+        Links and friction alone.
+    """
     keep = ~estimate.model.drives
     known = estimate.uncertainty
     reference = estimate.model.reference

@@ -588,8 +588,22 @@ Models: TypeAlias = Any
 def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estimate:
     """An Estimate as it is, or that of a model.json.
 
-    what : how messages call it, such as "diagnose(estimate=...)". Raises InputError
-    naming what was given where it is neither, or the file cannot be used.
+    Parameters
+    ----------
+    source : Estimate, str or Path
+        The model.
+    what : str
+        How messages call it, such as "diagnose(estimate=...)".
+
+    Returns
+    -------
+    Estimate
+        The model.
+
+    Raises
+    ------
+    InputError
+        Where it is neither, or the file cannot be used.
     """
     if isinstance(source, Estimate):
         return source
@@ -603,7 +617,22 @@ def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
     """Models by name: that of the file, else of the method, numbered where there are
     several.
 
-    Raises InputError for no model at all, and as :func:`as_estimate` does.
+    Parameters
+    ----------
+    models : Estimate, path, sequence of these, or mapping of names to these
+        The models.
+    what : str
+        How messages call them.
+
+    Returns
+    -------
+    dict of str to Estimate
+        In their order.
+
+    Raises
+    ------
+    InputError
+        For no model at all, and as :func:`as_estimate` does.
     """
     if isinstance(models, Mapping):
         named = {str(name): as_estimate(model, what) for name, model in models.items()}
@@ -634,7 +663,18 @@ LINK_HEADS = (
 
 def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     """Mass, centre of mass and radius of gyration of each link beside the nominal ones,
-    as text."""
+    as text.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With links.
+
+    Returns
+    -------
+    list of tuple of str
+        A row a link, under :data:`LINK_HEADS`.
+    """
     at = estimate.model.rigid_indices
     if not len(at):
         return []
@@ -661,5 +701,16 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
 
 
 def seen(value: float | None) -> float | None:
-    """Zero for what rounding alone keeps from it."""
+    """Zero for what rounding alone keeps from it.
+
+    Parameters
+    ----------
+    value : float or None
+        To be shown.
+
+    Returns
+    -------
+    float or None
+        The same, or 0.
+    """
     return 0.0 if value is not None and abs(value) < ROUNDING else value

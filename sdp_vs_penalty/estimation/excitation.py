@@ -403,7 +403,20 @@ def _objective(w: Array, objective: str) -> tuple[float, Array]:
 
 def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
     """The trajectory, or its largest part about the middle of the range that keeps the
-    limits."""
+    limits.
+
+    Parameters
+    ----------
+    trajectory : FourierTrajectory
+        Any.
+    limits : Limits
+        To be kept.
+
+    Returns
+    -------
+    FourierTrajectory
+        Within them.
+    """
     excess = limits.excess(trajectory)
     if excess <= 1.0:
         return trajectory
@@ -415,7 +428,20 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
 def save_trajectory(
     trajectory: FourierTrajectory | PointTrajectory, path: str | Path
 ) -> None:
-    """Write t, q1..qn, dq1..dqn, ddq1..ddqn at 1 kHz: what a robot's controller plays."""
+    """Write t, q1..qn, dq1..dqn, ddq1..ddqn at 1 kHz: what a robot's controller plays.
+
+    Parameters
+    ----------
+    trajectory : FourierTrajectory
+        To be played.
+    path : str or Path
+        A .csv file.
+
+    Returns
+    -------
+    None
+        The file is written whole, or not at all.
+    """
     t = np.arange(int(np.floor(trajectory.duration * 1e3 + 1e-9)) + 1) / 1e3
     n = trajectory.states(t[:1])[0].shape[1]
     header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
@@ -436,14 +462,35 @@ def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
 
 
 def independent_rate(estimate: Estimate) -> float:
-    """How many independent rows a second has [Hz], below the cut-off of a model's
-    torque."""
+    """How many independent rows a second has, below the cut-off of a model's torque.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With its filters.
+
+    Returns
+    -------
+    float
+        [Hz].
+    """
     # Two independent samples a period of the cut-off; 8 Hz where a model states none.
     return 2.0 * (estimate.preprocessing.torque_cutoff or 8.0)
 
 
 def noise_of_model(estimate: Estimate) -> Array:
-    """(n,) of the torque that a model has left [N m, N]."""
+    """Standard deviation of the torque that a model has left.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With its uncertainty.
+
+    Returns
+    -------
+    (n,) array
+        [N m or N].
+    """
     return np.maximum(estimate.uncertainty.torque_noise, 1e-12)
 
 

@@ -53,7 +53,15 @@ def links_frame(estimate: Parameters) -> pandas.DataFrame:
     """One row a link: mass, centre of mass, inertia about it, the nominal mass, the
     least thickness, and what the mass is from.
 
-    A link without mass has no centre of mass: NaN stands there.
+    Parameters
+    ----------
+    estimate : Estimate
+        With links.
+
+    Returns
+    -------
+    DataFrame
+        A row a link. One without mass has no centre of mass: NaN stands there.
     """
     import pandas
 
@@ -80,7 +88,18 @@ def links_frame(estimate: Parameters) -> pandas.DataFrame:
 
 def base_frame(estimate: Parameters) -> pandas.DataFrame:
     """One row a base parameter, the combinations that make torque: its full expression
-    ("Izz1 + Iyy2 + 0.0998 m3"), value, 95 % interval, verdict and unit."""
+    ("Izz1 + Iyy2 + 0.0998 m3"), value, 95 % interval, verdict and unit.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Any.
+
+    Returns
+    -------
+    DataFrame
+        A row a base parameter.
+    """
     import pandas
 
     base = base_rows(estimate.problem, estimate.model)
@@ -110,8 +129,18 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
 
 
 def base_expressions(estimate: Parameters) -> list[str]:
-    """Each base parameter as a sum of standard ones, in the order of their
-    intervals."""
+    """Each base parameter as a sum of standard ones, in the order of their intervals.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Any.
+
+    Returns
+    -------
+    list of str
+        Sums, such as "Izz1 + Iyy2".
+    """
     base = base_rows(estimate.problem, estimate.model)
     names = [p.name for p in estimate.model.parameters]
     return [
@@ -146,14 +175,36 @@ def expression(row: Array, names: Sequence[str], leading: int) -> str:
 
 
 def covariance_frame(estimate: Parameters) -> pandas.DataFrame:
-    """(p, p) covariance of the parameters, labelled by name on both sides; NaN for
-    those that the data do not determine. Units are products of the parameters'."""
+    """Covariance of the parameters, labelled by name on both sides.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Any.
+
+    Returns
+    -------
+    (p, p) DataFrame
+        NaN for parameters that the data do not determine. Units are products of the
+        parameters'.
+    """
     names = [p.name for p in estimate.model.parameters]
     return _labelled(estimate.uncertainty.covariance, names)
 
 
 def base_covariance_frame(estimate: Parameters) -> pandas.DataFrame:
-    """(b, b) covariance of the base parameters, labelled on both sides."""
+    """Covariance of the base parameters, labelled on both sides.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Any.
+
+    Returns
+    -------
+    (b, b) DataFrame
+        Units are products of the parameters'.
+    """
     base = base_rows(estimate.problem, estimate.model)
     names = [p.name for p in estimate.model.parameters]
     factor = base.rows @ np.nan_to_num(estimate.uncertainty.factor)

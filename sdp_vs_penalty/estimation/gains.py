@@ -31,7 +31,18 @@ class Gain:
 
 
 def channel_gains(estimate: Estimate) -> list[Gain]:
-    """What the torque channels read over the true torque, where a known load told it."""
+    """What the torque channels read over the true torque, where a known load told it.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        From runs with torque.
+
+    Returns
+    -------
+    list of Gain
+        One a joint; none without a known load.
+    """
     gains = estimate.details.get("gains")
     if not gains:
         return []
@@ -43,7 +54,18 @@ def channel_gains(estimate: Estimate) -> list[Gain]:
 
 
 def loop_gains(estimate: Estimate) -> list[Gain]:
-    """Of the servos' loops beside a logged torque."""
+    """Of the servos' loops beside a logged torque.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        From runs with torque and commands.
+
+    Returns
+    -------
+    list of Gain
+        In the order of the model's drives.
+    """
     loop = estimate.details.get("loop") or {"gains": {}}
     return [
         Gain(name, gain["value"], NORMAL_95 * gain["std"], gain["unit"])
@@ -52,8 +74,20 @@ def loop_gains(estimate: Estimate) -> list[Gain]:
 
 
 def drive_gains(estimate: Estimate) -> Iterator[Gain]:
-    """Of the servos that stand for a torque. The gain that sets the scale is as
-    uncertain as what set it."""
+    """Of the servos that stand for a torque.
+
+    The gain that sets the scale is as uncertain as what set it.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        From runs without torque.
+
+    Returns
+    -------
+    iterator of Gain
+        One a servo's gain.
+    """
     model = estimate.model
     scale_error = estimate.details["servo"].get("scale_error", 0.0)
     columns = zip(

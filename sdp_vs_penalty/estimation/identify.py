@@ -77,10 +77,24 @@ DATA = "data"
 def parameter_sources(
     task: Task, theta: Array, base: BaseParameters, undetermined_by: str
 ) -> dict[str, Any]:
-    """For the details of an estimate: the parameters that the data leave open, and all
-    base parameters with name, value, nominal value and who determines them.
+    """Who determines each parameter, for the details of an estimate.
 
-    undetermined_by : what decides where the data do not (:attr:`Estimator.undetermined_by`).
+    Parameters
+    ----------
+    task : Task
+        What was solved.
+    theta : (p,) array
+        The estimate.
+    base : BaseParameters
+        Combinations that make torque.
+    undetermined_by : str
+        What decides where the data do not (:attr:`Estimator.undetermined_by`).
+
+    Returns
+    -------
+    dict
+        "undetermined": the parameters that the data leave open, and who determines
+        them; "base_parameters": all, with name, value, nominal value and source.
     """
     rows = np.vstack([np.eye(len(theta)), base.rows])
     names = [*(p.name for p in task.model.parameters), *base.names]
@@ -114,8 +128,20 @@ def parameter_sources(
 
 
 def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
-    """(b,) whether the data tell linear functions, rows (b, p), of theta better than
-    the prior does."""
+    """Whether the data determine linear functions of theta better than the prior does.
+
+    Parameters
+    ----------
+    task : Task
+        What was solved.
+    rows : (b, p) array
+        The functions.
+
+    Returns
+    -------
+    (b,) array of bool
+        One each.
+    """
     variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
     scale = task.bound if task.joint_scale is None else task.joint_scale
     # Upper triangular, half^T half the prior's information.
@@ -147,7 +173,24 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
 def build_estimate(
     posed: EstimationProblem, estimator: Estimator, fit: Fit, workers: Workers = ALONE
 ) -> Estimate:
-    """Certify a fit and put everything that made it into an Estimate."""
+    """Certify a fit, and put everything that made it into an Estimate.
+
+    Parameters
+    ----------
+    posed : EstimationProblem
+        What was solved.
+    estimator : Estimator
+        By whom.
+    fit : Fit
+        Its answer.
+    workers : Workers
+        Who compresses the columns of the constants' errors.
+
+    Returns
+    -------
+    Estimate
+        With certificate and intervals.
+    """
     problem = posed.problem
     task = posed.task
     measurements = posed.measurements
@@ -207,10 +250,30 @@ def proved(
     made_of: Mapping[str, str] | None = None,
 ) -> Proof:
     """The proof that the objective of a certified theta is within its interval of the
-    optimum; made_of : the hashes of model and data that it names.
+    optimum.
 
-    Raises InputError where the method is not convex, or has no constraints: nothing
-    bounds it.
+    Parameters
+    ----------
+    task : Task
+        What was solved.
+    fit : Fit
+        The method's answer.
+    theta : (p,) array
+        As certified.
+    method : str
+        Its name.
+    made_of : mapping of str to str, optional
+        The hashes of model and data that the proof names.
+
+    Returns
+    -------
+    Proof
+        For :func:`~sdp_vs_penalty.solvers.proof.write_proof`.
+
+    Raises
+    ------
+    InputError
+        Where the method is not convex, or has no constraints: nothing bounds it.
     """
     if fit.multipliers is None:
         what = f"method {method} has no lower bound to prove"
@@ -222,7 +285,20 @@ def proved(
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
-    """Masses, extents and ranges on their bounds: there the bound speaks, not the data."""
+    """Masses, extents and ranges on their bounds: there the bound speaks, not the data.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        All of a fit.
+    theta : (p,) array
+        The estimate.
+
+    Returns
+    -------
+    list of str
+        In words.
+    """
     listed = []
     for c in constraints.convex:
         if c.family in ("mass", "bounding ellipsoid", "body", "range"):
@@ -236,7 +312,22 @@ def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     """The estimate, moved into the feasible set where the method promises that, and its
-    certificate."""
+    certificate.
+
+    Parameters
+    ----------
+    task : Task
+        What was solved.
+    fit : Fit
+        The method's answer.
+
+    Returns
+    -------
+    (p,) array
+        theta.
+    Certificate
+        Violations, loss and, for a convex method, the gap.
+    """
     theta = fit.theta
     if fit.multipliers is not None and fit.interior is not None:
         theta = repair(fit.constraints, theta, fit.interior)
@@ -256,12 +347,26 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
 def certify_beside(
     estimate: Estimate, model: Model, theta: Array, part: Certificate
 ) -> Certificate:
-    """The certificate of a whole model of which only the last effects were optimised:
-    every constraint of the problem is judged at the whole theta, what only the method
+    """The certificate of a whole model of which only the last effects were optimised.
+
+    Every constraint of the problem is judged at the whole theta; what only the method
     demanded (a thickness) stays as judged.
 
-    model, theta : the whole, beginning with the estimate's own; part : the certificate
-    of the new effects alone, whose objective and gap remain.
+    Parameters
+    ----------
+    estimate : Estimate
+        That was extended.
+    model : Model
+        The whole, beginning with the estimate's own effects.
+    theta : (p,) array
+        Of the whole.
+    part : Certificate
+        Of the new effects alone, whose objective and gap remain.
+
+    Returns
+    -------
+    Certificate
+        Of the whole.
     """
     own_violations = violations(estimate.problem.constraints(model), theta)
     return replace(
@@ -277,8 +382,20 @@ def certify_beside(
 
 
 def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
-    """What a certificate says of the links (n, 10) themselves; empty for a model
-    without them."""
+    """What a certificate says of the links themselves; empty for a model without them.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the links' bodies.
+    links : (n, 10) array
+        Standard parameters.
+
+    Returns
+    -------
+    dict
+        Fields of a Certificate.
+    """
     if not len(links):
         return {}
     gyration = inertia.gyration(links)
@@ -299,16 +416,43 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
 
 
 def consistent(links: Array) -> bool:
-    """Whether every pseudo-inertia is positive definite, beyond rounding, and with it
-    every M(q) = sum J_i^T I_i J_i, since whatever moves a joint moves a link
-    (Traversaro et al., IROS 2016)."""
+    """Whether every pseudo-inertia is positive definite, beyond rounding.
+
+    With it every M(q) = sum J_i^T I_i J_i is, since whatever moves a joint moves a link
+    (Traversaro et al., IROS 2016).
+
+    Parameters
+    ----------
+    links : (n, 10) array
+        Standard parameters.
+
+    Returns
+    -------
+    bool
+        Of all links together.
+    """
     eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 
 
 def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000) -> float:
     """Share of random poses at which the joint-space inertia matrix M(q) is positive
-    definite."""
+    definite.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    links : (n, 10) array
+        Standard parameters.
+    poses : int
+        How many are drawn.
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+    """
     matrices = robot.mass_matrices(links, robot.random_configurations(poses, 0))
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
@@ -337,11 +481,36 @@ def estimate_parameters(
     """The certified estimate of a method from runs behind their filters.
 
     This is what :func:`sdp_vs_penalty.identify` does with runs once they are read,
-    checked and filtered (:func:`~sdp_vs_penalty.estimation.build_problem.read_and_filter`).
+    checked and filtered
+    (:func:`~sdp_vs_penalty.estimation.build_problem.read_and_filter`).
 
-    proof : a file to write the proof of optimality to, or that nothing satisfies all
-    constraints. Raises InputError for a method that these data or the proof do not
-    suit, Infeasible where nothing satisfies the constraints.
+    Parameters
+    ----------
+    problem : Problem
+        To identify.
+    data : FilteredRuns or BlackBox
+        Measured, or answered.
+    method : str or Estimator
+        Who estimates.
+    options : PoseOptions, optional
+        How the problem is posed.
+    progress : callable
+        Hears where the computation stands.
+    proof : str or Path, optional
+        A file for the proof of optimality, or that nothing satisfies all constraints.
+    workers : Workers
+        Who compresses the runs.
+
+    Returns
+    -------
+    Estimate
+        Without a verdict.
+
+    Raises
+    ------
+    InputError
+        For a method that these data or the proof do not suit. Infeasible, a kind of it,
+        where nothing satisfies the constraints.
     """
     options = options or PoseOptions()
     by_simulation = method == OUTPUT_ERROR
@@ -414,11 +583,29 @@ def _require_suitable(
 def verify_proof_file(
     path: str | Path, model: Estimate | None = None, data: Source | None = None
 ) -> tuple[bool, str]:
-    """Whether the proof in a file holds (:mod:`~sdp_vs_penalty.solvers.verify_proof`)
-    and is about the model and the measurements, where they are given; and the sentences
-    that say what is proved.
+    """Whether the proof in a file holds (:mod:`~sdp_vs_penalty.solvers.verify_proof`),
+    and is about a model and its measurements.
 
-    Raises InputError for a file that cannot be read, and measurements without a model.
+    Parameters
+    ----------
+    path : str or Path
+        The proof.
+    model : Estimate, optional
+        The model that it should be about.
+    data : path, arrays, Measurements, optional
+        The measurements.
+
+    Returns
+    -------
+    bool
+        Whether it holds.
+    str
+        What is proved, or why it is refused.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, and for measurements without a model.
     """
     if data is not None and model is None:
         raise InputError("verify(data=...) without a model", "give the model too")

@@ -74,14 +74,32 @@ def gains_from_loads(
     loads: Sequence[tuple[Source, float]],
     prior: float,
 ) -> tuple[Array, Array]:
-    """The gains (n,) that make the loads weigh what they weigh, what each torque
-    channel reads over the true torque; a factor (n, r) of the covariance of their
-    relative errors.
+    """The gains that make loads weigh what they weigh: what each torque channel reads
+    over the true torque.
 
-    model : of the robot without load; loads : further runs, each with the mass [kg] of
-    a body on the last link; prior : standard deviation of the gains' relative errors
-    before the loads are known, 0 for the usual one. Raises InputError for a mass that
-    is none.
+    Parameters
+    ----------
+    model : Model
+        Of the robot without load.
+    runs : FilteredRuns
+        Without load.
+    loads : sequence of (run, mass)
+        Further runs, each with the mass [kg] of a body on the last link.
+    prior : float
+        Standard deviation of the gains' relative errors before the loads are known; 0
+        for the usual one.
+
+    Returns
+    -------
+    (n,) array
+        Gains.
+    (n, r) array
+        A factor of the covariance of their relative errors.
+
+    Raises
+    ------
+    InputError
+        For a mass that is none.
     """
     payload = Payload(model.robot)
     bare = replace(model.reference_free, gains=None)
@@ -247,12 +265,31 @@ def with_scale(
     known: Mapping[str, float],
     loads: Sequence[tuple[Source, float]],
 ) -> tuple[Model, dict[str, Any]]:
-    """A model of a log without torque in true units, and plain JSON: the parameters
-    that are given then, the scale in words, and its relative standard deviation.
+    """A model of a log without torque in true units.
 
-    model : up to a factor, its strongest gain given; known : parameters by name, or
-    constants of motors, kt1 [N m/A] and ku1 [N m/V]; loads : further runs, each with
-    the mass [kg] on the last link. Raises InputError for what sets no scale.
+    Parameters
+    ----------
+    model : Model
+        Up to a factor, its strongest gain given.
+    runs : FilteredRuns
+        Without torque.
+    known : mapping of str to float
+        Parameters by name, or constants of motors, kt1 [N m/A] and ku1 [N m/V].
+    loads : sequence of (run, mass)
+        Further runs, each with the mass [kg] on the last link.
+
+    Returns
+    -------
+    Model
+        In true units.
+    dict
+        Plain JSON: the parameters that are given then, the scale in words, and its
+        relative standard deviation.
+
+    Raises
+    ------
+    InputError
+        For what sets no scale.
     """
     theta = model.reference
     factor = 1.0

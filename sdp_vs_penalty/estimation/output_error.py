@@ -119,11 +119,28 @@ class _Window:
 def refine(
     start: Estimate, posed: EstimationProblem, estimator: Estimator
 ) -> tuple[EstimationProblem, Fit]:
-    """The fit with the least error of a simulation, found from ``start``, and what it
-    solves.
+    """The fit with the least error of a simulation, found from an estimate.
 
-    posed : the problem that ``start`` solves; estimator : whose constraints and prior
-    hold. Raises InputError for a model that cannot accelerate.
+    Parameters
+    ----------
+    start : Estimate
+        Where to begin.
+    posed : EstimationProblem
+        What it solves.
+    estimator : Estimator
+        Whose constraints and prior hold.
+
+    Returns
+    -------
+    EstimationProblem
+        What the fit solves.
+    Fit
+        The best one.
+
+    Raises
+    ------
+    InputError
+        For a model that cannot accelerate.
     """
     model = start.model
     task = posed.task

@@ -424,14 +424,36 @@ def bootstrap(
     effects: str | Sequence[str] | Sequence[Effect] | None = None,
     seed: int = 0,
 ) -> pandas.DataFrame:
-    """Certified estimates from ``draws`` resamples of the blocks of time, a twentieth
-    of a run each: a row a draw, of each parameter a column [SI], and "gap", the
-    certified one relative to the loss.
+    """Certified estimates from resamples of the blocks of time, a twentieth of a run
+    each.
 
-    problem, measurements, method, effects : as
-    :func:`~sdp_vs_penalty.estimation.identify.identify` takes them; shape constants and
-    the joints' weights stay those of all measurements. Raises InputError as it does,
-    and for a method that is no torque SDP.
+    Shape constants and the joints' weights stay those of all measurements.
+
+    Parameters
+    ----------
+    problem : str, Path or Problem
+        As in :func:`sdp_vs_penalty.identify`.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        The same.
+    draws : int
+        How many.
+    method : str or Estimator
+        A torque SDP.
+    effects : str, names or Effects, optional
+        Default: the problem's.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    DataFrame
+        A row a draw, a column a parameter [SI], and "gap", the certified one relative
+        to the loss.
+
+    Raises
+    ------
+    InputError
+        For input that cannot be used, and for a method that is no torque SDP.
     """
     import pandas
 

@@ -36,15 +36,39 @@ ON_A_GRID = "constant on a grid"
 
 def free_constants(effect: Effect) -> tuple[str, ...]:
     """The shape constants that measurements can tell and that vary continuously in a
-    range."""
+    range.
+
+    Parameters
+    ----------
+    effect : Effect
+        With shape constants.
+
+    Returns
+    -------
+    tuple of str
+        Their names.
+    """
     names = (key for key in effect.searched if not effect.shapes[key].choices)
     return tuple(key for key in names if prior_deviation(effect, key) > 0.0)
 
 
 def prior_deviation(effect: Effect, key: str) -> float:
-    """Standard deviation of a constant that lies anywhere in its range, in the scale in
-    which it is spaced (natural logarithm or value): (high - low) / sqrt(12). Zero where
-    it has no range."""
+    """Standard deviation of a constant that lies anywhere in its range: (high - low) /
+    sqrt(12).
+
+    Parameters
+    ----------
+    effect : Effect
+        That has it.
+    key : str
+        Its name.
+
+    Returns
+    -------
+    float
+        In the scale in which it is spaced (natural logarithm or value); zero where it
+        has no range.
+    """
     shape = effect.shapes[key]
     low, high = shape.bounds or (
         min(shape.grid, default=1.0),
@@ -138,7 +162,22 @@ class ShapeSensitivity(Effect):
 
 
 def moved(effect: Effect, key: str, step: float) -> Effect:
-    """The effect with a shape constant changed by a step in its own scale."""
+    """The effect with a shape constant changed by a step in its own scale.
+
+    Parameters
+    ----------
+    effect : Effect
+        That has the constant.
+    key : str
+        Its name.
+    step : float
+        In its own scale.
+
+    Returns
+    -------
+    Effect
+        Changed.
+    """
     value = effect.shape[key]
     new = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
     return effect.with_shape(**{key: float(new)})
@@ -147,7 +186,20 @@ def moved(effect: Effect, key: str, step: float) -> Effect:
 def sensitivities(
     effects: Sequence[Effect], thetas: Sequence[Array]
 ) -> tuple[ShapeSensitivity, ...]:
-    """One for each of the effects, with its parameters, that has a free shape constant."""
+    """One for each of the effects, with its parameters, that has a free shape constant.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        All of a model.
+    thetas : sequence of (k,) arrays
+        Parameters of each.
+
+    Returns
+    -------
+    tuple of ShapeSensitivity
+        In their order.
+    """
     both = list(zip(effects, thetas, strict=True))
     finer = [
         [b for b in both if e.name in (*b[0].refines, b[0].shape_of)] for e in effects
@@ -163,8 +215,23 @@ def sensitivities(
 def with_sensitivities(
     model: Model, theta: Array, chosen: Callable[[Effect], bool] = lambda effect: True
 ) -> Model:
-    """The model with a parameter more for each free shape constant of the effects that
-    are wanted; itself where there is none."""
+    """The model with a parameter more for each free shape constant; itself where there
+    is none.
+
+    Parameters
+    ----------
+    model : Model
+        Of p parameters.
+    theta : (p,) array
+        Their values.
+    chosen : callable
+        Which effects' constants are wanted.
+
+    Returns
+    -------
+    Model
+        The same effects, then the sensitivities.
+    """
     sensitivities_of_model = sensitivities(
         model.effects, [theta[k] for k in model.indices]
     )
@@ -199,13 +266,27 @@ def fit_constants_jointly(
     compressed: Callable[[Model], Regression],
     weighting: str = "noise",
 ) -> Settled:
-    """The model with its ``free_keys`` constants where they together leave the least
-    squared error, from where they are and, of those that only have the values of a
-    grid, from each of these: Gauss-Newton steps of those that have a range, in their
-    own scales.
+    """The model with its constants where they together leave the least squared error.
 
-    compressed : the measurements in the columns of a model; weighting : of the joints'
-    rows, "noise" or "none". Effects with a wanted constant act on one joint each.
+    Constants begin where they are and, of those that only have the values of a grid, at
+    each of these. Those that have a range move by Gauss-Newton steps in their own
+    scales.
+
+    Parameters
+    ----------
+    model : Model
+        Whose effects with a wanted constant act on one joint each.
+    free_keys : collection of Key
+        The wanted constants.
+    compressed : callable
+        The measurements in the columns of a model.
+    weighting : {"noise", "none"}
+        Of the joints' rows.
+
+    Returns
+    -------
+    Settled
+        Model, standard deviations and error.
     """
     fit = _ConstantFit(model, free_keys, compressed, weighting)
     optima = [_Descent(fit, effects).settle() for effects in fit.starting_effects()]

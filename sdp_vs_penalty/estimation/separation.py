@@ -199,14 +199,40 @@ def separate(
     free: Callable[[Array], bool] | None = None,
     progress: Progress = no_progress,
 ) -> Separation:
-    """The motion of ``duration`` [s] on which two effects differ most.
+    """The motion on which two effects differ most.
 
-    effects : two, as they are written, or one, to be told from nothing; level : root
-    mean square of each over the noise of its joint on the default excitation;
-    iterations : changes that are tried; limits : default the robot's own; free :
-    whether the arm touches itself at none of poses (N, n)
-    (:func:`~sdp_vs_penalty.robot.geometry.self_collision`). Raises InputError for
-    hypotheses that cannot be separated.
+    Parameters
+    ----------
+    estimate : Estimate
+        Of the arm.
+    effects : str
+        Two, as they are written, or one, to be told from nothing.
+    duration : float
+        Of the motion [s].
+    level : float
+        Root mean square of each effect over the noise of its joint on the default
+        excitation.
+    iterations : int
+        Changes that are tried.
+    seed : int
+        Of the changes.
+    limits : Limits, optional
+        Default: the robot's own.
+    free : callable, optional
+        Whether the arm touches itself at none of poses (N, n)
+        (:func:`~sdp_vs_penalty.robot.geometry.self_collision`).
+    progress : callable
+        Hears where the search stands.
+
+    Returns
+    -------
+    Separation
+        The motion, and how well it separates them.
+
+    Raises
+    ------
+    InputError
+        For hypotheses that cannot be separated.
     """
     hypotheses = Hypotheses(estimate, effects, level)
     limits = Limits.of_robot(estimate.robot) if limits is None else limits

@@ -113,14 +113,33 @@ def find_law(
     names: Sequence[str],
     delay: float | None,
 ) -> tuple[str, float, dict[str, float]]:
-    """A servo's law, its delay [s], and the held-out error of each law over that of the
-    best.
+    """A servo's law, and its delay.
 
-    Of the laws among ``names`` whose held-out error is within one standard error of the
-    least, by folds, or within what a law of friction gets wrong, the one with the
-    fewest gains; friction may turn over several velocities meanwhile. delay : where it
-    is known [s]; else it is as small as none unless without it much more is left of
-    motion left out."""
+    Of the laws whose held-out error is within one standard error of the least, by
+    folds, or within what a law of friction gets wrong, the one with the fewest gains.
+    Friction may turn over several velocities meanwhile.
+
+    Parameters
+    ----------
+    load : sequence of Effect
+        What the drives work against.
+    runs : FilteredRuns
+        Without torque.
+    names : sequence of str
+        The laws to choose from.
+    delay : float or None
+        Where it is known [s]. Else it is as small as none unless without it much more
+        is left of motion left out.
+
+    Returns
+    -------
+    str
+        The law.
+    float
+        Its delay [s].
+    dict of str to float
+        Held-out error of each law over that of the best.
+    """
     wide: list[Effect] = []
     for e in load:
         free = "v_s" in e.shapes and "v_s" not in e.given
@@ -234,7 +253,20 @@ def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
     """Filters for a log without torque, resolved. Noise of positions is in every column
     there: the states' cut-off begins where the command, free of noise, says how fast
-    the motion is, and rises as far as the positions show a sharper one."""
+    the motion is, and rises as far as the positions show a sharper one.
+
+    Parameters
+    ----------
+    settings : Preprocessing
+        As a user or a problem gives them.
+    data : Measurements
+        Without torque.
+
+    Returns
+    -------
+    Preprocessing
+        For such a log.
+    """
     lowest_cutoff = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
         commanded_runs = [replace(run, q=run.commanded["qcmd"]) for run in data.runs()]
@@ -321,14 +353,41 @@ def servo_log(
     instruments: bool,
     chosen: bool,
 ) -> tuple[Model, FilteredRuns, dict[str, Any]]:
-    """What stands for the torque in a log without one: the model with the law's
-    effects, up to a factor (known_load.py sets the scale), the measurements with the
-    motion that the law makes of the command (where instruments are wanted), and plain
-    JSON.
+    """What stands for the torque in a log without one.
 
-    effects : the model's; where servo effects are among them, the law is given, with
-    its delay where that is; chosen : whether the effects were asked for: if not, rotors
-    turn with the joints as well. Raises InputError for a log without commands.
+    Where servo effects are among the model's, the law is given, with its delay where
+    that is. known_load.py sets the scale.
+
+    Parameters
+    ----------
+    problem : Problem
+        To identify.
+    effects : sequence of Effect
+        The model's.
+    runs : FilteredRuns
+        Without torque.
+    weighting : {"noise", "none"}
+        Of the joints' rows.
+    progress : callable
+        Hears where the computation stands.
+    instruments : bool
+        Whether columns are made of a simulated motion.
+    chosen : bool
+        Whether the effects were asked for; if not, rotors turn with the joints as well.
+
+    Returns
+    -------
+    Model
+        With the law's effects, up to a factor.
+    FilteredRuns
+        With the motion that the law makes of the command, where instruments are wanted.
+    dict
+        Plain JSON.
+
+    Raises
+    ------
+    InputError
+        For a log without commands.
     """
     if "qcmd" not in runs.measurements.groups:
         what = "this log holds neither torque nor commands"

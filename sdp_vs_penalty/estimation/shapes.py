@@ -82,7 +82,22 @@ class ShapeEstimate(JsonRecord):
 
 
 def at_end(u: float, low: float, high: float) -> bool:
-    """Whether a constant lies at an end of its range, all in its own scale."""
+    """Whether a constant lies at an end of its range, all in its own scale.
+
+    Parameters
+    ----------
+    u : float
+        The constant.
+    low : float
+        Where its range begins.
+    high : float
+        Where it ends.
+
+    Returns
+    -------
+    bool
+        Near either end.
+    """
     near = AT_END * (high - low)
     return not low + near < u < high - near
 
@@ -95,13 +110,29 @@ def estimate_shapes(
     workers: Workers = ALONE,
     widest: float = 0.0,
 ) -> list[ShapeEstimate]:
-    """The open shape constants of a model, each at its best value if that explains
+    """The open shape constants of a model: each at its best value if that explains
     significantly more than the one the model has, of motion left out as well, else at
     that.
 
-    weighting : of the joints' rows, "noise" or "none"; chosen : the rows that take
-    part, default all; workers : who compresses the runs; widest : up to which value the
-    grids go on beyond their own, each twice the last one.
+    Parameters
+    ----------
+    model : Model
+        With open constants.
+    runs : FilteredRuns
+        To estimate them from.
+    weighting : {"noise", "none"}
+        Of the joints' rows.
+    chosen : callable, optional
+        The rows that take part; default: all.
+    workers : Workers
+        Who compresses the runs.
+    widest : float
+        Up to which value the grids go on beyond their own, each twice the last one.
+
+    Returns
+    -------
+    list of ShapeEstimate
+        One a constant.
     """
     open_constants = _open_constants(model)
     if not open_constants:
@@ -530,8 +561,23 @@ def _quadratic(grams: Array, coefficients: Array) -> Array:
 def with_shapes(
     effects: Sequence[Effect], estimates: Sequence[ShapeEstimate]
 ) -> tuple[Effect, ...]:
-    """The effects with estimated constants: those that were estimated stand alone, a
-    joint each, in the same order, so that the parameters keep their places."""
+    """The effects with estimated constants.
+
+    Those that were estimated stand alone, a joint each, in the same order, so that the
+    parameters keep their places.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        A model's.
+    estimates : sequence of ShapeEstimate
+        Of their constants.
+
+    Returns
+    -------
+    tuple of Effect
+        With the new constants.
+    """
     values = {(s.effect, s.joint, s.shape): s.after for s in estimates}
     out: list[Effect] = []
     for effect in effects:
@@ -553,8 +599,20 @@ def with_shapes(
 def asked_effects(
     effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]
 ) -> list[str]:
-    """How effects are written so that `identify` estimates again what it has estimated:
-    ``shapes`` as an estimate's details hold them."""
+    """How effects are written so that `identify` estimates again what it has estimated.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        A model's.
+    shapes : sequence of mapping
+        As an estimate's details hold them.
+
+    Returns
+    -------
+    list of str
+        In words.
+    """
     estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
     requested = dict[str, list[str]]()
     for e in effects:

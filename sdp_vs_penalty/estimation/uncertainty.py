@@ -218,8 +218,21 @@ class Sandwich:
 
 
 def stretched(factor: Array, std: Array) -> Array:
-    """Rows of a factor (p, r) as long as the deviations (p,); where they are NaN,
-    longer by the median ratio."""
+    """Rows of a factor as long as deviations; where these are NaN, longer by the median
+    ratio.
+
+    Parameters
+    ----------
+    factor : (p, r) array
+        Of a covariance.
+    std : (p,) array
+        Standard deviations.
+
+    Returns
+    -------
+    (p, r) array
+        The new factor.
+    """
     length = np.linalg.norm(factor, axis=1)
     known = np.isfinite(std) & (length > 0.0)
     ratio = np.where(known, std, 1.0) / np.where(known, length, 1.0)
@@ -280,7 +293,18 @@ class Interval(JsonRecord):
 
 
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
-    """How many of each verdict."""
+    """How many of each verdict.
+
+    Parameters
+    ----------
+    intervals : sequence of Interval
+        Of parameters.
+
+    Returns
+    -------
+    dict of str to int
+        By verdict.
+    """
     verdicts = [i.verdict for i in intervals]
     return {verdict: verdicts.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
 
@@ -422,14 +446,35 @@ def of_regression(
 ) -> Uncertainty:
     """Intervals from compressed data.
 
-    task, own_regression : what was estimated from which data; wide : these in the
-    columns of the model with
-    :func:`with_sensitivities`. theta (p,) : the estimate; default: least squares next to the nominal
-    robot. constrained : whether it satisfies the problem's constraints, and intervals are to;
-    gain_errors (n, e) : a factor of the covariance of the relative errors of the torque channels' gains;
-    white : take the residual for white noise: what the motion alone would show. known : the sandwich of
-    these data, gains (p, n) : its response to the gains, where they have been worked out already; extra
-    (p, e) : a factor of the covariance of an error that is known beside.
+    Parameters
+    ----------
+    task : Task
+        What was solved.
+    own_regression : Regression
+        From which data.
+    base : BaseParameters
+        Combinations that make torque.
+    theta : (p,) array, optional
+        The estimate; default: least squares next to the nominal robot.
+    wide : Regression, optional
+        The data in the columns of the model with :func:`with_sensitivities`.
+    constrained : bool
+        Whether theta satisfies the problem's constraints, and intervals are to.
+    gain_errors : (n, e) array, optional
+        A factor of the covariance of the relative errors of the torque channels' gains.
+    white : bool
+        Take the residual for white noise: what the motion alone would show.
+    known : Sandwich, optional
+        Of these data, where it has been worked out.
+    gains : (p, n) array, optional
+        Its response to the gains.
+    extra : (p, e) array, optional
+        A factor of the covariance of an error that is known beside.
+
+    Returns
+    -------
+    Uncertainty
+        Intervals and covariance.
     """
     p = len(task.bound)
     n = own_regression.joints
@@ -591,11 +636,28 @@ def beside_held(
     """Of a model that is held fixed and effects that were fitted to what it leaves,
     under constraints.
 
-    task, theta (k,), base : of the new effects alone; regression : of the held model's
-    columns, theirs, and their shape constants'; held : the held model's parameters and
-    what is known of them, whose error is an error of the torque that the new effects
-    explain; held_base : its base parameters; gain_errors : as of :func:`of_regression`,
-    by default those of the held model.
+    Parameters
+    ----------
+    task : Task
+        Of the new effects alone.
+    regression : Regression
+        Of the held model's columns, theirs, and their shape constants'.
+    held : ((f,) array, Uncertainty)
+        The held model's parameters and what is known of them; their error is an error
+        of the torque that the new effects explain.
+    held_base : BaseParameters
+        Of the held model.
+    theta : (k,) array
+        Of the new effects.
+    base : BaseParameters
+        Of the new effects.
+    gain_errors : (n, e) array, optional
+        As of :func:`of_regression`; default: those of the held model.
+
+    Returns
+    -------
+    Uncertainty
+        Of all.
     """
     fixed, old = held
     k = len(theta)

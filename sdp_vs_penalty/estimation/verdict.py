@@ -225,8 +225,18 @@ def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
 
 
 def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Which kinds of DOUBTS the check has named of the training runs, in a sentence;
-    checks : issues as plain JSON by run, as a model keeps them."""
+    """Which kinds of DOUBTS the check has named of the training runs.
+
+    Parameters
+    ----------
+    checks : mapping of str to sequence of mapping
+        Issues as plain JSON by run, as a model keeps them.
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
     kinds = [
         str(issue["kind"])
         for issues in checks.values()
@@ -336,7 +346,22 @@ def _left(fit: Line, over: Array | None) -> str:
 
 
 def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
-    """Why the links are not to be believed, in a sentence; "" where they are."""
+    """Why the links are not to be believed, in a sentence; "" where they are.
+
+    Parameters
+    ----------
+    certificate : Certificate
+        Of the model.
+    masses : (links,) array
+        Identified [kg].
+    nominal : (links,) array
+        Before [kg].
+
+    Returns
+    -------
+    str
+        A sentence, or "".
+    """
     if certificate.not_found:
         return certificate.not_found
     sentences = {
@@ -362,7 +387,22 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
 def changes(before: Array, after: Array, floor: Array | None) -> str:
     """What became of each joint's error (n,), largest fall first, and of every joint
     that got worse by more than 5 %: in noise floors where they are known, else in N m
-    or N; "" where nothing changed."""
+    or N; "" where nothing changed.
+
+    Parameters
+    ----------
+    before : (n,) array
+        Errors of the model [N m or N].
+    after : (n,) array
+        Of the extended one.
+    floor : (n,) array or None
+        Of the noise.
+
+    Returns
+    -------
+    str
+        In noise floors where they are known.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(
             before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0)
@@ -388,7 +428,20 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
 
 def over_noise(rmse: Array, floor: Array | None) -> Array | None:
     """(n,) errors over the noise floor; infinite where the noise is zero and the error
-    is not; None without a floor."""
+    is not; None without a floor.
+
+    Parameters
+    ----------
+    rmse : (n,) array
+        Errors [N m or N].
+    floor : (n,) array or None
+        Of the noise.
+
+    Returns
+    -------
+    (n,) array or None
+        Ratios.
+    """
     if floor is None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -408,15 +461,27 @@ class NoiseFloor(JsonRecord):
 def noise_level(
     problem: Problem, filtered_runs: FilteredRuns
 ) -> tuple[Array | None, str]:
-    """Standard deviation (n,) of the torque noise below the cut-off [N m or N], and its
-    source.
+    """Standard deviation of the torque noise below the cut-off, and its source.
 
     From repetition: r(t) - r(t + T) of a residual r. The residual is that of
     unconstrained least squares of the problem's own effects on these measurements, so
     that the floor does not depend on which models are judged beside it. Where nothing
     repeats, from the torque's spectrum above the motion's band (:mod:`~signals.noise`),
-    at most that residual; None and "" where the logs hold nothing there. Of long
-    recordings windows are looked at.
+    at most that residual. Of long recordings windows are looked at.
+
+    Parameters
+    ----------
+    problem : Problem
+        With its own effects.
+    filtered_runs : FilteredRuns
+        To measure it in.
+
+    Returns
+    -------
+    (n,) array or None
+        [N m or N]; None where the logs hold nothing there.
+    str
+        "repetition" or "spectrum"; "" without a floor.
     """
     settings = filtered_runs.settings
     shown = window_subsample(filtered_runs.measurements, filtered_runs.settings)

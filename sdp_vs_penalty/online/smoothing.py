@@ -67,7 +67,20 @@ class SmoothingFilter:
 
 def smoothing_kernel(half: int, period: float) -> Array:
     """(3, 2 half + 1) weights of the value, the rate and the acceleration in the middle
-    of a cubic that is fitted to a window."""
+    of a cubic that is fitted to a window.
+
+    Parameters
+    ----------
+    half : int
+        Samples on either side of the middle.
+    period : float
+        Time between samples [s].
+
+    Returns
+    -------
+    (3, 2 half + 1) array
+        A row each: of the value, its rate [1/s] and its acceleration [1/s^2].
+    """
     t = np.arange(-half, half + 1) * period
     fit = np.linalg.pinv(np.vander(t, 4, increasing=True))
     return np.ascontiguousarray(fit[:3] * np.array([[1.0], [1.0], [2.0]]))
@@ -75,7 +88,26 @@ def smoothing_kernel(half: int, period: float) -> Array:
 
 def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Array]:
     """Value, rate and acceleration (N - 2 half, channels) of a whole log, by the kernel
-    of the stream."""
+    of the stream.
+
+    Parameters
+    ----------
+    samples : (N, channels) array
+        Of a log, evenly spaced.
+    half : int
+        Samples on either side of the middle.
+    period : float
+        Time between samples [s].
+
+    Returns
+    -------
+    (N - 2 half, channels) array
+        Values.
+    (N - 2 half, channels) array
+        Rates [1/s].
+    (N - 2 half, channels) array
+        Accelerations [1/s^2].
+    """
     windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
     value, rate, acceleration = smoothing_kernel(half, period)
     return windows @ value, windows @ rate, windows @ acceleration

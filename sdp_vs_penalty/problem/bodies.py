@@ -27,49 +27,65 @@ def link_bodies(
     nominal: Array,
     geometry: Sequence[Geometry | None] | None = None,
 ) -> tuple[Body, ...]:
-    """The body of each link in its frame, from the best that is known of it.
+    """The body of each link, from the best that is known of it.
 
-    centres (n, 3, 2) : bounds on the centre of mass [m], infinite where there is none;
-    nominal (n, 10) : standard parameters that came with the robot, zeros where none did.
+    Parameters
+    ----------
+    robot : whose joints a link bears
+    centres : (n, 3, 2) bounds on the centre of mass [m], infinite where there is none
+    nominal : (n, 10) standard parameters that came with the robot, zeros where none did
+    geometry : the links' shapes
+
+    Returns
+    -------
+    tuple of Body
+        (n,) in the links' frames.
     """
     reach = robot.link_reach()
     largest = c.FAR_MASS * max(float(reach.sum()), 1.0)
-    out = []
+    bodies = []
     for k in range(robot.links):
         shape = None if geometry is None else geometry[k]
-        if shape is not None:  # in metres, and no marker of a place
-            farthest = float(np.linalg.norm(shape.points, axis=1).max())
-            usable = (
-                float(np.ptp(shape.points, axis=0).max()) > c.LAYER
-                and farthest < largest
-            )
-            shape = shape if usable else None
         ellipsoid = _uniform_ellipsoid(nominal[k], largest)
         corners = np.array(np.meshgrid(*centres[k])).reshape(3, -1).T
-        radius = max(c.RADIUS_SHARE * reach[k], c.LEAST_RADIUS)
-        if shape is not None:
-            cloud = (
-                shape.points
-                if ellipsoid is None
-                else np.concatenate([shape.points, ellipsoid])
-            )
-            volume = shape.volume if shape.volume > 0.0 else None
-            out.append(around(cloud, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume))
+        if shape is not None and _is_a_links_shape(shape, largest):
+            body = _body_of_geometry(shape, ellipsoid)
         elif np.all(np.isfinite(corners)):
             places = np.concatenate([corners, joint_places(robot, k)])
-            out.append(around(balls(places, radius), "bounds"))
+            radius = max(c.RADIUS_SHARE * reach[k], c.LEAST_RADIUS)
+            body = around(balls(places, radius), "bounds")
         elif ellipsoid is not None:
-            wide = ellipsoid.mean(axis=0) + c.INERTIAL_MARGIN * (
-                ellipsoid - ellipsoid.mean(axis=0)
-            )
-            places = balls(
-                np.concatenate([joint_places(robot, k), ellipsoid]), c.LEAST_RADIUS
-            )
-            out.append(around(np.concatenate([wide, places]), "inertial"))
+            body = _body_of_inertial(ellipsoid, joint_places(robot, k))
         else:
-            wide = max(reach[k], c.DEFAULT_RADIUS)
-            out.append(around(balls(joint_places(robot, k), wide), "kinematics"))
-    return tuple(out)
+            radius = max(reach[k], c.DEFAULT_RADIUS)
+            body = around(balls(joint_places(robot, k), radius), "kinematics")
+        bodies.append(body)
+    return tuple(bodies)
+
+
+def _is_a_links_shape(shape: Geometry, largest: float) -> bool:
+    """Whether a shape is in metres, and no marker of a place; largest : distance of its
+    points from the frame [m]."""
+    farthest = float(np.linalg.norm(shape.points, axis=1).max())
+    extent = float(np.ptp(shape.points, axis=0).max())
+    return extent > c.LAYER and farthest < largest
+
+
+def _body_of_geometry(shape: Geometry, ellipsoid: Array | None) -> Body:
+    """The body around a link's shape and the ellipsoid of its inertial."""
+    cloud = shape.points
+    if ellipsoid is not None:
+        cloud = np.concatenate([shape.points, ellipsoid])
+    volume = shape.volume if shape.volume > 0.0 else None
+    return around(cloud, "geometry", c.GEOMETRY_MARGIN, c.LAYER, volume)
+
+
+def _body_of_inertial(ellipsoid: Array, joints: Array) -> Body:
+    """The body around a wider ellipsoid than the inertial's, and around the joints."""
+    centre = ellipsoid.mean(axis=0)
+    wide = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
+    places = balls(np.concatenate([joints, ellipsoid]), c.LEAST_RADIUS)
+    return around(np.concatenate([wide, places]), "inertial")
 
 
 def joint_places(robot: Robot, link: int) -> Array:
@@ -128,51 +144,65 @@ def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
 def plausible_links(
     robot: Robot, nominal: Array, bodies: Sequence[Body] | None = None
 ) -> tuple[Array, tuple[str, ...]]:
-    """Strictly consistent nominal links (n, 10), and where each comes from.
+    """Strictly consistent nominal links.
 
-    Those given where they are possible ("inertial"); a given mass whose moments are not
-    keeps its weight; else the link's geometry filled with :data:`DEFAULT_DENSITY`
-    ("geometry"), else a tube with half of each actuator at its ends ("kinematics"). The
-    last two are drawn, not measured.
+    Parameters
+    ----------
+    robot : whose links they are
+    nominal : (n, 10) standard parameters as a file has them, zeros where it has none
+    bodies : (n,) where each link's mass can be
+
+    Returns
+    -------
+    links : (n, 10) those given where they are possible; a given mass whose moments are
+        not keeps its weight
+    sources : (n,) "inertial"; "geometry", filled with :data:`DEFAULT_DENSITY`; or
+        "kinematics", a tube with half of each actuator at its ends. The last two are
+        drawn, not measured.
     """
-    out = np.array(nominal, float)
+    links = np.array(nominal, float)
     sources = []
     actuators = _actuators(robot)
     for i, reach in enumerate(robot.link_reach()):
-        scale = np.array([reach, reach, reach, 1.0])
-        scaled = inertia.pseudo_inertia(out[i]) / np.outer(scale, scale)
-        mass = out[i, 0]
-        # Above what files' seven digits leave open.
-        if (
-            mass > 0.0
-            and np.linalg.eigvalsh(scaled)[0] > np.finfo(np.float32).eps * mass
-        ):
+        mass = links[i, 0]
+        if _is_possible(links[i], reach):
             sources.append("inertial")
             continue
         body = None if bodies is None else bodies[i]
-        has_geometry = body is not None and body.source == "geometry"
-        if body is not None and has_geometry:
-            bare = (
-                body.half_axes - c.LAYER
-            ) / c.GEOMETRY_MARGIN  # of what it is drawn around
-            second = (
-                body.axes * bare**2 / 7.0
-            ) @ body.axes.T  # 5 for a ball, 9 for a box
-            half = 0.5 * (
-                4.0 / 3.0 * np.pi * float(np.prod(bare))
-            )  # where the surface is open
-            volume = half if body.volume is None else body.volume
-            drawn = _lump(c.DEFAULT_DENSITY * volume, body.centre, second)
+        if body is not None and body.source == "geometry":
+            source = "geometry"
+            drawn = _filled_geometry(body)
         else:
+            source = "kinematics"
             drawn = _tube(robot, i, reach, actuators)
-        known = 0.0 < mass < np.inf
-        sources.append(
-            "inertial" if known else "geometry" if has_geometry else "kinematics"
-        )
-        out[i] = inertia.from_pseudo_inertia(
-            drawn * (mass / drawn[3, 3] if known else 1.0)
-        )
-    return out, tuple(sources)
+        if 0.0 < mass < np.inf:
+            source = "inertial"
+            drawn = drawn * (mass / drawn[3, 3])
+        sources.append(source)
+        links[i] = inertia.from_pseudo_inertia(drawn)
+    return links, tuple(sources)
+
+
+def _is_possible(link: Array, reach: float) -> bool:
+    """Whether a body can have these parameters (10,), by more than files' seven digits
+    leave open; reach : a length of the link [m]."""
+    scale = np.array([reach, reach, reach, 1.0])
+    scaled = inertia.pseudo_inertia(link) / np.outer(scale, scale)
+    mass = link[0]
+    smallest = np.linalg.eigvalsh(scaled)[0]
+    return bool(mass > 0.0 and smallest > np.finfo(np.float32).eps * mass)
+
+
+def _filled_geometry(body: Body) -> Array:
+    """(4, 4) pseudo-inertia of a link's shape, filled."""
+    # Half axes of what the body is drawn around.
+    bare = (body.half_axes - c.LAYER) / c.GEOMETRY_MARGIN
+    # 5 for a ball, 9 for a box.
+    second = (body.axes * bare**2 / 7.0) @ body.axes.T
+    volume = body.volume
+    if volume is None:  # the surface is open
+        volume = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(bare)))
+    return _lump(c.DEFAULT_DENSITY * volume, body.centre, second)
 
 
 def _lump(mass: float, centre: Array, second: Array) -> Array:

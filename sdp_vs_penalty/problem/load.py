@@ -93,23 +93,35 @@ def _check(
     label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]
 ) -> None:
     """InputError for a value of another kind or length than its example."""
-    several = isinstance(like, list)
-    one = like[0] if isinstance(like, list) else like
-    word = {str: "text", int: "whole number", float: "number"}[type(one)]
     hint = f"write {key} = {json.dumps(like)}"
-    if several and not isinstance(value, list):
+    is_list = isinstance(like, list)
+    example = like[0] if is_list else like
+    word = {str: "text", int: "whole number", float: "number"}[type(example)]
+    if is_list and not isinstance(value, list):
         raise InputError(f"{label} is {_shown(value)}, not a list of {word}s", hint)
-    for k, entry in enumerate(value if several else [value], start=1):
-        if type(entry) not in (type(one), *((int,) if type(one) is float else ())):
-            where = f"{label}: entry {k}" if several else label
+    kinds = (float, int) if type(example) is float else (type(example),)
+    for k, entry in enumerate(value if is_list else [value], start=1):
+        if type(entry) not in kinds:
+            where = f"{label}: entry {k}" if is_list else label
             raise InputError(f"{where} is {_shown(entry)}, not a {word}", hint)
-    fixed = key in ("gravity", "total_mass")
-    shown = like if fixed else part.get("a")
-    if several and isinstance(shown, list) and len(value) != len(shown):
-        needed = hint if fixed else "one per joint, as in a"
-        raise InputError(
-            f"{label} has {len(value)} entries, {len(shown)} are needed", needed
-        )
+    if is_list:
+        _check_length(label, value, key, like, part)
+
+
+def _check_length(
+    label: str, value: Sequence[Any], key: str, like: Any, part: Mapping[str, Any]
+) -> None:
+    """InputError for a list that is shorter or longer than needed: as its example, or
+    one entry a joint beside a DH table."""
+    has_fixed_length = key in ("gravity", "total_mass")
+    needed = like if has_fixed_length else part.get("a")
+    if not isinstance(needed, list) or len(value) == len(needed):
+        return
+    remedy = "one per joint, as in a"
+    if has_fixed_length:
+        remedy = f"write {key} = {json.dumps(like)}"
+    what = f"{label} has {len(value)} entries, {len(needed)} are needed"
+    raise InputError(what, remedy)
 
 
 def _shown(value: Any) -> str:

@@ -56,7 +56,20 @@ class BaseParameters:
 
 def base_rows(problem: Problem, model: Model) -> BaseParameters:
     """The base parameters of a model, those of the links with the names that the
-    problem gives them."""
+    problem gives them.
+
+    Parameters
+    ----------
+    problem : Problem
+        Gives the links' base parameters their names.
+    model : Model
+        With its effects.
+
+    Returns
+    -------
+    BaseParameters
+        Rows, names and leading parameters.
+    """
     matrix, places, lead = _rigid_base(problem, model)
     p = len(model.parameters)
     others = np.setdiff1d(np.arange(p), places)
@@ -116,8 +129,29 @@ def structure(
     leading: tuple[int, ...] | None = None,
     preference: Array | float = 1.0,
 ) -> tuple[Array, tuple[int, ...]]:
-    """B and the independent columns of stacked ones (N, k): ``leading``, or what a pivoted
-    QR chooses of them, at unit norm times ``preference`` (k,)."""
+    """B and the independent columns of stacked ones.
+
+    Parameters
+    ----------
+    stacked : (N, k) array
+        Columns, in as many rows as there are.
+    leading : tuple of int, optional
+        The independent columns; default: what a pivoted QR chooses.
+    preference : float or (k,) array
+        Norms of the columns in that choice.
+
+    Returns
+    -------
+    (b, k) array
+        B, with which the columns are those of ``leading`` times B.
+    tuple of int
+        The independent columns.
+
+    Raises
+    ------
+    InputError
+        For columns named that are not independent.
+    """
     # The same columns' lengths and angles, in as many rows as columns.
     stacked = triangular([stacked])
     norms = np.linalg.norm(stacked, axis=0)
@@ -146,7 +180,18 @@ def structure(
 
 def base_parameter_symbols(problem: Problem) -> dict[str, str]:
     """Each base parameter written out in standard parameters, "Izz2 - 0.64 m2", by the
-    independent one (Izz1, mx2, ...) that leads it."""
+    independent one (Izz1, mx2, ...) that leads it.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot.
+
+    Returns
+    -------
+    dict of str to str
+        A sum in words, by the parameter that leads it.
+    """
     base, independent = base_parameters(
         problem.model("rigid_body"), problem.independent
     )

@@ -65,13 +65,26 @@ class BlackBox:
 
 
 def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
-    """The black box in an .npz file with arrays q (K, n), gravity (K, n), mass_matrix
-    (K, n, n), by its path or a list of that; None for anything else, which may be
-    measured runs.
+    """The black box in an .npz file; None for anything else, which may be measured
+    runs.
 
-    Raises InputError where an array is missing, has another shape or holds no finite
-    numbers, where the inertia matrices are not symmetric, and where such a file is one
-    of several.
+    Parameters
+    ----------
+    source : path or list of path
+        The file with arrays q (K, n), gravity (K, n), mass_matrix (K, n, n).
+    joints : int, optional
+        How many are expected.
+
+    Returns
+    -------
+    BlackBox or None
+        The answers.
+
+    Raises
+    ------
+    InputError
+        Where an array is missing, has another shape or holds no finite numbers, where
+        mass matrices are not symmetric, and where such a file is one of several.
     """
     paths = list(source) if isinstance(source, list | tuple) else [source]
     answers = [
@@ -141,9 +154,24 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     """Gravity rows and upper-triangle entries of M(q), reduced to one factor a joint.
 
     Row i of M(q) (its entries j >= i) and of g(q) belong to joint i: M(q)_ij is the
-    torque on joint i from a unit acceleration of joint j, without gravity. Raises
-    InputError for a model with effects other than the rigid body, which such answers do
-    not contain.
+    torque on joint i from a unit acceleration of joint j, without gravity.
+
+    Parameters
+    ----------
+    box : BlackBox
+        The answers.
+    model : Model
+        Of the one effect rigid_body.
+
+    Returns
+    -------
+    Regression
+        One block.
+
+    Raises
+    ------
+    InputError
+        For a model with other effects, which such answers do not contain.
     """
     if [effect.name for effect in model.effects] != ["rigid_body"]:
         raise InputError(

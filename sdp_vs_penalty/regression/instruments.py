@@ -45,7 +45,20 @@ Instrumented = tuple[int, NDArray[np.intp], Array, Array]
 def commanded_motion(measured: Measurements) -> Measurements:
     """The same log with its command as the motion "qsim" of the instruments.
 
-    Raises InputError for a log without commands.
+    Parameters
+    ----------
+    measured : Measurements
+        A log with commands.
+
+    Returns
+    -------
+    Measurements
+        With "qsim" among the commanded motions.
+
+    Raises
+    ------
+    InputError
+        For a log without commands.
     """
     if "qcmd" not in measured.commanded:
         raise InputError(
@@ -60,7 +73,20 @@ def commanded_motion(measured: Measurements) -> Measurements:
 def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
     """The rows of a run that holds a simulated motion (positions "qsim"), with the same
     columns on that motion before them: [Z, tau_Z, X], those of Z counted behind the
-    model's."""
+    model's.
+
+    Parameters
+    ----------
+    run : FilteredRun
+        With a simulated motion "qsim".
+    model : Model
+        Of p parameters.
+
+    Returns
+    -------
+    iterator of Rows
+        Piece by piece.
+    """
     p = len(model.parameters)
     for rows, other in zip(run.rows(model), run.simulated.rows(model), strict=True):
         both = [
@@ -78,8 +104,20 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
 def instrumented(
     model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
 ) -> list[tuple[NDArray[np.intp], Array]]:
-    """Of each factor (joint, its columns' parameters, rows) the model's parameters (k,)
-    and the rows (r, k + 1) [Z, tau^]."""
+    """Rows whose columns are instruments: [Z, tau^].
+
+    Parameters
+    ----------
+    model : Model
+        Of p parameters.
+    factors : sequence of (joint, indices, rows)
+        Of each factor its joint, its columns' parameters and its rows.
+
+    Returns
+    -------
+    list of ((k,), (r, k + 1)) arrays
+        The model's parameters, and the rows, of each factor.
+    """
     p = len(model.parameters)
     parts = []
     for joint, indices, rows in factors:

@@ -18,11 +18,22 @@ UNSEEN = 1e-9
 
 
 def column_space(A: Array) -> tuple[Array, Array]:
-    """Directions V (p, k) of theta that the columns A (r, p) show, and what they make,
-    A V = U (r, k), with U'U = 1.
+    """What the columns of a matrix show: A V = U, with U'U = 1.
 
     Columns are brought to unit norm first; of smaller norm than 1e-10 of the largest
     they show nothing.
+
+    Parameters
+    ----------
+    A : (r, p) array
+        Columns.
+
+    Returns
+    -------
+    (r, k) array
+        U, what the directions make.
+    (p, k) array
+        V, directions of theta.
     """
     unit, nonzero, norms = _unit_columns(A)
     u, s, vt = np.linalg.svd(unit, full_matrices=False)
@@ -41,24 +52,60 @@ def _unit_columns(A: Array) -> tuple[Array, NDArray[np.intp], Array]:
 
 
 def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
-    """The theta (p,) nearest to ``near`` that minimises |A theta - b|: moved in the
-    directions that A (r, p) shows, columns at unit norm."""
+    """The theta nearest to ``near`` that minimises |A theta - b|: moved in the
+    directions that A shows, columns at unit norm.
+
+    Parameters
+    ----------
+    A : (r, p) array
+        Columns.
+    b : (r,) array
+        What they should make.
+    near : (p,) array or float
+        Where to stay.
+
+    Returns
+    -------
+    (p,) array
+        theta.
+    """
     U, V = column_space(A)
     start = np.broadcast_to(near, A.shape[1])
     return np.asarray(start + V @ (U.T @ (b - A @ start)))
 
 
 def deviations(A: Array) -> Array:
-    """(p,) standard deviations of least squares in columns A (r, p) whose rows have
-    noise one; infinite where they do not determine a parameter."""
+    """Standard deviations of least squares in columns whose rows have noise one.
+
+    Parameters
+    ----------
+    A : (r, p) array
+        Columns.
+
+    Returns
+    -------
+    (p,) array
+        Infinite where the columns do not determine a parameter.
+    """
     U, V = column_space(A)
     known = np.einsum("kr,rk->k", V, U.T @ A) > 1.0 - 1e-6
     return np.where(known, np.linalg.norm(V, axis=1), np.inf)
 
 
 def span(A: Array) -> Array:
-    """U (r, k) with U'U = 1 of what the columns A (r, p) make, in a third of the time of
-    :func:`column_space`."""
+    """An orthonormal basis of what columns make, in a third of the time of
+    :func:`column_space`.
+
+    Parameters
+    ----------
+    A : (r, p) array
+        Columns.
+
+    Returns
+    -------
+    (r, k) array
+        U, with U'U = 1.
+    """
     unit, nonzero, _ = _unit_columns(A)
     if not len(nonzero):
         return np.zeros((len(A), 0))
@@ -69,8 +116,20 @@ def span(A: Array) -> Array:
 
 
 def partialled(A: Array, others: Array) -> Array:
-    """(r, ...) what least squares in the columns A (r, p) leave of other columns (r,
-    ...)."""
+    """What least squares in columns leave of other columns.
+
+    Parameters
+    ----------
+    A : (r, p) array
+        Columns.
+    others : (r, ...) array
+        The other ones.
+
+    Returns
+    -------
+    (r, ...) array
+        Orthogonal to A's.
+    """
     U = span(A)
     return np.asarray(others - U @ (U.T @ others))
 
@@ -107,12 +166,32 @@ def least_squares(
     ftol: float,
     steps: int,
 ) -> tuple[Array, Array, Array]:
-    """x (p,), residual r (m,) and Jacobian J (m, p) at the least |r(x)|^2 with low <= x
-    <= high.
+    """The least |r(x)|^2 with low <= x <= high (trust region reflective: Branch,
+    Coleman, Li, SIAM J. Scientific Computing 1999).
 
-    at : r and J of x, which it computes together; ends : low and high (p,); xtol, ftol,
-    steps : as ``scipy.optimize.least_squares`` takes them (trust region reflective:
-    Branch, Coleman, Li, SIAM J. Scientific Computing 1999).
+    Parameters
+    ----------
+    at : callable
+        r (m,) and its Jacobian (m, p) of x (p,), which it computes together.
+    start : (p,) array
+        Where to begin.
+    ends : ((p,) array, (p,) array)
+        low and high.
+    xtol : float
+        As ``scipy.optimize.least_squares`` takes it.
+    ftol : float
+        The same.
+    steps : int
+        At most.
+
+    Returns
+    -------
+    (p,) array
+        x.
+    (m,) array
+        r at x.
+    (m, p) array
+        The Jacobian at x.
     """
     from scipy import optimize
 

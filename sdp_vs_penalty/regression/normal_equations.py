@@ -116,8 +116,21 @@ class NormalEquations:
 
 
 def solve(gram: Array, right: Array) -> Array:
-    """(..., s, r) (G + ridge)^-1 B with columns of G (..., s, s) scaled to one; zero
-    for those that are not there."""
+    """(G + ridge)^-1 B with columns of G scaled to one; zero for those that are not
+    there.
+
+    Parameters
+    ----------
+    gram : (..., s, s) array
+        G.
+    right : (..., s, r) array
+        B.
+
+    Returns
+    -------
+    (..., s, r) array
+        The solutions.
+    """
     norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
     is_there = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
     scale = np.where(is_there, 1.0 / np.where(is_there, norms, 1.0), 0.0)[..., None]
@@ -127,20 +140,56 @@ def solve(gram: Array, right: Array) -> Array:
 
 
 def jackknifed(estimates: Array) -> tuple[Array, Array]:
-    """Numbers and their standard deviations, from their values (parts, ...) without one
-    part each."""
+    """Numbers and their standard deviations, from their values without one part each.
+
+    Parameters
+    ----------
+    estimates : (parts, ...) array
+        The values.
+
+    Returns
+    -------
+    array
+        Means.
+    array
+        Standard deviations.
+    """
     n_parts = len(estimates)
-    spread = np.sqrt((n_parts - 1) * np.var(estimates, axis=0))
-    return np.mean(estimates, axis=0), spread
+    # Numbers that the rows do not determine may be as large as floats can be.
+    with np.errstate(over="ignore", invalid="ignore"):
+        spread = np.sqrt((n_parts - 1) * np.var(estimates, axis=0))
+        return np.mean(estimates, axis=0), spread
 
 
 def standard_errors_above_zero(values: Array) -> float:
-    """By how many standard errors the mean of values (parts,) lies above zero."""
+    """By how many standard errors a mean lies above zero.
+
+    Parameters
+    ----------
+    values : (parts,) array
+        Whose mean.
+
+    Returns
+    -------
+    float
+        Negative below zero.
+    """
     error = float(np.std(values)) / np.sqrt(len(values))
     return float(np.mean(values)) / max(error, 1e-300)
 
 
 def positive(energy: Array) -> Array:
-    """(..., n) energies of torques, none of them 0."""
+    """Energies of torques, none of them 0.
+
+    Parameters
+    ----------
+    energy : (..., n) array
+        At least 0.
+
+    Returns
+    -------
+    (..., n) array
+        Above 0.
+    """
     largest = energy.max(axis=-1, keepdims=True, initial=0.0)
     return np.maximum(energy, 1e-12 * largest + 1e-280)

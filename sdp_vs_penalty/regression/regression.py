@@ -258,8 +258,18 @@ class Regression:
 
 
 def triangular(parts: Sequence[Array]) -> Array:
-    """The R factor of the stacked matrices, with a non-negative diagonal; at most
-    square."""
+    """The R factor of stacked matrices, with a non-negative diagonal.
+
+    Parameters
+    ----------
+    parts : sequence of (r, k) arrays
+        The matrices.
+
+    Returns
+    -------
+    (s, k) array
+        Upper triangular, at most square.
+    """
     r: Array = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
     sign = np.where(np.diagonal(r) < 0, -1.0, 1.0)
     r[: len(sign)] *= sign[:, None]
@@ -275,11 +285,23 @@ def _folded(rows: Array) -> Array:
 def compress(
     runs: FilteredRuns, model: Model, blocks_per_run: int = 20, workers: Workers = ALONE
 ) -> Regression:
-    """Reduce the runs to factors; memory does not grow with their length.
+    """Reduce runs to factors; memory does not grow with their length.
 
-    blocks_per_run : each run is cut into so many blocks of equal duration (at least 0.5
-    s each); workers : who does it, a run each; the factors come back and are merged in
-    the order of the runs.
+    Parameters
+    ----------
+    runs : FilteredRuns
+        Behind their filters.
+    model : Model
+        In whose columns.
+    blocks_per_run : int
+        Each run is cut into so many blocks of equal duration, of at least 0.5 s.
+    workers : Workers
+        Who does it, a run each. Factors are merged in the order of the runs.
+
+    Returns
+    -------
+    Regression
+        A factor for each joint and block.
     """
     edges = []
     for run in runs.measurements.runs():
@@ -324,8 +346,25 @@ class Cells(Protocol):
 def compress_cells(
     runs: FilteredRuns, model: Model, folds: Cells, workers: Workers = ALONE
 ) -> Regression:
-    """The same with one block for each cell (of folds by phase), whichever runs and
-    periods show it."""
+    """Reduce runs to factors with one block for each cell, whichever runs and periods
+    show it.
+
+    Parameters
+    ----------
+    runs : FilteredRuns
+        Behind their filters.
+    model : Model
+        In whose columns.
+    folds : Cells
+        Such as folds by phase.
+    workers : Workers
+        Who does it, a run each.
+
+    Returns
+    -------
+    Regression
+        A factor for each joint and cell.
+    """
     one = partial(_cells_of_run, model=model, folds=folds)
     by_run = workers.map(one, list(enumerate(runs.runs)))
     factors = [factor for of_run, _ in by_run for factor in of_run]

@@ -54,6 +54,24 @@ def search_runs(
 ) -> list[SearchedPoint]:
     """All points of all runs.
 
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        What is minimised.
+    seed : int
+        Of starts and annealing.
+    weights : sequence of float
+        xi of each step, in this order.
+    plan : SearchPlan
+        How many runs, and how long.
+
+    Returns
+    -------
+    list of SearchedPoint
+        A run after the other, a weight after the other.
+
+    Notes
+    -----
     Every weight continues from the last one's answer, the first from a random point of
     the box. Every step is kept on the disk.
     """
@@ -92,11 +110,35 @@ def _search(
 
 
 def point_fields(point: SearchedPoint) -> dict[str, Any]:
-    """A point as a row of a table."""
+    """A point as a row of a table.
+
+    Parameters
+    ----------
+    point : SearchedPoint
+        Any.
+
+    Returns
+    -------
+    dict
+        Its fields by name.
+    """
     return {field.name: getattr(point, field.name) for field in fields(point)}
 
 
 def lowest(points: Sequence[SearchedPoint], weight: float) -> float | None:
-    """The lowest objective of all runs at a weight; None where none was run."""
+    """The lowest objective of all runs at a weight.
+
+    Parameters
+    ----------
+    points : sequence of SearchedPoint
+        Of all runs.
+    weight : float
+        xi.
+
+    Returns
+    -------
+    float or None
+        None where none was run.
+    """
     objectives = [point.objective for point in points if point.xi == weight]
     return float(np.min(objectives)) if objectives else None

@@ -55,7 +55,20 @@ class Remembered(Estimator):
 
 
 def estimate_once(estimator: Estimator, task: Task) -> Result:
-    """An estimator's certified estimate, computed where the disk does not hold it."""
+    """An estimator's certified estimate, computed where the disk does not hold it.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        With its settings, which the key of the kept file holds.
+    task : Task
+        The data and constraints.
+
+    Returns
+    -------
+    Result
+        With the processor time of the fit when it was computed.
+    """
     plain = _estimate(estimator, task)
     return Result(
         np.array(plain["theta"]),
@@ -84,7 +97,20 @@ def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
 
 
 def fit_seconds(estimator: Estimator, task: Task) -> float:
-    """Processor time of a fit [s], of short ones the median of several."""
+    """Processor time of a fit, of short ones the median of several.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Which is timed.
+    task : Task
+        The data and constraints.
+
+    Returns
+    -------
+    float
+        [s], of a fit that took long when it was computed.
+    """
     seconds = estimate_once(estimator, task).seconds
     if seconds >= SHORT:
         return seconds
@@ -144,7 +170,26 @@ class AnnealingSteps:
 def search_locally_once(
     loss: PenalisedLoss, weight: float, u: Array, budget: int
 ) -> tuple[Array, int]:
-    """What :func:`search_locally` returns, kept on the disk."""
+    """What :func:`search_locally` returns, kept on the disk.
+
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        What is minimised.
+    weight : float
+        xi.
+    u : (d,) array
+        Start, in [0, 1]^d.
+    budget : int
+        Evaluations of the loss.
+
+    Returns
+    -------
+    u : (d,) array
+        The best point.
+    n_evaluations : int
+        How many evaluations it took.
+    """
     content = (
         ANNEALING_VERSION,
         scipy.__version__,
@@ -176,7 +221,18 @@ def _annealed(
 
 
 def loss_content(loss: PenalisedLoss) -> tuple[object, ...]:
-    """What the value of a penalised loss depends on."""
+    """What the value of a penalised loss depends on.
+
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        Any.
+
+    Returns
+    -------
+    tuple
+        For :func:`~sdp_vs_penalty.research.memo.content_key`.
+    """
     return (
         loss.data,
         loss.box.lower,

@@ -79,7 +79,20 @@ def _plain(result: Any) -> Plain:
 def content_key(content: Iterable[object]) -> str:
     """A hash of numbers, texts, arrays, dataclasses, and lists and mappings of these.
 
-    Raises TypeError for anything else: what is left out of a key is a wrong result.
+    Parameters
+    ----------
+    content : iterable
+        What is hashed, in this order.
+
+    Returns
+    -------
+    str
+        Thirty-two hexadecimal digits.
+
+    Raises
+    ------
+    TypeError
+        For anything else: what is left out of a key is a wrong result.
     """
     hasher = hashlib.sha256()
     for part in content:
@@ -114,7 +127,18 @@ def _pieces(value: Any) -> Iterable[bytes]:
 
 
 def task_content(task: Task) -> tuple[object, ...]:
-    """What an estimator sees of a task, and what the task's base parameters come from."""
+    """What an estimator sees of a task, and what the task's base parameters come from.
+
+    Parameters
+    ----------
+    task : Task
+        Of any estimator.
+
+    Returns
+    -------
+    tuple
+        For :func:`content_key`.
+    """
     constraints = task.constraints
     named = [(c.family, c.name) for c in (*constraints.convex, *task.bodies)]
     return (

@@ -347,7 +347,33 @@ def solve_certified(
     accuracy: float = 1e-10,
 ) -> Fit:
     """minimise |R x - rho|^2 + floor^2 + linear x subject to the constraints, by our own
-    interior-point method, with what its certificate needs."""
+    interior-point method.
+
+    Parameters
+    ----------
+    data : LeastSquares
+        R, rho and the floor.
+    linear : (k,) array
+        Cost of a unit of each variable.
+    constraints : iterable of Constraint
+        Convex ones.
+    start : (k,) array
+        Strictly inside.
+    bound : (k,) array
+        |x| <= bound for every feasible x.
+    accuracy : float
+        Of the relative gap.
+
+    Returns
+    -------
+    Fit
+        With what its certificate needs.
+
+    Raises
+    ------
+    InputError
+        Where the start is not inside of the constraints.
+    """
     demands = ConstraintSet(tuple(constraints))
     cones = SmallCones(None, demands, len(start))
     cones.linear = linear
@@ -383,8 +409,18 @@ def solve_once(
     start: Array,
     bound: Array,
 ) -> CertifiedPoint | None:
-    """What :func:`solve_certified` ends at, computed where the disk does not hold it;
-    None where its start is not inside of the constraints."""
+    """What :func:`solve_certified` ends at, computed where the disk does not hold it.
+
+    Parameters
+    ----------
+    data, linear, constraints, start, bound
+        As :func:`solve_certified` takes them.
+
+    Returns
+    -------
+    CertifiedPoint or None
+        None where the start is not inside of the constraints.
+    """
     posed = (data, linear, constraints, start, bound)
     plain = remembered(
         "penalised", (source_version(), *posed), partial(_solved, *posed)
@@ -411,8 +447,22 @@ def _solved(
 def cvxpy_optima(
     problem: PenalisedProblem, weights: Iterable[float]
 ) -> dict[float, float]:
-    """The relaxation's optimum at each weight by CVXPY and Clarabel; {} without CVXPY.
+    """The relaxation's optimum at each weight by CVXPY and Clarabel.
 
+    Parameters
+    ----------
+    problem : PenalisedProblem
+        Which is posed once more.
+    weights : iterable of float
+        xi.
+
+    Returns
+    -------
+    dict
+        Optimum by weight; empty without CVXPY.
+
+    Notes
+    -----
     The model is compiled once, the weight is its parameter. theta is scaled by the
     torque that it makes, the loss by that of the feasible optimum.
     """

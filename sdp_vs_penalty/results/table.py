@@ -6,6 +6,7 @@ import csv
 import io
 import math
 import re
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -39,6 +40,10 @@ _LATEX = str.maketrans(
 )
 #: Between two characters of which LaTeX would make one: a dash, a quotation mark.
 _LIGATURE = re.compile("(?<=-)(?=-)|(?<=`)(?=`)|(?<=')(?=')|(?<=[?!])(?=`)")
+#: Letters of a line of a heading in a terminal.
+_WIDEST_HEADING = 11
+#: Letters up to which words are not broken.
+_SHORT = 12
 #: Longer text wraps in LaTeX.
 _WRAPPED = 80
 
@@ -103,13 +108,13 @@ class Table:
         from rich.table import Table as Grid
 
         grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
-        for k, (heading, is_number) in enumerate(
-            zip(self.headings, self.numeric(), strict=True)
-        ):
+        for k, column in enumerate(self.columns()):
+            is_number = self.numeric()[k]
+            is_short = max(map(len, column), default=0) <= _SHORT
             grid.add_column(
-                escape(printable(heading)),
+                escape(_in_lines(printable(self.headings[k]))),
                 justify="right" if is_number else "left",
-                no_wrap=k == 0 or is_number,
+                no_wrap=k == 0 or is_number or is_short,
                 overflow="fold",
             )
         for row in self.cells():
@@ -197,6 +202,11 @@ class Table:
 
         columns = list(self.headings)
         return pandas.DataFrame(list(map(list, self.rows)), columns=columns)
+
+
+def _in_lines(heading: str) -> str:
+    """A heading in as many lines as keep a column of numbers narrow."""
+    return "\n".join(textwrap.wrap(heading, _WIDEST_HEADING)) or heading
 
 
 @cache

@@ -100,60 +100,95 @@ def project(cone: str, value: Array) -> Array:
 
 
 def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, Array]:
-    """The projections of M (g, ...) as rows r (m,), |r|^2 = sum |Pi(M)|^2, and J (m, p)
-    with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an element of the
-    generalised derivative.
+    """The projections Pi(M) as rows, and their derivative.
 
-    directions A (g, entries, p). For M + A x that is the gradient and an element of the
-    generalised Hessian of 1/2 sum |Pi(M + A x)|^2: Gauss-Newton steps on r are
-    semismooth Newton steps. For matrices dPi(M)[H] = U (Omega o U^T H U) U^T with the
-    divided differences Omega of max(., 0) (Malick, Sendov, Set-Valued Analysis 2006).
+    For M + A x they are the gradient and an element of the generalised Hessian of
+    1/2 sum |Pi(M + A x)|^2: Gauss-Newton steps on the rows are semismooth Newton steps.
+
+    Parameters
+    ----------
+    cone : "psd", "soc" or "nonnegative"
+    values : M (g, ...)
+    directions : A (g, entries, p)
+
+    Returns
+    -------
+    rows : r (m,) with |r|^2 = sum |Pi(M)|^2
+    derivative : J (m, p) with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an
+        element of the generalised derivative
+
+    References
+    ----------
+    Malick, Sendov: Clarke generalized Jacobian of the projection onto the cone of
+    positive semidefinite matrices. Set-Valued Analysis, 2006.
     """
-    group, _, width = directions.shape
     if cone == "nonnegative":
         positive = np.maximum(values.ravel(), 0.0)
-        return positive, directions.reshape(-1, width) * (positive > 0.0)[:, None]
+        flat = directions.reshape(-1, directions.shape[2])
+        return positive, flat * (positive > 0.0)[:, None]
     if cone == "psd":
-        d = values.shape[-1]
-        eigenvalues, u = np.linalg.eigh(values)
-        positive = np.maximum(eigenvalues, 0.0)
-        gap = eigenvalues[:, :, None] - eigenvalues[:, None, :]
-        close = np.abs(gap) <= 1e-14 * np.abs(eigenvalues).max(axis=1)[:, None, None]
-        rise = positive[:, :, None] - positive[:, None, :]
-        step = (eigenvalues > 0.0)[:, :, None] * np.ones(d)
-        omega = np.where(close, step, rise / np.where(close, 1.0, gap))
-        h = directions.reshape(group, d, d, width).transpose(0, 3, 1, 2)
-        rotated = np.swapaxes(u, 1, 2)[:, None] @ h @ u[:, None]
-        rows = (
-            (np.sqrt(omega)[:, None] * rotated).transpose(0, 2, 3, 1).reshape(-1, width)
-        )
-        return (positive[:, :, None] * np.eye(d)).ravel(), rows
+        return _projected_matrices(values, directions)
+    return _projected_vectors(values, directions)
+
+
+def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]:
+    """The same of symmetric matrices (g, d, d): dPi(M)[H] = U (Omega o U^T H U) U^T with
+    the divided differences Omega of max(., 0)."""
+    group, _, width = directions.shape
+    d = values.shape[-1]
+    eigenvalues, u = np.linalg.eigh(values)
+    positive = np.maximum(eigenvalues, 0.0)
+    omega = _divided_differences(eigenvalues, positive)
+    h = directions.reshape(group, d, d, width).transpose(0, 3, 1, 2)
+    rotated = np.swapaxes(u, 1, 2)[:, None] @ h @ u[:, None]
+    weighted = np.sqrt(omega)[:, None] * rotated
+    derivative = weighted.transpose(0, 2, 3, 1).reshape(-1, width)
+    rows = (positive[:, :, None] * np.eye(d)).ravel()
+    return rows, derivative
+
+
+def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
+    """(g, d, d) of max(., 0) between eigenvalues (g, d), whose positive parts are given;
+    its step where two are equal."""
+    gap = eigenvalues[:, :, None] - eigenvalues[:, None, :]
+    largest = np.abs(eigenvalues).max(axis=1)[:, None, None]
+    is_close = np.abs(gap) <= 1e-14 * largest
+    rise = positive[:, :, None] - positive[:, None, :]
+    step = (eigenvalues > 0.0)[:, :, None] * np.ones(eigenvalues.shape[1])
+    return np.where(is_close, step, rise / np.where(is_close, 1.0, gap))
+
+
+def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
+    """The same of vectors (g, d) and the second-order cone.
+
+    In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0 along
+    (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, at most 1 and at least 0, across.
+    """
+    width = directions.shape[2]
     s = values[:, 0]
     norm = np.linalg.norm(values[:, 1:], axis=1)
     on_axis = norm <= 1e-14 * np.abs(s)
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
-    # In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0
-    # along (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, at most 1 and at least 0,
-    # across.
-    ends = np.maximum(
-        np.array([np.where(on_axis, s, s + norm), s - norm]), 0.0
-    ) / np.sqrt(2.0)
+    along = np.array([np.where(on_axis, s, s + norm), s - norm])
+    ends = np.maximum(along, 0.0) / np.sqrt(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        across = np.where(on_axis, s > 0.0, np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0))
-    a_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
-    both = np.array([directions[:, 0] + a_ray, directions[:, 0] - a_ray]) / np.sqrt(2.0)
-    scaled_tail = np.sqrt(across)[:, None, None] * (
-        directions[:, 1:] - ray[:, :, None] * a_ray[:, None]
+        share = np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0)
+    across = np.where(on_axis, s > 0.0, share)
+    on_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
+    sum_and_difference = np.array(
+        [directions[:, 0] + on_ray, directions[:, 0] - on_ray]
     )
-    rows = np.concatenate(
+    both = sum_and_difference / np.sqrt(2.0)
+    beside_ray = directions[:, 1:] - ray[:, :, None] * on_ray[:, None]
+    tail = np.sqrt(across)[:, None, None] * beside_ray
+    rows = np.concatenate([ends.ravel(), np.zeros(tail.shape[0] * tail.shape[1])])
+    derivative = np.concatenate(
         [
             (both * (ends > 0.0)[:, :, None]).reshape(-1, width),
-            scaled_tail.reshape(-1, width),
+            tail.reshape(-1, width),
         ]
     )
-    return np.concatenate(
-        [ends.ravel(), np.zeros(scaled_tail.shape[0] * scaled_tail.shape[1])]
-    ), rows
+    return rows, derivative
 
 
 @dataclass(frozen=True, eq=False)

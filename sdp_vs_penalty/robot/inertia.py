@@ -66,20 +66,48 @@ _STEINER_OF_PRODUCTS = np.where(_ROWS == _COLUMNS, 1.0, 2.0)[:, None] * (
 
 
 def parameter_names(link: int) -> tuple[str, ...]:
-    """Names of the ten parameters of a link counted from 1: m3, mx3, ..., Izz3 for
-    ``link=3``."""
+    """Names of a link's ten parameters: m3, mx3, ..., Izz3 of link 3.
+
+    Parameters
+    ----------
+    link : counted from 1
+
+    Returns
+    -------
+    tuple of str
+        (10,) in our order.
+    """
     return tuple(f"{name}{link}" for name in PARAMETERS)
 
 
 def pseudo_inertia(theta: ArrayLike) -> Array:
-    """Pseudo-inertia matrices, shape (..., 4, 4), of standard parameters, shape (...,
-    10)."""
+    """Pseudo-inertia matrices of standard parameters.
+
+    Parameters
+    ----------
+    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
+        [kg, kg m, kg m^2]
+
+    Returns
+    -------
+    Array
+        (..., 4, 4) second moments of homogeneous coordinates.
+    """
     return np.tensordot(np.asarray(theta, float), PSEUDO_INERTIA_BASIS, axes=(-1, 0))
 
 
 def from_pseudo_inertia(matrix: ArrayLike) -> Array:
-    """Standard parameters, shape (..., 10), of pseudo-inertia matrices, shape (..., 4,
-    4)."""
+    """Standard parameters of pseudo-inertia matrices.
+
+    Parameters
+    ----------
+    matrix : (..., 4, 4) symmetric
+
+    Returns
+    -------
+    Array
+        (..., 10) about the same frame.
+    """
     p = np.asarray(matrix, float)
     trace = np.trace(p[..., :3, :3], axis1=-2, axis2=-1)
     moments = inertia_entries(trace[..., None, None] * np.eye(3) - p[..., :3, :3])
@@ -87,8 +115,17 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
 
 
 def inertia_matrix(entries: ArrayLike) -> Array:
-    """Symmetric 3x3 inertia, shape (..., 3, 3), of six entries in our order, shape
-    (..., 6)."""
+    """The symmetric inertia of six entries.
+
+    Parameters
+    ----------
+    entries : (..., 6) Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2]
+
+    Returns
+    -------
+    Array
+        (..., 3, 3) [kg m^2].
+    """
     e = np.asarray(entries, float)
     out = np.empty((*e.shape[:-1], 3, 3))
     for k, (i, j) in enumerate(_ENTRIES):
@@ -97,18 +134,38 @@ def inertia_matrix(entries: ArrayLike) -> Array:
 
 
 def inertia_entries(matrix: ArrayLike) -> Array:
-    """Six entries in our order, shape (..., 6), of a symmetric inertia, shape (..., 3,
-    3)."""
+    """The six entries of a symmetric inertia.
+
+    Parameters
+    ----------
+    matrix : (..., 3, 3) [kg m^2]
+
+    Returns
+    -------
+    Array
+        (..., 6) Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
+    """
     m = np.asarray(matrix, float)
     return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
 
 
 def standard_from_barycentric(p: ArrayLike) -> Array:
-    """Standard parameters of (m, cx, cy, cz, six entries of I about the centre of
-    mass), (..., 10).
+    """Standard parameters of parameters about the centre of mass.
 
     The convention of Gaz et al. (RA-L 2019), with the inertia entries in our order.
 
+    Parameters
+    ----------
+    p : (..., 10) m, cx, cy, cz, and the six entries of the inertia about the centre of
+        mass [kg, m, kg m^2]
+
+    Returns
+    -------
+    Array
+        (..., 10) about the link frame.
+
+    Examples
+    --------
     >>> standard_from_barycentric([2.0, 0.0, 0.0, 0.5, 0.1, 0.0, 0.1, 0.0, 0.0, 0.02])
     array([2.  , 0.  , 0.  , 1.  , 0.6 , 0.  , 0.6 , 0.  , 0.  , 0.02])
     """
@@ -123,8 +180,19 @@ def standard_from_barycentric(p: ArrayLike) -> Array:
 
 
 def barycentric_from_standard(theta: ArrayLike) -> Array:
-    """Inverse of :func:`standard_from_barycentric`; a link of zero mass gets NaN for c
-    and I."""
+    """Parameters about the centre of mass of standard parameters.
+
+    Parameters
+    ----------
+    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
+        [kg, kg m, kg m^2]
+
+    Returns
+    -------
+    Array
+        (..., 10) as :func:`standard_from_barycentric` takes them; NaN for the centre and
+        the inertia of no mass.
+    """
     mass, h, about_frame = np.split(np.asarray(theta, float), [1, 4], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         c = h / mass
@@ -133,47 +201,97 @@ def barycentric_from_standard(theta: ArrayLike) -> Array:
 
 
 def transform(placement: ArrayLike) -> Array:
-    """The 10x10 map of standard parameters from a frame B to a frame A, given A_X_B
-    (4x4).
+    """The map of standard parameters from a frame B to a frame A.
 
-    The pseudo-inertia is a second moment of homogeneous coordinates, hence P_A = X P_B
-    X^T.
+    The pseudo-inertia is a second moment of homogeneous coordinates, hence
+    P_A = X P_B X^T.
+
+    Parameters
+    ----------
+    placement : (4, 4) A_X_B, the pose of B in A
+
+    Returns
+    -------
+    Array
+        (10, 10).
     """
     x = np.asarray(placement, float)
     return from_pseudo_inertia(x @ PSEUDO_INERTIA_BASIS @ x.T).T
 
 
 def consistency_margin(theta: ArrayLike) -> Array:
-    """Smallest eigenvalue of the pseudo-inertia, shape (...): >= 0 exactly if
-    consistent."""
+    """The smallest eigenvalue of the pseudo-inertia: positive or zero exactly if a body
+    can have these parameters.
+
+    Parameters
+    ----------
+    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
+        [kg, kg m, kg m^2]
+
+    Returns
+    -------
+    Array
+        (...).
+    """
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
 
 def thickness(theta: ArrayLike) -> Array:
-    """Smallest radius r [m] with Sigma_c >= m r^2 1: zero for a rod, negative if
+    """The smallest radius r with Sigma_c >= m r^2 1: zero for a rod, negative if
     inconsistent.
 
     Sigma_c is the second moment about the centre of mass: a link whose mass lies on a
     line or in a plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
+
+    Parameters
+    ----------
+    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
+        [kg, kg m, kg m^2]
+
+    Returns
+    -------
+    Array
+        (...) [m].
     """
     smallest = np.linalg.eigvalsh(second_moment(theta))[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
 
 
 def gyration(theta: ArrayLike) -> Array:
-    """Radius of gyration [m], sqrt(tr(Sigma_c) / m): how far from its centre a link's
-    mass lies.
+    """The radius of gyration sqrt(tr(Sigma_c) / m): how far from its centre a link's mass
+    lies.
 
     Of a point mass and of no mass zero, of two equal masses half their distance, of a
     uniform ball of radius R sqrt(3/5) R.
+
+    Parameters
+    ----------
+    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
+        [kg, kg m, kg m^2]
+
+    Returns
+    -------
+    Array
+        (...) [m].
     """
     return np.sqrt(np.maximum(np.trace(second_moment(theta), axis1=-2, axis2=-1), 0.0))
 
 
 def second_moment(theta: ArrayLike) -> Array:
-    """Sigma_c / m, shape (..., 3, 3) [m^2], of standard parameters, shape (..., 10):
-    the mean of x x^T about the centre of mass, a uniform ellipsoid's half axes squared
-    over 5; zeros for no mass."""
+    """The second moment about the centre of mass, over the mass.
+
+    It is the mean of x x^T, a uniform ellipsoid's half axes squared over 5.
+
+    Parameters
+    ----------
+    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
+        [kg, kg m, kg m^2]
+
+    Returns
+    -------
+    Array
+        (..., 3, 3) Sigma_c / m [m^2]; zeros for no mass.
+    """
     p = pseudo_inertia(theta)
     mass = p[..., 3, 3, None, None]
     h = p[..., :3, 3, None]

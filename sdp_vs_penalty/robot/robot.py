@@ -205,12 +205,13 @@ class Robot(JsonRecordSkippingNone):
             if self.tree[i].parent >= 0:
                 carried[self.tree[i].parent] += carried[i]
         moves = np.eye(self.n) if self.mechanism is None else self.mechanism.matrix
-        moved = [
-            {k for i in np.flatnonzero(column) for k in carried[i]}
-            for column in moves.T
-        ]
-        link = {joint: place for place, joint in enumerate(self.link_joints)}
-        return tuple(tuple(sorted(link[k] for k in m if k in link)) for m in moved)
+        link_by_joint = {joint: link for link, joint in enumerate(self.link_joints)}
+        links_by_channel = []
+        for column in moves.T:
+            joints = {k for i in np.flatnonzero(column) for k in carried[i]}
+            links = [link_by_joint[k] for k in joints if k in link_by_joint]
+            links_by_channel.append(tuple(sorted(links)))
+        return tuple(links_by_channel)
 
     def random_configurations(self, count: int, seed: int) -> Array:
         """(count, n) positions, uniform inside the joint range of :func:`joint_limits`."""

@@ -164,7 +164,8 @@ def test_add_applies_them_from_the_file_and_by_name(found, estimate, run):
 
 def test_changed_constants_are_chosen_by_confidence(found):
     sure = next(r for r in found.retuned if r.confidence == "confident")
-    both = replace(found, retuned=(sure, replace(sure, confidence="weak")))
+    weak = replace(sure, confidence="weak", remarks=("its gain is small",))
+    both = replace(found, retuned=(sure, weak))
     assert both.selected().retuned == both.retuned
     assert both.selected(confident=True).retuned == (sure,)
     assert "with the findings" in repr(both)

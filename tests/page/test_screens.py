@@ -199,9 +199,11 @@ def test_what_was_answered_is_of_the_model_that_was_asked(story):
 def test_show_me_is_the_whole_job_on_the_demos_arm(story, monkeypatch):
     """Each step in turn; what was found for sure is added."""
     (one,) = story.session.history[0].findings.effects
+    doubt = ("its gain is small",)
+    weak = replace(one, confidence="weak", text="x", remarks=doubt)
     found = replace(
         story.session.history[0].findings,
-        effects=(one, replace(one, confidence="weak", text="x")),
+        effects=(one, weak),
     )
     session = Sessions(Here()).new()
     called: list[tuple[Any, ...]] = []

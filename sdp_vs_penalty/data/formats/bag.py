@@ -161,10 +161,10 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
 
 def _which_topic(path: Path, topic: str | None, topics: Sequence[str]) -> InputError:
     """The error of a topic that is not there, or several that hold all joints."""
-    wanted = f"topic {topic!r}" if topic else "one topic"
-    what = f"{wanted} with {_TYPE} is needed"
-    found = ", ".join(topics) or "none"
-    return InputError(what, f"choose it with --topic (there are: {found})", path)
+    subject = f"topic {topic!r}" if topic else "one topic"
+    what = f"{subject} with {_TYPE} is needed"
+    there = ", ".join(topics) or "none"
+    return InputError(what, f"choose it with --topic (there are: {there})", path)
 
 
 def _streams(
@@ -290,10 +290,10 @@ class _Merge:
     def block(self, joints: Sequence[str], field_name: str) -> Array:
         """(N, n) one field of all joints in the kept rows, part by part: a long bag's
         lies on the disk."""
-        kept_rows = np.flatnonzero(self.is_kept)
+        rows = np.flatnonzero(self.is_kept)
         return concatenate_chunks(
             np.column_stack([self._column(joint, field_name, part) for joint in joints])
-            for _, part in iter_chunks(kept_rows)
+            for _, part in iter_chunks(rows)
         )
 
     def _column(self, joint: str, field_name: str, part: NDArray[np.intp]) -> Array:
@@ -349,10 +349,10 @@ def _merged(
     has_velocities = all(np.all(np.isfinite(part)) for _, part in iter_chunks(dq))
     second_of_day = float(first[clock] % (86_400 * 10**9)) / 1e9
     stamps = leading.values[:, clock]
-    kept_rows = np.flatnonzero(merge.is_kept)
+    rows = np.flatnonzero(merge.is_kept)
     return Measurements(
         t=concatenate_chunks(
-            stamps[part] + second_of_day for _, part in iter_chunks(kept_rows)
+            stamps[part] + second_of_day for _, part in iter_chunks(rows)
         ),
         q=merge.block(names, "position"),
         tau=merge.block(names, "effort"),
@@ -407,14 +407,14 @@ def _weightless(path: Path, streams: Sequence[_Stream], what: str) -> InputError
     return InputError(problem, "record position and effort of every joint", path)
 
 
-def _with_prefix(names: Sequence[str], own_names: Sequence[str]) -> list[str]:
+def _with_prefix(names: Sequence[str], names_in_bag: Sequence[str]) -> list[str]:
     """The bag's names where they are the robot's behind one prefix: panda_joint1 for
     joint1. The prefix that fits most joints; the names themselves where two fit."""
     prefixes = {""} | {
-        o.removesuffix(n) for n in names for o in own_names if o.endswith(n)
+        o.removesuffix(n) for n in names for o in names_in_bag if o.endswith(n)
     }
-    fits = {p: sum(p + name in own_names for name in names) for p in prefixes}
-    most = max(fits.values())
-    best = sorted(p for p, count in fits.items() if count == most)
+    fits = {p: sum(p + name in names_in_bag for name in names) for p in prefixes}
+    largest = max(fits.values())
+    best = sorted(p for p, count in fits.items() if count == largest)
     prefix = best[0] if len(best) == 1 or "" in best else ""
     return [prefix + name for name in names]

@@ -116,7 +116,9 @@ def describe_columns(
     pairs = _pairs(names, rename, recognition)
     scale = recognition.scale if recognition else {}
     meanings = {
-        theirs: ours for ours, name in pairs.items() for theirs in parts_of(name, names)
+        their_name: our_name
+        for our_name, name in pairs.items()
+        for their_name in parts_of(name, names)
     }
     report = ColumnReport(
         place,
@@ -126,7 +128,7 @@ def describe_columns(
     )
     if recognition is None:
         return report
-    if recognition.is_own:
+    if recognition.is_identity:
         return replace(report, joints=recognition.joints)
     return replace(
         report,
@@ -146,8 +148,8 @@ def _pairs(
     if recognition is not None:
         return recognition.rename
     groups = ("t", "q", "dq", "tau", "temp", "qcmd")
-    ours = {name: name for name in names if group_of(name) in groups}
-    pairs = {**ours, **expanded(rename or {}, names)}
+    our_names = {name: name for name in names if group_of(name) in groups}
+    pairs = {**our_names, **expanded(rename or {}, names)}
     clock = None if "t" in pairs else find_clock(names)
     return pairs if clock is None or not pairs else {"t": clock, **pairs}
 

@@ -231,7 +231,7 @@ class Header:
         degrees = self._groups_in_degrees()
         if degrees:
             run = unwrapped(run, self.path, degrees)
-        if self.recognition is not None and not self.recognition.is_own:
+        if self.recognition is not None and not self.recognition.is_identity:
             sentence = self.recognition.sentence(self.path, self.names)
             rows = rows_shown(run, self.recognition)
             warnings.warn(ColumnsRemark(sentence, rows), stacklevel=2)
@@ -240,7 +240,9 @@ class Header:
     def _groups_in_degrees(self) -> list[str]:
         """The groups of positions that were recognised as angles in degrees."""
         scale = self.recognition.scale if self.recognition else {}
-        groups = {group_of(ours) for ours, x in scale.items() if x == UNITS["deg"]}
+        groups = {
+            group_of(our_name) for our_name, x in scale.items() if x == UNITS["deg"]
+        }
         return [group for group in POSITIONS if group in groups]
 
     def _episodes_in_a_row(self, run: Measurements) -> Measurements:
@@ -344,9 +346,9 @@ def rows_shown(run: Measurements, recognition: Recognition) -> tuple[str, ...]:
     lines = list[str]()
     for name, values in columns_of(first_rows).items():
         group = group_of(name)
-        theirs = recognition.rename.get(name, recognition.rename.get(group, ""))
+        their_name = recognition.rename.get(name, recognition.rename.get(group, ""))
         numbers = " ".join(f"{x:>11.5g}" for x in values)
-        lines.append(f"  {name:<6} {numbers}  {theirs}")
+        lines.append(f"  {name:<6} {numbers}  {their_name}")
     return tuple(lines)
 
 
@@ -372,8 +374,8 @@ def _groups(
 ) -> dict[str, Sequence[str]]:
     """The file's columns of each of our groups, the clock's first; those with our own
     names too, unless columns were recognised."""
-    ours = {} if is_recognised else dict(zip(names, names, strict=True))
-    named = {**ours, **rename}
+    our_names = {} if is_recognised else dict(zip(names, names, strict=True))
+    named = {**our_names, **rename}
     columns = {group: _columns(named, group, what) for group in GROUPS}
     groups = dict[str, Sequence[str]]()
     clock = _clock_of(rename, names, choice)
@@ -446,7 +448,7 @@ def _factors(
 ) -> dict[str, float]:
     """What columns are multiplied by, by the file's names."""
     scale = recognition.scale if recognition else {}
-    factors = {rename[ours]: x for ours, x in scale.items() if ours != "t"}
+    factors = {rename[our_name]: x for our_name, x in scale.items() if our_name != "t"}
     for k, name in enumerate(clock):
         factors[name] = second_part_unit(name) if k else scale.get("t", 1.0)
     return factors

@@ -379,14 +379,16 @@ def _sparse_columns(
         for name, k, cells in zip(called, chosen, columns, strict=True)
     }
     clock = header.groups.get("t", ()) if header.rate is None else ()
-    t = np.sum([header.factors.get(n, 1.0) * values[n] for n in clock], axis=0)
-    if not clock:
-        t = np.arange(len(columns[0]), dtype=float)
+    t = np.arange(len(columns[0]), dtype=float)
+    if clock:
+        parts = [header.factors.get(name, 1.0) * values[name] for name in clock]
+        t = np.sum(parts, axis=0)
     channels = {name: x for name, x in values.items() if name not in clock}
     positions = [name for name in header.groups["q"] if name in channels]
-    kept_rows, merged = merge_columns(t, channels, positions)
-    _say_rows_left_out(table, len(t) - len(kept_rows))
-    return {name: values[name][kept_rows] for name in clock} | merged
+    rows, merged = merge_columns(t, channels, positions)
+    _say_rows_left_out(table, len(t) - len(rows))
+    stamps = {name: values[name][rows] for name in clock}
+    return stamps | merged
 
 
 def _cells_of_columns(table: TextTable, chosen: Sequence[int]) -> list[list[str]]:

@@ -24,12 +24,12 @@ def columns_of_logger(
         for group in GROUPS_OF_LOGGERS
     }
     joints = list(groups["q"])
-    whole = {
+    complete = {
         group: columns
         for group, columns in groups.items()
         if columns and list(columns) == joints
     }
-    return whole if {"tau", "qcmd"} & set(whole) else {}
+    return complete if {"tau", "qcmd"} & set(complete) else {}
 
 
 def columns_of_pattern(patterns: Any, names: Sequence[str]) -> dict[Hashable, str]:

@@ -100,9 +100,11 @@ class Recognition:
     has_other_joints: bool = False
 
     @property
-    def is_own(self) -> bool:
+    def is_identity(self) -> bool:
         """Whether the file has our own names."""
-        return all(ours == theirs for ours, theirs in self.rename.items())
+        return all(
+            our_name == their_name for our_name, their_name in self.rename.items()
+        )
 
     def command(self, path: Path, names: Sequence[str]) -> str:
         """The command that reads the file alike; names : of its columns."""
@@ -278,7 +280,9 @@ def _units_of_logger(
     scale = dict[str, float]()
     units = list[str]()
     for group, unit in logger.get("units", {}).items():
-        columns = {ours: n for ours, n in rename.items() if group_of(ours) == group}
+        columns = {
+            our_name: n for our_name, n in rename.items() if group_of(our_name) == group
+        }
         why = f"as {logger['name']} writes it"
         if unit == "angle":
             unit, why = _unit_of_angles(list(columns.values()), table)
@@ -364,9 +368,9 @@ def _by_words(
         for k, key in enumerate(keys, start=1):
             rename[_our_name(quantity, key, k)] = columns.columns[key]
     scale = {
-        ours: known[theirs].factor
-        for ours, theirs in rename.items()
-        if theirs in known and known[theirs].factor != 1.0
+        our_name: known[their_name].factor
+        for our_name, their_name in rename.items()
+        if their_name in known and known[their_name].factor != 1.0
     }
     return Recognition(
         rename,
@@ -425,15 +429,17 @@ def _units_of_words(
 ) -> list[str]:
     """The units that names end with, where they are not SI; torques that are currents."""
     units = dict[str, str]()
-    for ours, theirs in rename.items():
-        reading = readings.get(theirs)
+    for our_name, their_name in rename.items():
+        reading = readings.get(their_name)
         if reading is not None and reading.factor != 1.0:
-            units[group_of(ours)] = reading.unit
+            units[group_of(our_name)] = reading.unit
     sentences = [
         f"{group} in {unit}, the unit that its name ends with"
         for group, unit in sorted(units.items())
     ]
-    torques = [readings[n] for ours, n in rename.items() if group_of(ours) == "tau"]
+    torques = [
+        readings[n] for our_name, n in rename.items() if group_of(our_name) == "tau"
+    ]
     if any({"current", "currents", "amps"} & set(r.words) for r in torques):
         sentences.append("tau is a current in A: --scale tau=... makes torques of it")
     return sentences

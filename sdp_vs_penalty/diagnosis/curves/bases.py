@@ -135,36 +135,51 @@ def _products(columns: Sequence[Array]) -> Array:
     return out
 
 
+#: Variables of a joint that a curve may run over, alone and in pairs; and pairs of one of
+#: another joint with one of the joint.
+_SINGLE = ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")
+_PAIRS = (
+    ("q", "dq"),
+    ("q", "sign(dq)"),
+    ("dq", "tau"),
+    ("q", "tau"),
+    ("dq", "ddq"),
+    ("q", "ddq"),
+    ("tau", "sign(dq)"),
+    ("abs(ddq)", "sign(dq)"),
+)
+_MIXED_PAIRS = (("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq"))
+
+
 def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, ...]]:
     """Everything that a curve of joint j may run over, one variable first; warm : with
     temperatures."""
     others = [i for i in range(robot.n) if i != j]
-    own_variables = [
-        Variable(w, j) for w in ("q", "dq", "ddq", "abs(ddq)", "tau", "sign(dq)")
-    ]
-    own_variables += [Variable("temp", j)] * warm
-    own_variables += [
-        Variable("t"),
-        *(Variable(w, i) for i in others for w in ("q", "dq")),
-    ]
-    for ratios in (c for first in range(j + 1) for c in combinations(robot, first)):
-        at = [int(key[1:]) - 1 for key in ratios]
-        if len(at) == 2 and j in at:
-            ratio = ratios[f"c{at[1] + 1}"] / ratios[f"c{at[0] + 1}"]
-            own_variables += [Variable(w, at[0], at[1], ratio) for w in ("q", "dq")]
-    single_variables = [
-        ("q", "dq"),
-        ("q", "sign(dq)"),
-        ("dq", "tau"),
-        ("q", "tau"),
-        ("dq", "ddq"),
-        ("q", "ddq"),
-    ]
-    single_variables += [("tau", "sign(dq)"), ("abs(ddq)", "sign(dq)")]
-    mixed = [("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq")]
-    pairs = [(Variable(a, j), Variable(b, j)) for a, b in single_variables]
-    pairs += [(Variable(a, i), Variable(b, j)) for i in others for a, b in mixed]
-    return [*((v,) for v in own_variables), *pairs]
+    singles = [Variable(word, j) for word in _SINGLE]
+    if warm:
+        singles.append(Variable("temp", j))
+    singles.append(Variable("t"))
+    for i in others:
+        singles += [Variable("q", i), Variable("dq", i)]
+    singles += _coupled_variables(j, robot)
+    pairs = [(Variable(a, j), Variable(b, j)) for a, b in _PAIRS]
+    for i in others:
+        pairs += [(Variable(a, i), Variable(b, j)) for a, b in _MIXED_PAIRS]
+    return [*((v,) for v in singles), *pairs]
+
+
+def _coupled_variables(j: int, robot: Robot) -> list[Variable]:
+    """Positions and velocities of two joints together, one of them j, with the ratios of
+    a transmission."""
+    out = []
+    for first in range(j + 1):
+        for ratios in combinations(robot, first):
+            at = [int(key[1:]) - 1 for key in ratios]
+            if len(at) == 2 and j in at:
+                one, other = at
+                ratio = ratios[f"c{other + 1}"] / ratios[f"c{one + 1}"]
+                out += [Variable(word, one, other, ratio) for word in ("q", "dq")]
+    return out
 
 
 class Variables:
@@ -175,10 +190,8 @@ class Variables:
         self.robot = robot
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
         self.warm = all(s.motion.temperature is not None for s in rows.segments)
-        self.on_rows, self._splines = (
-            lru_cache(self._on_rows_of),
-            lru_cache(self._splines_of),
-        )
+        self.on_rows = lru_cache(self._on_rows_of)
+        self._splines = lru_cache(self._splines_of)
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
         """(M, ...) of what is worked out along the motion."""
