@@ -344,3 +344,34 @@ def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
 def test_raw_files_of_public_data_are_fetched(tmp_path):
     path = write(tmp_path / "curr_data.csv", numbered("Joint_{}", first=1), [*Q.T])
     refusal(lambda: read_silently(path), "sdp-vs-penalty fetch tx40")
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "%% logged by matlab\n%% units SI\n",
+        "Robot log export\nDate: 2026-01-02\n\n",
+        "sep=,\n",
+        "# made by hand, on Monday\n",
+    ],
+)
+def test_lines_above_the_header_are_no_table(above, tmp_path):
+    path = write(
+        tmp_path / "run.csv",
+        ["t", *numbered("q{}", "tau{}", first=1)],
+        [T, *channels(Q, TAU)],
+    )
+    path.write_text(above + path.read_text())
+    run = read_silently(path)
+    np.testing.assert_allclose(run.q, Q)
+    np.testing.assert_allclose(run.tau, TAU)
+
+
+@pytest.mark.parametrize("unit", ["mN.m", "mN*m", "mN m", "mNm", "N mm"])
+def test_a_thousandth_of_a_newton_metre_in_any_writing(unit, tmp_path):
+    path = write(
+        tmp_path / "run.csv",
+        ["t", *numbered("q{}", first=1), *numbered("tau{} (" + unit + ")", first=1)],
+        [T, *channels(Q, 1e3 * TAU)],
+    )
+    np.testing.assert_allclose(read_silently(path).tau, TAU, atol=1e-8)
