@@ -93,7 +93,12 @@ class InputError(ValueError):
 
 
 class RepairableError(InputError):
-    """Measurements that cannot be used as they are, and that `check --fix` can repair."""
+    """Measurements that cannot be used as they are, and that `check --fix` can repair.
+
+    apply : the words of `--apply` that the repair needs, if any.
+    """
+
+    apply: tuple[str, ...] = ()
 
 
 class Remark(UserWarning):

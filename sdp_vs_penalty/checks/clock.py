@@ -51,6 +51,7 @@ def time_unit(g: RunSummary) -> Iterator[Issue]:
         f" {speed:.2g} rad/s",
         remedy=f"multiply t by {factor:g}",
         repair=lambda r: replace(r, t=r.t * factor),
+        apply=f"time:{_UNITS[unit]}",
         figures={"factor": factor},
     )
 

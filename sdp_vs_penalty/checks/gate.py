@@ -12,7 +12,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.check import check_runs
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.errors import InputError, RepairableError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.problem.load import problem_names
 from sdp_vs_penalty.problem.problem import Problem
@@ -96,11 +96,13 @@ def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -
     others = ""
     if len(errors) > 1:
         others = f"; {formatting.count(len(errors) - 1, 'more error')}"
-    raise InputError(
-        f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)",
-        f"fix the data (`check --fix`), or {otherwise}",
-        run,
-    )
+    what = f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)"
+    if not issue.mends and not issue.apply:
+        raise InputError(what, f"correct the log, or {otherwise}", run)
+    error = RepairableError(what, f"repair the log, or {otherwise}", run)
+    if not issue.mends:
+        error.apply = (issue.apply,)
+    raise error
 
 
 def explanations_in_a_line(

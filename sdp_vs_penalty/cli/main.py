@@ -222,7 +222,13 @@ def _naming_the_repair(
     if not problem or not data:
         return error
     fixed = "fixed.csv" if len(data) == 1 else "fixed"
-    words = ["sdp-vs-penalty", "check", *data, "--problem", problem, "--fix", fixed]
+    words = ["sdp-vs-penalty", "check", *data, "--problem", problem]
+    for option in ("hold", "gravity"):
+        if value := arguments.get(option):
+            words.append(f"--{option}={value}")
+    words += ["--fix", fixed]
+    if error.apply:
+        words += ["--apply", *error.apply]
     remedy = f"{error.remedy}; `{command_line(words)}` writes a repaired copy"
     return InputError(error.what, remedy, error.where)
 

@@ -349,10 +349,10 @@ def _no_measurement(
     where: str, value: float, word: str, path: str | Path
 ) -> InputError:
     """The error of a number that no robot measures."""
-    what = f"{where}: no robot measures {value:.3g}"
-    if not np.isfinite(value):
-        what = f"{where} is not a finite number"
-    return InputError(what, f"correct the {word} or delete it", path)
+    remedy = f"correct the {word} or delete it"
+    if np.isfinite(value):
+        return InputError(f"{where}: no robot measures {value:.3g}", remedy, path)
+    return RepairableError(f"{where} is not a finite number", remedy, path)
 
 
 def _require_advancing_clock(

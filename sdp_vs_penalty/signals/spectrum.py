@@ -162,7 +162,7 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     taken = (1.0 - gains.T) ** 2
     noise_gain = twice_derived @ gains.T**2
     # The spectrum is smoothed over 1 Hz.
-    width = max(1, int(1.0 / frequency[1]))
+    width = min(max(1, int(1.0 / frequency[1])), len(frequency))
     errors = []
     for power in powers.T:
         noise = float(power[frequency > c.LAST / part.dt].mean())

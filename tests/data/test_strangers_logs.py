@@ -1,8 +1,11 @@
 """Logs as strangers write them: the same numbers come out of any spelling, and nothing
 is guessed where two readings are as good."""
 
+import re
+import shlex
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +13,10 @@ import pytest
 from commands import run_cli
 from recorded import refusal
 
-from sdp_vs_penalty import convert
-from sdp_vs_penalty.data import describe_columns, read_run
+from sdp_vs_penalty import convert, load_measurements
+from sdp_vs_penalty.data import describe_columns, read_run, save
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
+from sdp_vs_penalty.simulation import experiment
 
 JOINTS = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint")
 ORDER = (2, 0, 1)
@@ -341,6 +345,53 @@ def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
     assert f"check {path} --problem two_link --fix fixed.csv" in said
 
 
+def test_the_command_that_a_refusal_prints_repairs_milliseconds(
+    two_link, tmp_path, capsys
+):
+    run = experiment(two_link).training_run(0)
+    slow = replace(run, t=1e3 * (run.t - run.t[0]), dq=None)
+    save(slow, tmp_path / "run.csv")
+    fixed = tmp_path / "fixed.csv"
+    words = ("identify", "two_link", "--data", tmp_path / "run.csv")
+    assert run_cli(*words, "--out", tmp_path / "m.json") == 2
+    printed = re.search(r"`sdp-vs-penalty (check [^`]*)`", capsys.readouterr().err)
+    assert printed is not None
+    command = printed[1].replace("fixed.csv", str(fixed))
+    run_cli(*shlex.split(command))
+    np.testing.assert_allclose(load_measurements(fixed).t, slow.t / 1e3, atol=1e-9)
+
+
 def test_raw_files_of_public_data_are_fetched(tmp_path):
     path = write(tmp_path / "curr_data.csv", numbered("Joint_{}", first=1), [*Q.T])
     refusal(lambda: read_silently(path), "sdp-vs-penalty fetch tx40")
+
+
+@pytest.mark.parametrize(
+    "above",
+    [
+        "%% logged by matlab\n%% units SI\n",
+        "Robot log export\nDate: 2026-01-02\n\n",
+        "sep=,\n",
+        "# made by hand, on Monday\n",
+    ],
+)
+def test_lines_above_the_header_are_no_table(above, tmp_path):
+    path = write(
+        tmp_path / "run.csv",
+        ["t", *numbered("q{}", "tau{}", first=1)],
+        [T, *channels(Q, TAU)],
+    )
+    path.write_text(above + path.read_text())
+    run = read_silently(path)
+    np.testing.assert_allclose(run.q, Q)
+    np.testing.assert_allclose(run.tau, TAU)
+
+
+@pytest.mark.parametrize("unit", ["mN.m", "mN*m", "mN m", "mNm", "N mm"])
+def test_a_thousandth_of_a_newton_metre_in_any_writing(unit, tmp_path):
+    path = write(
+        tmp_path / "run.csv",
+        ["t", *numbered("q{}", first=1), *numbered("tau{} (" + unit + ")", first=1)],
+        [T, *channels(Q, 1e3 * TAU)],
+    )
+    np.testing.assert_allclose(read_silently(path).tau, TAU, atol=1e-8)

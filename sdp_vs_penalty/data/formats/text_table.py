@@ -21,6 +21,9 @@ PIECE = 1 << 20
 DELIMITERS = (";", "\t", "|", ",", None)
 #: A quoted cell has at most so many lines.
 _LONGEST_CELL = 40
+#: How leading lines begin that are comments; and a title has at most so many lines.
+_COMMENTS = ("#", "//", "%")
+_LONGEST_TITLE = 20
 FORMATS = "give measurements as CSV text or .npz"
 
 _COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
@@ -152,8 +155,9 @@ def inspect_table(path: Path) -> TextTable:
     if not with_numbers or not with_numbers[0][1].strip():
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
     comments, rows = _split_comments(with_numbers)
+    rows = _without_titles(rows)
     lines = [line for _, line in rows]
-    delimiter = _find_delimiter([*comments[-1:], *lines])
+    delimiter = _find_delimiter(lines or comments[-1:])
     cells = [split_cells(line, delimiter) for line in lines]
     decimal = _find_decimal(cells)
     number = partial(is_number, decimal=decimal)
@@ -257,26 +261,49 @@ def _split_comments(
 ) -> tuple[list[str], list[tuple[int, str]]]:
     """The leading lines that begin with #, without it, and the other rows."""
     k = 0
-    while k < len(rows) and rows[k][1].lstrip().startswith(("#", "//", "% ")):
+    while k < len(rows) and _is_comment(rows[k][1].lstrip()):
         k += 1
     comments = [line.lstrip().lstrip("#/%").strip() for _, line in rows[:k]]
     return comments, [(n, line) for n, line in rows[k:] if line.strip()]
 
 
+def _is_comment(line: str) -> bool:
+    """Whether a line is a comment, or what a spreadsheet says of its separator."""
+    return line.startswith(_COMMENTS) or line.lower().startswith("sep=")
+
+
+def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    """The rows without those of a title, which have less than half of the cells that a
+    table below them has."""
+    for k in range(min(_LONGEST_TITLE, len(rows) - 2)):
+        lines = [line for _, line in rows[k:]]
+        delimiter = _find_delimiter(lines)
+        width = len(split_cells(lines[0], delimiter))
+        if width >= 2 and _share_of_width(lines, delimiter, width) >= 0.5:
+            titles = [split_cells(line, delimiter) for _, line in rows[:k]]
+            is_title = all(2 * len(title) <= width for title in titles)
+            return rows[k:] if is_title else rows
+    return rows
+
+
+def _share_of_width(lines: Sequence[str], delimiter: str | None, width: int) -> float:
+    """The share of the next rows that have as many cells as the first one, or one
+    more."""
+    following = lines[1:21]
+    widths = [len(split_cells(line, delimiter)) for line in following]
+    return sum(w in (width, width + 1) for w in widths) / max(len(following), 1)
+
+
 def _find_delimiter(lines: Sequence[str]) -> str | None:
     """The separator by which the first row has as many cells as most others."""
     head = lines[0]
-    rows = lines[1:21]
     several = list[str | None]()
     for delimiter in DELIMITERS:
         width = len(split_cells(head, delimiter))
         if width < 2:
             continue
         several.append(delimiter)
-        n_equal_rows = sum(
-            len(split_cells(row, delimiter)) in (width, width + 1) for row in rows
-        )
-        if n_equal_rows >= 0.5 * len(rows):
+        if _share_of_width(lines, delimiter, width) >= 0.5 or len(lines) == 1:
             return delimiter
     return several[0] if several else ","
 

@@ -46,6 +46,20 @@ _LENGTHS = {
 }
 _PER_SECOND = ("{}/s", "{}/sec", "{}_s", "{} s", "{}_per_s", "{}_per_sec", "{}*s^-1")
 
+#: Units of torque by force and length, and what stands between the two.
+_TORQUES = {
+    ("n", "m"): 1.0,
+    ("mn", "m"): 1e-3,
+    ("n", "cm"): 1e-2,
+    ("n", "mm"): 1e-3,
+    ("kgf", "m"): 9.80665,
+    ("kgf", "cm"): 0.0980665,
+    ("kg", "cm"): 0.0980665,
+    ("lbf", "ft"): 1.3558179,
+    ("lbf", "in"): 0.1129848,
+}
+_BETWEEN = ("", " ", "_", ".", "*", "·", "-")
+
 #: What names end with, by quantity.
 UNITS_IN_NAMES: dict[str, dict[str, float]] = {
     "t": {
@@ -80,23 +94,11 @@ UNITS_IN_NAMES: dict[str, dict[str, float]] = {
         "rpm": math.pi / 30.0,
     },
     "tau": {
-        "nm": 1.0,
-        "n m": 1.0,
-        "n_m": 1.0,
-        "n.m": 1.0,
-        "n*m": 1.0,
-        "n·m": 1.0,
-        "n-m": 1.0,
-        "mnm": 1e-3,
-        "mn m": 1e-3,
-        "mn*m": 1e-3,
-        "ncm": 1e-2,
-        "n cm": 1e-2,
-        "kgfm": 9.80665,
-        "kgfcm": 0.0980665,
-        "kgcm": 0.0980665,
-        "lbfft": 1.3558179,
-        "lbfin": 0.1129848,
+        **{
+            f"{force}{sign}{length}": factor
+            for (force, length), factor in _TORQUES.items()
+            for sign in _BETWEEN
+        },
         "n": 1.0,
         "a": 1.0,
         "amps": 1.0,
