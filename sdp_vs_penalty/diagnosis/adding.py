@@ -226,8 +226,17 @@ def _retunes(
         for joint, old in zip(effect.joints, present, strict=True):
             assert old is not None
             for key in effect.given:
-                who = effect.name, joint, key, old.shape[key], effect.shape[key]
-                retuned.append(ShapeEstimate(*who, std=0.0, gain=0.0, at_end=False))
+                change = ShapeEstimate(
+                    effect=effect.name,
+                    joint=joint,
+                    shape=key,
+                    before=old.shape[key],
+                    after=effect.shape[key],
+                    std=0.0,
+                    gain=0.0,
+                    at_end=False,
+                )
+                retuned.append(change)
     return new, retuned
 
 
@@ -293,9 +302,10 @@ def _add_frozen(
             reference, np.zeros(sum(len(e.parameters) for e in constants))
         )
     wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
-    held = (estimate.theta, estimate.uncertainty), base_rows(problem, estimate.model)
+    held = (estimate.theta, estimate.uncertainty)
+    held_base = base_rows(problem, estimate.model)
     data = compress(runs, wide)
-    uncertainty = beside_held(task, data, *held, part, base, gain_errors)
+    uncertainty = beside_held(task, data, held, held_base, part, base, gain_errors)
     old = estimate.details
     new_record = parameter_sources(task, part, base, estimator.undetermined_by)
     before = estimate.training_motion

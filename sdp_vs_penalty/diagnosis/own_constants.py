@@ -119,7 +119,8 @@ def retune(
     """
     shape = effect_types()[s.effect].shapes[s.shape]
     kind = robot.joints[s.joint].kind
-    new, old = (shape.format_with_unit(v, kind) for v in (s.after, s.before))
+    new = shape.format_with_unit(s.after, kind)
+    old = shape.format_with_unit(s.before, kind)
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
     explanation = (

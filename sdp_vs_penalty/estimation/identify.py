@@ -646,7 +646,7 @@ def _what_is_proved(
     where nothing satisfies the constraints."""
     if interval is None:
         return "no parameters satisfy all constraints, in exact arithmetic"
-    low, high = (float(x) for x in interval)
+    low, high = map(float, interval)
     sentences = [
         f"the least objective lies in [{low!r}, {high!r}], in exact arithmetic"
     ]

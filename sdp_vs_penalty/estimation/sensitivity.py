@@ -151,10 +151,8 @@ class ShapeSensitivity(Effect):
         pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
         for effect, theta in self.finer:
             if effect.shape_of:
-                above, below = (
-                    effect.with_shape(**{c: x.shape[c] for c in effect.shape})
-                    for x in (upper, lower)
-                )
+                above = effect.with_shape(**{c: upper.shape[c] for c in effect.shape})
+                below = effect.with_shape(**{c: lower.shape[c] for c in effect.shape})
                 pairs.append((above.blocks(motion), below.blocks(motion), theta))
             elif up is not motion:
                 pairs.append((effect.blocks(up), effect.blocks(down), theta))

@@ -515,8 +515,15 @@ class _Profile:
         """What constants ln u (B,) are."""
         stds = np.sqrt(self.variance) * deviations(self.at(u)[1])
         out = []
-        columns = self.banks, u.tolist(), self.now, stds.tolist(), self.ends.tolist()
-        for bank, x, now, std, (low, high) in zip(*columns, strict=True):
+        columns = zip(
+            self.banks,
+            u.tolist(),
+            self.now,
+            stds.tolist(),
+            self.ends.tolist(),
+            strict=True,
+        )
+        for bank, x, now, std, (low, high) in columns:
             # As many digits as a written effect has; a spread wider than the range
             # bounds nothing.
             after = bank.now if x == now else float(f"{np.exp(x):.6g}")

@@ -86,12 +86,12 @@ class ArmModel:
 
     def update(self, q: Array, dq: Array, ddq: Array) -> None:
         """Write ``torque`` and ``columns`` of a state, each (n,)."""
-        if self._mechanism is None:
-            state = q, dq, ddq
-        else:
+        if self._mechanism is not None:
             follow = self._mechanism.matrix
-            state = follow @ q + self._mechanism.offset, follow @ dq, follow @ ddq
-        regressor = self._regressor(self._pinocchio, self._data, *state)
+            q = follow @ q + self._mechanism.offset
+            dq = follow @ dq
+            ddq = follow @ ddq
+        regressor = self._regressor(self._pinocchio, self._data, q, dq, ddq)
         np.dot(regressor, self._tree_links, out=self._tree_torque)
         np.dot(regressor[:, self._last], self._map, out=self._tree_columns)
         if self._mechanism is None:

@@ -141,10 +141,12 @@ def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
     if not step.failures or not step.pictures:
         return None
     read = session.arrays(step.pictures)
-    before, after = [
-        Signals(read["t"], read["q"], read["dq"], read["measured"], read[name])
-        for name in ("before", "after")
-    ]
+
+    def signals(name: str) -> Signals:
+        return Signals(read["t"], read["q"], read["dq"], read["measured"], read[name])
+
+    before = signals("before")
+    after = signals("after")
     joint = finding.main_joint
     failures = Failures.from_dict({"units": (), "joints": step.failures})
     units = session.robot["units"]

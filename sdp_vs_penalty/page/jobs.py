@@ -283,7 +283,7 @@ def mend(job: JobRequest) -> Answer:
     """What `check --fix` does to one of the runs: its repaired copy, and what was
     changed."""
     problem = job.problem
-    (run_given,) = (run for run in job["runs"] if run["file"] == job["file"])
+    run_given = next(run for run in job["runs"] if run["file"] == job["file"])
     part = replace(
         load_measurements(job.folder / run_given["file"]), names=(run_given["name"],)
     )
@@ -414,7 +414,7 @@ def _where_changed(raw: Array, repaired: Array) -> Array:
 
 def resplit(job: JobRequest) -> Answer:
     """A run split anew: ``share`` of its motion is for training."""
-    (run,) = (run for run in job["runs"] if run["file"] == job["file"])
+    run = next(run for run in job["runs"] if run["file"] == job["file"])
     part = load_measurements(job.folder / run["file"])
     split = _split(job.problem, part, job["share"])
     if split is None:
@@ -695,10 +695,15 @@ def forward(job: JobRequest) -> Answer:
     following = follow(estimate, job.runs.judge, drive=drive, **job.common_options)
     files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
     for file, free in zip(files, following.free, strict=True):
-        both = (free.measured, free.simulated.q)
         t = free.simulated.t
-        (tf, one), (_, other) = (placed(estimate.robot, t, q) for q in both)
-        arrays = {"t": t, "measured": both[0], "simulated": both[1], "tf": tf}
+        tf, one = placed(estimate.robot, t, free.measured)
+        _, other = placed(estimate.robot, t, free.simulated.q)
+        arrays = {
+            "t": t,
+            "measured": free.measured,
+            "simulated": free.simulated.q,
+            "tf": tf,
+        }
         save_arrays(
             job.folder / file,
             {**arrays, "poses": np.concatenate([one, other], axis=1)},

@@ -318,7 +318,7 @@ class Session:
 
     async def read_mapped(self, path: str) -> None:
         """Read a file by the columns that were chosen for it."""
-        (mapping,) = (m for m in self.mappings if m["path"] == path)
+        mapping = next(m for m in self.mappings if m["path"] == path)
         pairs = zip(mapping["ours"], mapping["chosen"], strict=True)
         chosen = {ours: theirs for ours, theirs in pairs if theirs}
         self.mappings = [m for m in self.mappings if m is not mapping]

@@ -276,8 +276,10 @@ class Experiment:
         (N, n)
             [N m, N].
         """
-        states = motion.q, motion.dq, motion.ddq
-        rigid = self.problem.robot.inverse_dynamics(self.links.ravel(), *states)
+        links = self.links.ravel()
+        rigid = self.problem.robot.inverse_dynamics(
+            links, motion.q, motion.dq, motion.ddq
+        )
         return (
             rigid
             if self.friction is None
@@ -368,9 +370,11 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         length = float(motion["duration"])
         over_pi = float(motion["frequency_over_pi"])
         blend = float(motion["blend"])
-        drawn = problem.robot, int(motion["seed"]), length
+        seed = int(motion["seed"])
         trajectory = random_trajectory(
-            *drawn,
+            problem.robot,
+            seed,
+            length,
             frequency=np.pi * over_pi,
             blend=blend,
         )
@@ -396,17 +400,15 @@ def _assumed(problem: Problem) -> Experiment:
     """Friction of 2 % and noise of 0.1 % of the torque that it moves with."""
     robot = problem.robot
     none = np.zeros(problem.robot.n)
-    assumed_parts = (
-        random_trajectory(
-            robot,
-            seed=1,
-            duration=21.0,
-        ),
+    trajectory = random_trajectory(robot, seed=1, duration=21.0)
+    bare = Experiment(
+        problem,
+        problem.nominal_links,
+        None,
+        trajectory,
         Sensor(50.0, none),
         (10, 10.0),
-    )
-    bare = Experiment(
-        problem, problem.nominal_links, None, *assumed_parts, problem.default_effects
+        problem.default_effects,
     )
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.

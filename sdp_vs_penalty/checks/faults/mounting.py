@@ -57,7 +57,8 @@ class Mounting(Transformation):
         size = float(np.linalg.norm(assumed))
         cosine = assumed @ g / max(size * float(np.linalg.norm(g)), 1e-300)
         angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-        x, y, z = (float(round(v, 2)) + 0.0 for v in g)
+        rounded = [float(round(v, 2)) + 0.0 for v in g]  # no negative zero
+        x, y, z = rounded
         kind = "gravity direction"
         remedy = f"identify with --gravity {x:g},{y:g},{z:g}"
         of: LogTransform | FaultSize = _under(repair, assumed)

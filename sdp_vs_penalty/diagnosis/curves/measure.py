@@ -287,8 +287,18 @@ def _measured(
             not np.diff(points[there], axis=0).any(axis=0).all()
         ):  # nothing at all of a single value
             there[:], c = True, np.zeros_like(c)
-        sampled = points[there], (grid @ c)[there], min(measured, int(there.sum()))
-        by_fold.append(table_effect(robot, f.joint, f.basis.of, *sampled))
+        n_measured = min(measured, int(there.sum()))
+        fold_values = (grid @ c)[there]
+        by_fold.append(
+            table_effect(
+                robot,
+                f.joint,
+                f.basis.of,
+                points[there],
+                fold_values,
+                n_measured,
+            )
+        )
     return Measured(f, law, table, tuple(by_fold), variables, replaced, f.J)
 
 

@@ -92,7 +92,9 @@ def _library() -> Any | None:
     if not library_found.dCheckConfiguration(b"ODE_double_precision"):
         return None
     for letters, names in _SIGNATURES.items():
-        result, *arguments = (_TYPES[x] for x in letters)
+        types = [_TYPES[x] for x in letters]
+        result = types[0]
+        arguments = types[1:]
         for function in (getattr(library_found, name) for name in names.split()):
             function.restype = result
             function.argtypes = arguments
