@@ -53,7 +53,7 @@ def test_the_wheel_alone_works_from_another_folder(tmp_path, two_link):
     problems = call(*PROGRAM, "list", "problems")
     assert all(folder.name in problems for folder in (ROOT / "problems").iterdir())
     call(*PROGRAM, "identify", "two_link", "--data", "run.csv", "--out", "model.json")
-    assert "RMSE" in call(*PROGRAM, "compare", "model.json", "--data", "run.csv")
+    assert "Error (RMS)" in call(*PROGRAM, "compare", "model.json", "--data", "run.csv")
 
 
 #: Every package that only an extra brings, as it is imported.

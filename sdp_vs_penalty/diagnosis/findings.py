@@ -85,8 +85,10 @@ class Rated(JsonRecord):
         It is confident, a near-tie, or weak only for what leaves open which of several
         effects makes how much of the torque.
         """
+        if self.confidence == "confident":
+            return True
         known = {REASONS[name] for name in TORQUE_IS_CERTAIN}
-        return known.issuperset(self.remarks)
+        return bool(self.remarks) and known.issuperset(self.remarks)
 
 
 def format_size(size: float, std: float, unit: str) -> str:

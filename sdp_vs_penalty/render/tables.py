@@ -47,7 +47,7 @@ def judged_table(
 ) -> Table:
     """Rows of :func:`judged_cells`; more : the heading of one more column of numbers."""
     heads = [what, *JUDGED_HEADS, *([more] if more else [])]
-    return Table(heads, rows, title=title, words=JUDGED_WORDS, style="judged")
+    return Table(heads, rows, title=title, words=JUDGED_WORDS, style=f"judged {what}s")
 
 
 def error_table(

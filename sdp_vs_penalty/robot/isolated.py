@@ -101,6 +101,7 @@ def parse_isolated(
         "room": memory_for(size),
         "seconds": seconds,
         "cpu": int(_LIMITS.cpu + _LIMITS.cpu_by_mib * size / 2**20),
+        "folder": os.getcwd(),  # the server may have begun in another one
     }
     if _is_single_threaded():
         return _answers(_fork_and_parse(request))
@@ -195,6 +196,8 @@ def _be_child(
     """Parse, answer, and end: nothing of the parent's is finished or closed twice."""
     try:
         gc.disable()
+        with suppress(OSError):  # the folder was removed
+            os.chdir(request["folder"])
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         nothing = os.open(os.devnull, os.O_RDWR)

@@ -154,7 +154,7 @@ def test_the_certificate_decides_whether_a_solver_gave_up(finds, task, monkeypat
         """Clarabel, or the interior point and no multipliers; never sure of itself."""
 
         @staticmethod
-        def solve(problem: ConicProblem, accuracy: float) -> Solution:
+        def solve_for_user(problem: ConicProblem, accuracy: float) -> Solution:
             found = replace(
                 solver("clarabel").solve(problem, accuracy),
                 claims="failed",

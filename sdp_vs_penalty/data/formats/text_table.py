@@ -22,7 +22,7 @@ DELIMITERS = (";", "\t", "|", ",", None)
 #: A quoted cell has at most so many lines.
 _LONGEST_CELL = 40
 #: How leading lines begin that are comments; and a title has at most so many lines.
-_COMMENTS = ("#", "//", "%")
+_COMMENTS = ("#", "//", "% ", "%%")
 _LONGEST_TITLE = 20
 FORMATS = "give measurements as CSV text or .npz"
 
