@@ -151,9 +151,8 @@ def test_the_state_is_there_after_a_reload_on_a_phone_in_the_dark(
     with driver.a_context(
         browser, viewport=driver.PHONE, color_scheme="dark", has_touch=True
     ) as context:
-        page = open_page(
-            context, server, story["page"].url.removeprefix(server.address)
-        )
+        without_stage = story["page"].url.partition("#")[0]
+        page = open_page(context, server, without_stage.removeprefix(server.address))
         page.wait_for_selector("table.history", state="attached")
         assert driver.errors(page) == story["errors"]
         driver.no_sideways_scrolling(page)
