@@ -86,12 +86,17 @@ class ArmModel:
 
     def update(self, q: Array, dq: Array, ddq: Array) -> None:
         """Write ``torque`` and ``columns`` of a state, each (n,)."""
+        tree_q = q
+        tree_dq = dq
+        tree_ddq = ddq
         if self._mechanism is not None:
             follow = self._mechanism.matrix
-            q = follow @ q + self._mechanism.offset
-            dq = follow @ dq
-            ddq = follow @ ddq
-        regressor = self._regressor(self._pinocchio, self._data, q, dq, ddq)
+            tree_q = follow @ q + self._mechanism.offset
+            tree_dq = follow @ dq
+            tree_ddq = follow @ ddq
+        regressor = self._regressor(
+            self._pinocchio, self._data, tree_q, tree_dq, tree_ddq
+        )
         np.dot(regressor, self._tree_links, out=self._tree_torque)
         np.dot(regressor[:, self._last], self._map, out=self._tree_columns)
         if self._mechanism is None:

@@ -18,6 +18,7 @@ from sdp_vs_penalty import Measurements, load_measurements, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.page import Sessions
+from sdp_vs_penalty.problem.published import measured_runs
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 NAMES = ("a.csv", "b.csv", "test.csv")
@@ -178,14 +179,10 @@ def panda() -> tuple[str, list[Measurements]]:
 
 def ur10e() -> tuple[str, list[Measurements]]:
     """Three real runs of motor currents."""
-    import os
-
-    folder = Path(os.environ["SDP_VS_PENALTY_DATA"]) / "ur10e"
+    runs = measured_runs("ur10e")
     names = ("14harm50sec", "15harm50sec", "12-50sec_12harm")
-    files = [next(folder.glob(f"*{name}.csv")) for name in names]
-    problem = load_problem("ur10e")
-    runs = [load_measurements(f, names=problem.robot.joint_names) for f in files]
-    return "ur10e", [run.rows(slice(None, None, 2)) for run in runs]
+    chosen = [next(r for k, r in runs.items() if k.endswith(name)) for name in names]
+    return "ur10e", [run.rows(slice(None, None, 2)) for run in chosen]
 
 
 def by_commands(story: Story) -> None:
@@ -216,11 +213,12 @@ def by_commands(story: Story) -> None:
     models = [model]
     if found.exists() and load_diagnosis(found).sure:
         added = ["--from", found, "--confident", *data, "--test", test]
-        run("add", "add", model, *added, "--out", better)
-        run("both", "compare", model, better, *compared, folder / "both.json")
-        models.append(better)
+        if run("add", "add", model, *added, "--out", better):
+            run("both", "compare", model, better, *compared, folder / "both.json")
+            models.append(better)
     findings = ["--findings", found] if found.exists() else []
     run("report", "report", *models, "--data", test, *findings, "--out", report)
+    assert report.exists(), story.said["report"]
     text = re.sub(r"<(script|style).*?</\1>", "", report.read_text(), flags=re.DOTALL)
     story.said["html"] = plain(text)
 

@@ -170,7 +170,7 @@ def test_the_truth_follows_itself(known):
     assert np.all(loop.share < 0.02)
     assert loop.to_dict()["free_run"][0]["loop"] is not None
     assert "follow" not in made.verdict
-    assert made.verdict.startswith("Run forward, 0.1 s ahead the worst joint")
+    assert made.verdict.startswith("Simulated 0.1 s, joint ")
 
 
 def test_the_band_of_a_free_run_is_that_of_the_covariance(known):

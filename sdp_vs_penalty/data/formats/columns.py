@@ -570,6 +570,8 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
     usable = np.isfinite(steps).all(axis=1) & np.isfinite(mean).all(axis=1)
     steps = steps[usable]
     mean = mean[usable]
+    if max(np.abs(steps).max(initial=0.0), np.abs(mean).max(initial=0.0)) > 1e100:
+        return None  # no robot measures that, and its square is no number
     energy = float(np.sum(mean**2))
     way = float(np.sum(steps**2))
     common = float(np.sum(steps * mean))

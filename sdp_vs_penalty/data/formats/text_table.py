@@ -200,7 +200,8 @@ def _find_header(
         return [], 0
     head = cells[0]
     following = cells[1:]
-    if len(following) > 1 and _is_row_of_units(following, number):
+    is_as_wide = len(following) > 1 and len(following[0]) == len(head)
+    if is_as_wide and _is_row_of_units(following, number):
         pairs = zip(head, following[0], strict=True)
         return [_with_unit(name, unit) for name, unit in pairs], 2
     return head, 1
