@@ -27,20 +27,6 @@ class Clarabel(Solver):
     }
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
-        """As :meth:`Solver.run`.
-
-        Parameters
-        ----------
-        problem : ConicProblem
-            As this solver takes it.
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        Solution
-            What it answers.
-        """
         import clarabel
 
         settings = clarabel.DefaultSettings()

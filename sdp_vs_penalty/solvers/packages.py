@@ -40,20 +40,6 @@ class Cvxopt(Solver):
     }
 
     def run(self, problem: ConicProblem, settings: Mapping[str, Any]) -> Solution:
-        """As :meth:`Solver.run`.
-
-        Parameters
-        ----------
-        problem : ConicProblem
-            As this solver takes it.
-        settings : mapping
-            Its options.
-
-        Returns
-        -------
-        Solution
-            What it answers.
-        """
         import cvxopt
         from cvxopt import solvers
 
@@ -118,20 +104,6 @@ class Qics(Solver):
     )
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
-        """As :meth:`Solver.run`.
-
-        Parameters
-        ----------
-        problem : ConicProblem
-            As this solver takes it.
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        Solution
-            What it answers.
-        """
         import qics
 
         answer = {
@@ -231,20 +203,6 @@ class Scs(Solver):
     }
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
-        """As :meth:`Solver.run`.
-
-        Parameters
-        ----------
-        problem : ConicProblem
-            As this solver takes it.
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        Solution
-            What it answers.
-        """
         import scs
 
         rows = [np.zeros(0, np.intp)]
@@ -304,20 +262,6 @@ class Sdpa(Solver):
     status_meaning = SDPA_CLAIMS
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
-        """As :meth:`Solver.run`.
-
-        Parameters
-        ----------
-        problem : ConicProblem
-            As this solver takes it.
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        Solution
-            What it answers.
-        """
         import sdpap
 
         dims = sizes(problem.cones)

@@ -129,20 +129,6 @@ class Program(Solver):
         return (x, z) if has_all else None
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
-        """As :meth:`Solver.run`.
-
-        Parameters
-        ----------
-        problem : ConicProblem
-            As this solver takes it.
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        Solution
-            What it answers.
-        """
         command = self.command(options)
         program = command[0]
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
@@ -209,35 +195,9 @@ class Csdp(Program):
     }
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
-        """The command line of the program.
-
-        Parameters
-        ----------
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        list of str
-            Its words.
-        """
         return ["csdp", "problem.dat-s", "solution"]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        """What the program says of its answer.
-
-        Parameters
-        ----------
-        text : str
-            What it printed.
-        code : int
-            Its exit code.
-
-        Returns
-        -------
-        tuple
-            What it claims, its own words, and how many iterations it made.
-        """
         words = re.findall(
             r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M
         )
@@ -272,38 +232,12 @@ class Dsdp(Program):
     }
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
-        """The command line of the program.
-
-        Parameters
-        ----------
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        list of str
-            Its words.
-        """
         words = [
             word for key, value in options.items() for word in (f"-{key}", str(value))
         ]
         return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        """What the program says of its answer.
-
-        Parameters
-        ----------
-        text : str
-            What it printed.
-        code : int
-            Its exit code.
-
-        Returns
-        -------
-        tuple
-            What it claims, its own words, and how many iterations it made.
-        """
         status = next(
             (p for p in reversed(self.status_meaning) if p in text), f"exit code {code}"
         )
@@ -337,36 +271,10 @@ class SdpaProgram(Program):
     status_meaning = SDPA_CLAIMS
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
-        """The command line of the program.
-
-        Parameters
-        ----------
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        list of str
-            Its words.
-        """
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
         return ["sdpa", *files, "-numThreads", "1"]
 
     def ended(self, text: str, code: int) -> tuple[str, str, int]:
-        """What the program says of its answer.
-
-        Parameters
-        ----------
-        text : str
-            What it printed.
-        code : int
-            Its exit code.
-
-        Returns
-        -------
-        tuple
-            What it claims, its own words, and how many iterations it made.
-        """
         phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
         steps = re.search(r"Iteration\s*=\s*(\d+)", text)
         status = phase.group(1) if phase else f"exit code {code}"

@@ -59,20 +59,6 @@ class ThroughCvxpy(Solver):
         )
 
     def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
-        """As :meth:`Solver.run`.
-
-        Parameters
-        ----------
-        problem : ConicProblem
-            As this solver takes it.
-        options : mapping
-            Its options.
-
-        Returns
-        -------
-        Solution
-            What it answers.
-        """
         import cvxpy as cp
 
         x = cp.Variable(len(problem.q))

@@ -70,20 +70,6 @@ class Bullet(Engine):
         return np.array(self.bullet.calculateInverseDynamics(self.body, *states))
 
     def begin(self, start: Array, step: float) -> None:
-        """Put the joints at rest.
-
-        Parameters
-        ----------
-        start : (n,)
-            Positions [rad, m].
-        step : float
-            Seconds of a step.
-
-        Returns
-        -------
-        None
-            Nothing.
-        """
         self.bullet.setTimeStep(step)
         for j in range(self.robot.n):
             self.bullet.resetJointState(
@@ -94,19 +80,6 @@ class Bullet(Engine):
             )
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """One step at a velocity.
-
-        Parameters
-        ----------
-        velocity : (n,)
-            Of the joints [rad/s, m/s].
-
-        Returns
-        -------
-        tuple
-            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
-            last link's joint frame after it.
-        """
         bullet = self.bullet
         joints = list(range(self.robot.n))
         motor_options = {

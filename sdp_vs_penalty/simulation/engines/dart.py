@@ -61,20 +61,6 @@ class Dart(Engine):
         return np.array(self.skeleton.getForces())
 
     def begin(self, start: Array, step: float) -> None:
-        """Put the joints at rest.
-
-        Parameters
-        ----------
-        start : (n,)
-            Positions [rad, m].
-        step : float
-            Seconds of a step.
-
-        Returns
-        -------
-        None
-            Nothing.
-        """
         import dartpy
 
         for k in range(self.skeleton.getNumJoints()):
@@ -87,19 +73,6 @@ class Dart(Engine):
         self.skeleton.setVelocities(np.zeros(self.robot.n))
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """One step at a velocity.
-
-        Parameters
-        ----------
-        velocity : (n,)
-            Of the joints [rad/s, m/s].
-
-        Returns
-        -------
-        tuple
-            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
-            last link's joint frame after it.
-        """
         self.skeleton.setCommands(velocity)
         self.world.step(False)
         pose = (

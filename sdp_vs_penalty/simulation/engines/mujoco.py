@@ -59,20 +59,6 @@ class MuJoCo(Engine):
         return np.array(self.data.qfrc_inverse)
 
     def begin(self, start: Array, step: float) -> None:
-        """Put the joints at rest.
-
-        Parameters
-        ----------
-        start : (n,)
-            Positions [rad, m].
-        step : float
-            Seconds of a step.
-
-        Returns
-        -------
-        None
-            Nothing.
-        """
         import mujoco
 
         self.model.opt.timestep = step
@@ -80,19 +66,6 @@ class MuJoCo(Engine):
         self.data.qpos = start
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """One step at a velocity.
-
-        Parameters
-        ----------
-        velocity : (n,)
-            Of the joints [rad/s, m/s].
-
-        Returns
-        -------
-        tuple
-            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
-            last link's joint frame after it.
-        """
         import mujoco
 
         model = self.model

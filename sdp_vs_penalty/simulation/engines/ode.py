@@ -139,43 +139,12 @@ class Ode(Engine):
     def follow(
         self, start: Array, velocities: Array, step: float
     ) -> tuple[Array, Array]:
-        """Drive the joints from rest at velocities, one each step.
-
-        Parameters
-        ----------
-        start : (n,)
-            Positions [rad, m].
-        velocities : (N, n)
-            [rad/s, m/s].
-        step : float
-            Seconds of a step.
-
-        Returns
-        -------
-        tuple
-            The motors' torque (N, n) over each step [N m, N], and the pose (N, 4,
-            4) of the last link's joint frame after it.
-        """
         try:
             return super().follow(start, velocities, step)
         finally:
             self.ode.dWorldDestroy(self.world)
 
     def begin(self, start: Array, step: float) -> None:
-        """Put the joints at rest.
-
-        Parameters
-        ----------
-        start : (n,)
-            Positions [rad, m].
-        step : float
-            Seconds of a step.
-
-        Returns
-        -------
-        None
-            Nothing.
-        """
         ode = self.ode
         self.step = step
         self.world = world = c_void_p(ode.dWorldCreate())
@@ -211,19 +180,6 @@ class Ode(Engine):
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         # ODE forms the constraints of a step at the configuration before it.
-        """One step at a velocity.
-
-        Parameters
-        ----------
-        velocity : (n,)
-            Of the joints [rad/s, m/s].
-
-        Returns
-        -------
-        tuple
-            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
-            last link's joint frame after it.
-        """
         before = [self._frame(k, body) for k, body in enumerate(self.bodies)]
         for motor, speed in zip(self.motors, velocity, strict=True):
             motor(speed)
