@@ -98,7 +98,20 @@ class RepairableError(InputError):
     apply : the words of `--apply` that the repair needs, if any.
     """
 
-    apply: tuple[str, ...] = ()
+    def __init__(
+        self,
+        what: str,
+        remedy: str = "",
+        where: Any = None,
+        apply: tuple[str, ...] = (),
+    ) -> None:
+        super().__init__(what, remedy, where)
+        self.apply = apply
+
+    def within(self, where: Any) -> RepairableError:
+        """As of InputError; what the repair needs stays."""
+        outer = super().within(where)
+        return RepairableError(outer.what, outer.remedy, outer.where, self.apply)
 
 
 class Remark(UserWarning):

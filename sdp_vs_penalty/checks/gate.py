@@ -99,10 +99,8 @@ def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -
     what = f"{issue.what.rstrip('.')}: {issue.remedy}{others} (details: `check`)"
     if not issue.mends and not issue.apply:
         raise InputError(what, f"correct the log, or {otherwise}", run)
-    error = RepairableError(what, f"repair the log, or {otherwise}", run)
-    if not issue.mends:
-        error.apply = (issue.apply,)
-    raise error
+    apply = () if issue.mends else (issue.apply,)
+    raise RepairableError(what, f"repair the log, or {otherwise}", run, apply)
 
 
 def explanations_in_a_line(
