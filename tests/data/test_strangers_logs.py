@@ -15,6 +15,7 @@ from recorded import refusal
 
 from sdp_vs_penalty import convert, load_measurements
 from sdp_vs_penalty.data import describe_columns, read_run, save
+from sdp_vs_penalty.data.formats.units import unit_of_factor
 from sdp_vs_penalty.errors import ColumnsRemark, Remark
 from sdp_vs_penalty.simulation import experiment
 
@@ -395,3 +396,10 @@ def test_a_thousandth_of_a_newton_metre_in_any_writing(unit, tmp_path):
         [T, *channels(Q, 1e3 * TAU)],
     )
     np.testing.assert_allclose(read_silently(path).tau, TAU, atol=1e-8)
+
+
+def test_the_printed_unit_is_one_of_the_quantity():
+    assert unit_of_factor(1e-3, "tau") == "mnm"
+    assert unit_of_factor(1e-3, "t") == "ms"
+    assert unit_of_factor(1e-3, "q") == "mm"
+    assert unit_of_factor(0.3, "tau") is None

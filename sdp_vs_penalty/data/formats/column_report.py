@@ -8,7 +8,7 @@ from sdp_vs_penalty.data.formats import csv, format_of
 from sdp_vs_penalty.data.formats.columns import recognise_file
 from sdp_vs_penalty.data.formats.recognition import CellTable, Recognition, find_clock
 from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
-from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.formats.units import unit_of_factor
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import reading
 
@@ -161,8 +161,7 @@ def _row(
     factor = scale.get(meaning, 1.0) if meaning else 1.0
     unit = ""
     if factor != 1.0:
-        words = (word for word, value in UNITS.items() if value == factor)
-        unit = next(words, f"{factor:.6g}")
+        unit = unit_of_factor(factor, group_of(meaning)) or f"{factor:.6g}"
     cells = tuple(table.cells.get(name, ())[:_N_CELLS])
     return ColumnRow(name, meaning, table.kinds[name], factor, unit, cells)
 

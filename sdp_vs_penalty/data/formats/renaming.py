@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.formats.units import UNITS, unit_of_factor
 from sdp_vs_penalty.data.formats.wrapping import POSITIONS, unwrapped
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -82,17 +82,16 @@ def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
         n_columns = sum(group_of(our_name) == group for our_name in rename)
         values = set(factors.values())
         if len(values) == 1 and n_columns == len(factors):
-            words.append(f"{group}={_factor_word(values.pop())}")
+            words.append(f"{group}={_factor_word(values.pop(), group)}")
             continue
         for our_name, factor in factors.items():
-            words.append(f"{our_name}={_factor_word(factor)}")
+            words.append(f"{our_name}={_factor_word(factor, group)}")
     return ",".join(words)
 
 
-def _factor_word(factor: float) -> str:
+def _factor_word(factor: float, group: str) -> str:
     """A unit's name, or the number."""
-    word = next((word for word, value in UNITS.items() if value == factor), None)
-    return word or f"{factor:.12g}"
+    return unit_of_factor(factor, group) or f"{factor:.12g}"
 
 
 def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:

@@ -109,6 +109,26 @@ UNITS_IN_NAMES: dict[str, dict[str, float]] = {
 UNITS_IN_NAMES["qcmd"] = UNITS_IN_NAMES["q"]
 
 
+def unit_of_factor(factor: float, quantity: str) -> str | None:
+    """Find the unit that values of a quantity are multiplied by a factor for.
+
+    Parameters
+    ----------
+    factor
+        To SI.
+    quantity
+        "t", "q", "dq", "tau" ...: of several units its own comes first.
+
+    Returns
+    -------
+    str or None
+        A word of UNITS; None where none has this factor.
+    """
+    words = [word for word, value in UNITS.items() if value == factor]
+    its_own = [word for word in words if word in UNITS_IN_NAMES.get(quantity, ())]
+    return next(iter([*its_own, *words]), None)
+
+
 @dataclass(frozen=True)
 class NamedUnit:
     """A unit at the end of a name.
