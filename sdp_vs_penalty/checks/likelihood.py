@@ -21,6 +21,7 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.checks.arm_fit import ArmFit, RepairedRows
 from sdp_vs_penalty.checks.constants import LOUDEST, LOUDEST_INERTIA, PARTS
@@ -401,7 +402,6 @@ class Likelihood:
         the inertial torque, and of the weight times that of a plausible arm. It tells a
         sign from a reversed clock, which fit the same.
         """
-        from scipy.special import log_ndtr
 
         states = self._centred_states(repair)
         left = fit.channels - fit.rows.raw @ fit.theta
@@ -420,7 +420,7 @@ class Likelihood:
         loudest = np.full(len(z), LOUDEST)
         loudest[-2] = LOUDEST_INERTIA
         is_asked = np.append(self.moving, [True, True])
-        return float(np.maximum(log_ndtr(z), -loudest)[is_asked].sum())
+        return float(np.maximum(scipy.special.log_ndtr(z), -loudest)[is_asked].sum())
 
     def _centred_states(self, repair: LogTransform) -> Array:
         """(2, n, M) velocity and acceleration over M, without their means: what is

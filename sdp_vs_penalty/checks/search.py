@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
@@ -320,7 +321,6 @@ class RepairSearch:
     def _best_on_few_rows(self, number: FaultSize) -> float:
         """The number's value of the largest likelihood, or its own where none near is
         better."""
-        from scipy.optimize import minimize_scalar
 
         def score(x: float) -> float:
             return self.log.screen.score(number.at(float(x))).score
@@ -328,7 +328,7 @@ class RepairSearch:
         low = number.value - number.search_radius
         high = number.value + number.search_radius
         settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
-        minimum = minimize_scalar(
+        minimum = scipy.optimize.minimize_scalar(
             score, bounds=(low, high), method="bounded", options=settings
         )
         is_better = minimum.fun < score(number.value)

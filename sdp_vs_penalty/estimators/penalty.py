@@ -22,8 +22,8 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task, with_joint_prior
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdpThickness, interior_point
@@ -285,7 +285,7 @@ class _Stage:
     def solve(self) -> Array:
         """(p,) where Levenberg and Marquardt's method ends."""
         rows = InTurn(self.rows)
-        solution = optimize.least_squares(
+        solution = scipy.optimize.least_squares(
             rows.residual,
             self.centre,
             rows.jacobian,

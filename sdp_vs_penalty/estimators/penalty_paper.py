@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.estimators.penalty import BarycentricBox
@@ -201,7 +201,7 @@ def anneal_and_search(
     """
     if not len(u):
         return u, 0
-    annealed = optimize.dual_annealing(
+    annealed = scipy.optimize.dual_annealing(
         loss.value,
         _unit_box(u),
         args=(weight,),
@@ -230,7 +230,7 @@ def search_locally(
     while n_evaluations < budget and lowest > 0.0:
         scaled = _ScaledLoss(loss, weight, 1.0 / lowest)
         steps = max(1, (budget - n_evaluations) * 4 // 5)
-        local = optimize.minimize(
+        local = scipy.optimize.minimize(
             scaled.value,
             best,
             method="SLSQP",

@@ -7,7 +7,7 @@ And non-linear least squares within bounds, where the residual comes with its Ja
 from collections.abc import Callable
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
@@ -199,12 +199,11 @@ def least_squares(
     (m, p) array
         The Jacobian at x.
     """
-    from scipy import optimize
 
     both = InTurn(at)
     # SciPy's reflected step, which it discards, and its step along a gradient of 0.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        solution = optimize.least_squares(
+        solution = scipy.optimize.least_squares(
             both.residual,
             np.clip(start, *ends),
             both.jacobian,

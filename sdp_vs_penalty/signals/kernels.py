@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import fft
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -158,11 +158,11 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
     By one Fourier transform of x for all kernels; what wraps around lies outside.
     (scipy.signal does the same, but its import takes longer than to identify a robot.)
     """
-    length = fft.next_fast_len(len(x), real=True)
-    spectrum = fft.rfft(x.T, length)
+    length = scipy.fft.next_fast_len(len(x), real=True)
+    spectrum = scipy.fft.rfft(x.T, length)
     filtered = list[Array]()
     for kernel in kernels:
-        out = fft.irfft(spectrum * fft.rfft(kernel, length), length)
+        out = scipy.fft.irfft(spectrum * scipy.fft.rfft(kernel, length), length)
         filtered.append(out[:, len(kernel) - 1 : len(x)].T)
     return filtered
 

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
@@ -312,10 +313,11 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     Array
         (D, n) noise [N m or N], with the variance of one residual.
     """
-    from scipy.interpolate import CubicSpline
 
     residuals = [
-        CubicSpline(s.t_dense, s.torque_dense - s.dense @ s.motion.modelled)
+        scipy.interpolate.CubicSpline(
+            s.t_dense, s.torque_dense - s.dense @ s.motion.modelled
+        )
         for s in runs.segments
     ]
     parts = [runs.residual[r.rows] - residuals[r.other](r.later) for r in repeats]

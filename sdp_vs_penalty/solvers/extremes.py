@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array

@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
+import scipy
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import (
@@ -125,14 +125,14 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     gram = bound[:, None] * data.curvature * bound
     ridge = _RIDGE * np.trace(gram) + float(not gram.any())
     gram[np.diag_indices_from(gram)] += ridge
-    cholesky, failed = dpotrf(
+    cholesky, failed = scipy.linalg.lapack.dpotrf(
         gram, lower=1, clean=0
     )  # SciPy's own calls of it take as long again
     if failed:
         raise np.linalg.LinAlgError
 
     def push(slope: Array) -> Array:
-        step, _ = dpotrs(cholesky, slope, lower=1)
+        step, _ = scipy.linalg.lapack.dpotrs(cholesky, slope, lower=1)
         return data.R @ (bound * step)
 
     evidence = DualEvidence(

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pandas
-from scipy.optimize import approx_fprime
+import scipy
 
 from sdp_vs_penalty.estimation.identify import DATA, is_data_determined
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
@@ -117,7 +117,7 @@ def sources(study: Study, data: Data) -> pandas.Series:
     theta = study.result(DEFAULT_METHOD, data).theta
     gradients = np.zeros((len(task.links), 10, len(theta)))
     for wide, indices in zip(gradients, task.links, strict=True):
-        wide[:, indices] = approx_fprime(
+        wide[:, indices] = scipy.optimize.approx_fprime(
             theta[indices], inertia.barycentric_from_standard
         )
     is_determined = is_data_determined(task, gradients.reshape(-1, len(theta)))

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
+import scipy
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
@@ -104,7 +103,9 @@ def play(
     model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
     there = robot.poses(q[1:])[:, robot.n - 1]
     distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
-    turned = Rotation.from_matrix(np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3])
+    turned = scipy.spatial.transform.Rotation.from_matrix(
+        np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
+    )
     return EngineRun(
         kind.name, t, torque, model, torque - model, distance, turned.magnitude()
     )
@@ -159,7 +160,7 @@ def measured_runs(study: Study) -> Played:
         # robot's.
         return replace(run, error=(run.torque - at)[run.t > 0.1])
 
-    spline = CubicSpline(t, rows.motion.q)
+    spline = scipy.interpolate.CubicSpline(t, rows.motion.q)
     motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
     played = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
     return {

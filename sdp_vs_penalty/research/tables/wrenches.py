@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas
+import scipy
 from numpy.typing import ArrayLike
-from scipy import optimize
 
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.estimators.lmi_sdp import interior_point
@@ -144,7 +144,7 @@ def unfeasible_retrievals(
 
     n_yielded = 0
     for seed in range(20 * count):
-        end = optimize.least_squares(
+        end = scipy.optimize.least_squares(
             residual,
             np.random.default_rng(seed).uniform(low, high),
             bounds=bounds,
