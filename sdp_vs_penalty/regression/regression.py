@@ -208,6 +208,9 @@ class Regression:
         none = Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
         for joint in range(self.joints):
             parts = [f for f in self.factors if f.joint == joint] or [none]
+            if len(parts) == 1 and len(parts[0].triangle) <= 2 * self.p:
+                merged.append(replace(parts[0], block=0))  # few rows: as they are
+                continue
             triangle = triangular([f.triangle for f in parts])
             n_rows = sum(f.rows for f in parts)
             merged.append(Factor(joint, 0, parts[0].indices, triangle, n_rows))

@@ -232,23 +232,29 @@ class Robot(JsonRecordSkippingNone):
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
     def link_reach(self) -> Array:
-        """(links,) distance [m] from each link frame's origin to the farthest joint
-        that the link bears.
+        """Compute how far each link bears the next joints.
 
-        A length scale for links of which nothing else is known; the last link gets that
-        of its parent.
+        Returns
+        -------
+        (links,) array
+            Distance [m] from each link frame's origin to the farthest joint that the
+            link bears: a length scale for links of which nothing else is known. The
+            last link gets that of its parent.
         """
+        return self._link_reach.copy()
+
+    @cached_property
+    def _link_reach(self) -> Array:
+        """(links,) the lengths [m] of :meth:`link_reach`."""
         reach = np.array(
             [np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree]
         )
         for joint in self.tree:
             if joint.parent >= 0:
-                offset = (
-                    np.linalg.inv(self.tree[joint.parent].link_frame) @ joint.placement
-                )
-                reach[joint.parent] = max(
-                    reach[joint.parent], np.linalg.norm(offset[:3, 3])
-                )
+                parent_frame = self.tree[joint.parent].link_frame
+                offset = np.linalg.inv(parent_frame) @ joint.placement
+                distance = np.linalg.norm(offset[:3, 3])
+                reach[joint.parent] = max(reach[joint.parent], distance)
         for i, joint in enumerate(self.tree):
             if reach[i] == 0.0 and joint.parent >= 0:
                 reach[i] = reach[joint.parent]
