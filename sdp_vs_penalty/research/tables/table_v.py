@@ -8,6 +8,7 @@ those at hand.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import scipy
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.research.memo import program_version, remembered_arrays
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import (
     Row,
@@ -99,16 +101,34 @@ def play(
     steps = np.arange(round(duration / step) + 1)
     q = motion(steps * step)[0]
     t = np.asarray((steps[:-1] + 0.5) * step, float)
-    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    content = (program_version(), kind.name, kind.version(), robot.to_dict(), links, q)
+    followed = remembered_arrays(
+        "engine", (*content, step), partial(_follow, kind, robot, links, q, step)
+    )
+    torque = followed["torque"]
     model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
+    return EngineRun(
+        engine=kind.name,
+        t=t,
+        torque=torque,
+        model=model,
+        error=torque - model,
+        position=followed["position"],
+        angle=followed["angle"],
+    )
+
+
+def _follow(
+    kind: type[Engine], robot: Robot, links: Array, q: Array, step: float
+) -> dict[str, Array]:
+    """An engine's torque (N, n), and its errors of position and angle (N,), on the way
+    through q (N + 1, n), a step of ``step`` [s] each."""
+    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
     there = robot.poses(q[1:])[:, robot.n - 1]
     distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
-    turned = scipy.spatial.transform.Rotation.from_matrix(
-        np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
-    )
-    return EngineRun(
-        kind.name, t, torque, model, torque - model, distance, turned.magnitude()
-    )
+    relative = np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
+    turned = scipy.spatial.transform.Rotation.from_matrix(relative)
+    return {"torque": torque, "position": distance, "angle": turned.magnitude()}
 
 
 def inverse_dynamics_error(
