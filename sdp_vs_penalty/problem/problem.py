@@ -271,25 +271,27 @@ class Problem(Shown):
             ("default effects", ", ".join(self.default_effects)),
         ]
 
-    def model(
-        self, effects: str | Sequence[str] | Sequence[Effect] | None = None
-    ) -> Model:
-        """Torque model of this robot with chosen effects.
+    def model(self, effects: str | Sequence[str | Effect] | None = None) -> Model:
+        """Make a model of this robot.
 
         Parameters
         ----------
-        effects : str, sequence of str, sequence of Effect, or None
-            Names of effects, or effects; None: the problem's default effects.
+        effects : str or sequence of str and Effect, optional
+            Names with commas between them, or names and effects; default: those of the
+            problem.
 
         Returns
         -------
         Model
-            The model.
+            In true units where the problem knows the channels' gains.
+
+        Raises
+        ------
+        InputError
+            For a name that is none, and for a parameter that comes twice.
         """
-        chosen: Any = self.default_effects if effects is None else effects
-        if isinstance(chosen, str) or any(isinstance(e, str) for e in chosen):
-            chosen = parse_effects(chosen, self.robot)
-        return Model(self.robot, tuple(chosen), gains=self.gains)
+        chosen = self.default_effects if effects is None else effects
+        return Model(self.robot, parse_effects(chosen, self.robot), gains=self.gains)
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
         """The same robot with another mounting.

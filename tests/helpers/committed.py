@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.research.tables.table import Table
+from sdp_vs_penalty.research.tables import Table
 
 RESULTS = Path(__file__).parents[2] / "results"
 TABLES = RESULTS / "tables"

@@ -11,8 +11,7 @@ from random_robots import driven, tree
 from recorded import refusal
 
 from sdp_vs_penalty import Problem, identify, load_problem
-from sdp_vs_penalty.effects import Model, parse_effects
-from sdp_vs_penalty.effects.effect import Motion
+from sdp_vs_penalty.effects import Model, Motion, parse_effects
 from sdp_vs_penalty.regression import (
     BlackBox,
     Factor,
