@@ -213,23 +213,26 @@ def engines(study: Study) -> Table:
     formulations = "; ".join(
         f"{name}: {kind.formulation}" for name, kind in engine_types().items()
     )
-    return Table(
+    table = Table(
         f"Table V: physics engines with the identified {study.problem.title}",
         rows,
         notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),
         digits=3,
     )
+    columns = ["engine", *by_joint([None] * n), "motion", *_POSE_FIGURES]
+    if any(row["status"] not in ("run", "published") for row in rows):
+        columns.append("status")
+    return table.shortened(columns)
 
 
-_NO_RUN: Row = dict.fromkeys(
-    (
-        "position_mean_mm",
-        "position_worst_mm",
-        "angle_mean_deg",
-        "angle_worst_deg",
-        "inverse_dynamics_error",
-    )
+#: Distance and rotation of the last joint's frame, mean and largest.
+_POSE_FIGURES = (
+    "position_mean_mm",
+    "position_worst_mm",
+    "angle_mean_deg",
+    "angle_worst_deg",
 )
+_NO_RUN: Row = dict.fromkeys((*_POSE_FIGURES, "inverse_dynamics_error"))
 #: Figures of the pose that stand in the paper's text, of all its engines and of ODE.
 _PUBLISHED_POSE = {
     "all four": ("< 15", "91.3", "< 3", "180 (3.14 rad)"),
