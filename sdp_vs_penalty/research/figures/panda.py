@@ -147,7 +147,7 @@ def figure_1(study: Study) -> Any:
         f"{name.removesuffix(' (published links)')} {error:.2f} %"
         for name, error in errors.items()
     )
-    figure.suptitle(f"Relative error on unseen motion: {in_words}", wrap=True)
+    figure.suptitle(f"Relative error on unseen motion:\n{in_words}")
     return figure
 
 
