@@ -23,6 +23,7 @@ from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.verdict import NoiseFloor
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
+from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -265,6 +266,7 @@ def identify_and_judge(
             are_plausible=True,
             command=check_command,
         )
+        give_back_memory(data.samples)
     runs = (
         data
         if isinstance(data, BlackBox)

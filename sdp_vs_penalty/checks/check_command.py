@@ -64,7 +64,7 @@ class CheckCommand:
     def words(self) -> list[str]:
         """Of the check itself, without the program's name."""
         runs = [str(run) for run in self.runs]
-        return ["check", *runs, "--problem", str(self.problem), *self.options]
+        return ["check", str(self.problem), "--data", *runs, *self.options]
 
     @property
     def repair_words(self) -> list[str]:

@@ -10,7 +10,7 @@ from sdp_vs_penalty.checks.issue import Issue
 
 def test_a_single_run_is_copied_beside_it():
     command = CheckCommand(problem="panda", runs=["logs/a.csv"])
-    expected = "check logs/a.csv --problem panda --fix logs/a_fixed.csv"
+    expected = "check panda --data logs/a.csv --fix logs/a_fixed.csv"
     assert command.repair_words == expected.split()
 
 
@@ -59,7 +59,7 @@ def test_the_line_about_explanations_names_the_command_that_tries_them():
     command = CheckCommand(problem="arm.urdf", runs=["my run.csv"], hold="gripper=0")
     line = explanations_in_a_line(command, [("my run.csv", issue)])
     expected = (
-        "`check 'my run.csv' --problem arm.urdf --hold gripper=0"
+        "`check arm.urdf --data 'my run.csv' --hold gripper=0"
         " --fix 'my run_fixed.csv' --apply sign:tau2`"
     )
     assert expected in line

@@ -344,7 +344,7 @@ def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
     assert run_cli(*words) == 2
     said = capsys.readouterr().err
     fixed = tmp_path / "run_fixed.csv"
-    assert f"check {path} --problem two_link --fix {fixed}" in said
+    assert f"check two_link --data {path} --fix {fixed}" in said
 
 
 def test_the_command_that_a_refusal_prints_repairs_milliseconds(

@@ -203,8 +203,8 @@ def by_commands(story: Story) -> None:
         story.said[name] = " ".join(out.getvalue().split())
         return code == 0
 
-    checked = ["--problem", story.problem, "--json", folder / "check.json"]
-    run("check", "check", *files, *checked)
+    checked = ["--data", *files, "--json", folder / "check.json"]
+    run("check", "check", story.problem, *checked)
     if not run("identify", "identify", story.problem, *data, "--out", model):
         return
     run("diagnose", "diagnose", model, *data, "--test", test, "--json", found)

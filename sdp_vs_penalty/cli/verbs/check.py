@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 
 
 def verb(
-    data: list[Path],
     problem: str,
+    data: list[Path],
     gravity: str | None = None,
     hold: str | None = None,
     json_: Path | None = None,
@@ -25,11 +25,9 @@ def verb(
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
     Exit code 1 where nothing sensible can be identified: a fact of the file says so.
-    Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
+    Example: sdp-vs-penalty check panda --data run.csv --fix fixed.csv
 
     --json out.json: JSON file for the findings.
-    data RUN.csv ...: Runs to check.
-    --problem: Built-in name, folder with a problem.toml, or URDF file.
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
     --apply sign:tau3 ...: Explanations to repair as well, by their words.
     """
