@@ -40,7 +40,7 @@ def identify(
     measurements: Source | FilteredRuns | BlackBox,
     method: str | Estimator = DEFAULT_METHOD,
     *,
-    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    effects: str | Sequence[str | Effect] | None = None,
     preprocessing: Preprocessing | None = None,
     weighting: str = "noise",
     seed: int = 0,

@@ -66,10 +66,21 @@ class LeastSquares:
     def stacked(
         cls, stack: Sequence[Array], rows: int, tau_squared: float | None = None
     ) -> LeastSquares:
-        """That of rows [Y, tau] given as arrays (k, p + 1) whose triangle is formed.
+        """Least squares of rows [Y, tau], compressed to their triangle.
 
-        tau_squared: |tau|^2 where it is not that of these rows, as where some hold a
-        prior.
+        Parameters
+        ----------
+        stack : sequence of (k, p + 1) arrays
+            Rows, in any number of arrays.
+        rows : int
+            Number of measured rows.
+        tau_squared : float or None
+            |tau|^2 where it is not that of these rows, as some of them hold a prior.
+
+        Returns
+        -------
+        LeastSquares
+            R, rho and the norm of the residual.
         """
         triangle = triangular(stack)
         p = triangle.shape[1] - 1
@@ -86,26 +97,84 @@ class LeastSquares:
         return 2.0 * (self.R.T @ self.R)
 
     def loss(self, theta: ArrayLike) -> float:
-        """|R theta - rho|^2 + residual_norm^2 [(N m)^2], weighted."""
+        """Sum of squared, weighted torque errors: |R theta - rho|^2 + residual_norm^2.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters.
+
+        Returns
+        -------
+        float
+            Loss [(N m)^2].
+        """
         residual = self.R @ np.asarray(theta, float) - self.rho
         return float(residual @ residual) + self.residual_norm**2
 
     def loss_scale(self, theta: ArrayLike) -> float:
-        """What a gap is relative to: the loss, and of exact data 1e-12 of |tau|^2."""
+        """Scale to which gaps are relative: the loss, but at least 1e-12 |tau|^2 (exact data).
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters.
+
+        Returns
+        -------
+        float
+            Scale [(N m)^2].
+        """
         return max(self.loss(theta), 1e-12 * self.tau_squared)
 
     def gap(self, upper: float, lower: float, theta: ArrayLike) -> float:
-        """From a lower bound to the objective at theta, relative to the loss there."""
+        """Relative gap between the objective at a point and a lower bound.
+
+        Parameters
+        ----------
+        upper, lower : float
+            Objective at theta, and its lower bound.
+        theta : (p,) array
+            Parameters.
+
+        Returns
+        -------
+        float
+            (upper - lower) / loss_scale(theta).
+        """
         scale = self.loss_scale(theta)
         return (upper - lower) / scale if scale > 0.0 else 0.0
 
     def gradient(self, theta: ArrayLike) -> Array:
-        """(p,) of :meth:`loss`: 2 R' (R theta - rho)."""
+        """Gradient of :meth:`loss`: 2 R' (R theta - rho).
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters.
+
+        Returns
+        -------
+        (p,) array
+            The gradient.
+        """
         return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
 
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
-        """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no
-        prior on k."""
+        """Add a quadratic prior around zero: weight sum_k (theta_k / scale_k)^2.
+
+        Parameters
+        ----------
+        scale : (p,) array
+            Scale of each parameter; infinite: no prior.
+        weight : float
+            Weight [(N m)^2].
+
+        Returns
+        -------
+        LeastSquares
+            Least squares with the prior.
+        """
         size = np.asarray(scale, float)
         rows = np.diag(1.0 / size)[np.isfinite(size)]
         return self.with_observations(rows, np.zeros(len(rows)), weight)
@@ -113,7 +182,22 @@ class LeastSquares:
     def with_observations(
         self, rows: Array, values: Array, weight: float
     ) -> LeastSquares:
-        """The same plus weight |rows theta - values|^2; rows (k, p), values (k,)."""
+        """Add observations of linear combinations: weight |rows theta - values|^2.
+
+        Parameters
+        ----------
+        rows : (k, p) array
+            Linear combinations.
+        values : (k,) array
+            Observed values.
+        weight : float
+            Weight of each.
+
+        Returns
+        -------
+        LeastSquares
+            Least squares with the observations.
+        """
         more = np.sqrt(weight) * np.column_stack([rows, values])
         end = np.append(np.zeros(self.R.shape[1]), self.residual_norm)[None, :]
         stack = [np.column_stack([self.R, self.rho]), end, more]
@@ -153,8 +237,18 @@ class Regression:
         return len(self.parameters)
 
     def select(self, blocks: Iterable[int]) -> Regression:
-        """Only these blocks, by index; one that comes k times (in a bootstrap resample)
-        counts as k: its rows times sqrt(k)."""
+        """Select blocks of rows; a block that comes k times counts k times (bootstrap).
+
+        Parameters
+        ----------
+        blocks : iterable of int
+            Indices of blocks.
+
+        Returns
+        -------
+        Regression
+            The blocks; rows of repeated ones are multiplied by sqrt(k).
+        """
         numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
         place = {block: k for k, block in enumerate(numbers.tolist())}
         factors = []
@@ -173,7 +267,18 @@ class Regression:
         return replace(self, blocks=chosen, factors=tuple(factors))
 
     def keeping(self, kept_columns: NDArray[np.bool_]) -> Regression:
-        """The same of only the wanted (p,) parameters; rows keep their order."""
+        """Select columns.
+
+        Parameters
+        ----------
+        kept_columns : (p,) array of bool
+            Columns to keep.
+
+        Returns
+        -------
+        Regression
+            The same rows with fewer columns.
+        """
         if kept_columns.all():
             return self
         place = np.cumsum(kept_columns) - 1
@@ -188,8 +293,18 @@ class Regression:
         return replace(self, parameters=parameters, factors=tuple(factors))
 
     def given_first(self, fixed: Array) -> Regression:
-        """The same in the other parameters when the first ones are ``fixed``: rows keep
-        their order."""
+        """Fix the first parameters and move their torque to the right-hand side.
+
+        Parameters
+        ----------
+        fixed : (k,) array
+            Values of the first k parameters.
+
+        Returns
+        -------
+        Regression
+            The same rows in the remaining parameters.
+        """
         k = len(fixed)
         factors = []
         for f in self.factors:
@@ -217,8 +332,18 @@ class Regression:
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
-        """The stack over joints, joint j's rows multiplied by weights[j] (default: all
-        1)."""
+        """Least squares over all joints.
+
+        Parameters
+        ----------
+        weights : (joints,) array or None
+            Factor of each joint's rows; None: 1.
+
+        Returns
+        -------
+        LeastSquares
+            The stack of all joints' rows.
+        """
         scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
         stack = []
         for factor in self.per_joint:
@@ -247,7 +372,18 @@ class Regression:
             yield joint, factors[0].indices, np.array(list(rows)), blocks
 
     def joint_losses(self, theta: ArrayLike) -> Array:
-        """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
+        """Sum of squared torque errors of each joint.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters.
+
+        Returns
+        -------
+        (joints,) array
+            Losses [(N m)^2].
+        """
         x = np.asarray(theta, float)
         losses = []
         for f in self.per_joint:

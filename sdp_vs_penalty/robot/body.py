@@ -138,15 +138,37 @@ def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
 
 
 def balls(centres: ArrayLike, radius: float) -> Array:
-    """(6 k, 3) the ends of the axes of balls around centres (k, 3): points that stand
-    for them."""
+    """Extreme points of balls along the coordinate axes, which stand for the balls.
+
+    Parameters
+    ----------
+    centres : (k, 3) array
+        Centres [m].
+    radius : float
+        Radius [m].
+
+    Returns
+    -------
+    (6 k, 3) array
+        Points [m].
+    """
     ends = radius * np.concatenate([np.eye(3), -np.eye(3)])
     return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
 
 
 def directions(count: int = 400) -> Array:
-    """(count, 3) unit vectors, spread over the sphere by the golden angle; by default
-    enough to find the extremes of a cloud to 1 % of its size."""
+    """Unit vectors spread evenly over the sphere, by the golden angle.
+
+    Parameters
+    ----------
+    count : int
+        Number of vectors. The default finds the extremes of a cloud to 1 % of its size.
+
+    Returns
+    -------
+    (count, 3) array
+        Unit vectors.
+    """
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     turn = np.pi * (1.0 + 5.0**0.5) * k
