@@ -21,6 +21,7 @@ from itertools import pairwise
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.checks.arm_fit import ArmFit, RepairedRows
 from sdp_vs_penalty.checks.constants import LOUDEST, LOUDEST_INERTIA, PARTS
@@ -41,6 +42,9 @@ from sdp_vs_penalty.regression.normal_equations import (
 )
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
+#: Up to so many rows the columns of all repairs that a search proposes are kept: the
+#: next round proposes them again.
+FEW_ROWS = 128
 #: A repair by one number.
 At: TypeAlias = Callable[[float], LogTransform]
 
@@ -58,7 +62,9 @@ class Likelihood:
         kinds = [joint.kind for joint in problem.robot.joints]
         self.revolute = [j for j in self.joints if kinds[j] == "revolute"]
         self.none = LogTransform.none(self.n, problem.robot.gravity)
-        self.columns = lru_cache(12)(self._make_columns)
+        self.columns = lru_cache(128 if data.count <= FEW_ROWS else 12)(
+            self._make_columns
+        )
         self._rows = lru_cache(6)(self._make_rows)
         self._model = lru_cache(12)(self._make_model)
         self._basis = lru_cache(20)(self._make_basis)
@@ -401,7 +407,6 @@ class Likelihood:
         the inertial torque, and of the weight times that of a plausible arm. It tells a
         sign from a reversed clock, which fit the same.
         """
-        from scipy.special import log_ndtr
 
         states = self._centred_states(repair)
         left = fit.channels - fit.rows.raw @ fit.theta
@@ -420,7 +425,7 @@ class Likelihood:
         loudest = np.full(len(z), LOUDEST)
         loudest[-2] = LOUDEST_INERTIA
         is_asked = np.append(self.moving, [True, True])
-        return float(np.maximum(log_ndtr(z), -loudest)[is_asked].sum())
+        return float(np.maximum(scipy.special.log_ndtr(z), -loudest)[is_asked].sum())
 
     def _centred_states(self, repair: LogTransform) -> Array:
         """(2, n, M) velocity and acceleration over M, without their means: what is

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks.constants import COULOMB_WIDTHS, ROWS, TRAVELS
@@ -32,9 +32,6 @@ from sdp_vs_penalty.signals.filtered import joined
 from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 
 def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
@@ -66,7 +63,7 @@ class RegressionData:
     shared: Model | None
     independent: tuple[int, ...]
     motion: Motion
-    torque: CubicSpline
+    torque: scipy.interpolate.CubicSpline
     own_columns: Array
     laws: dict[str, Array]
     heard: Array
@@ -106,7 +103,6 @@ class RegressionData:
 
         Each log has a constant of its own: the zeros of its torques.
         """
-        from scipy.interpolate import CubicSpline
 
         thinned = [log.some(slice(None, None, len(logs))) for log in logs]
         shifts = _shifts_one_after_the_other(thinned)
@@ -125,7 +121,7 @@ class RegressionData:
         return replace(
             logs[0],
             motion=joined(motions),
-            torque=CubicSpline(times, torques),
+            torque=scipy.interpolate.CubicSpline(times, torques),
             own_columns=np.concatenate(own_columns, axis=1),
             laws=laws,
             heard=np.concatenate([log.heard * log.moving for log in thinned]),
@@ -146,7 +142,6 @@ class RegressionData:
             For a log that is shorter than the filters need, or in which no joint both
             moves and has a torque that changes.
         """
-        from scipy.interpolate import CubicSpline
 
         assert settings.torque_cutoff is not None
         # As much of the band as the rows can hold, each row independent of the next.
@@ -182,7 +177,9 @@ class RegressionData:
             shared=shared,
             independent=_independent(shared),
             motion=motion,
-            torque=CubicSpline(np.concatenate(times), np.concatenate(torques)),
+            torque=scipy.interpolate.CubicSpline(
+                np.concatenate(times), np.concatenate(torques)
+            ),
             own_columns=own_columns,
             laws=laws,
             heard=slides[rows].astype(float),

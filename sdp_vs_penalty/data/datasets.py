@@ -12,6 +12,7 @@ import warnings
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import DATASETS, GITHUB, Dataset, dataset
@@ -176,11 +177,10 @@ def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
 def _emps_runs(folder: Path) -> dict[str, Measurements]:
     """Position of the carriage and its command [m], and the control voltage [V], which
     times the drive's gain [N/V] is the force."""
-    from scipy.io import loadmat
 
     runs = {}
     for file, name in zip(DATASETS["emps"].files, ("tracking", "pulses"), strict=True):
-        data = loadmat(folder / file.name)
+        data = scipy.io.loadmat(folder / file.name)
         force = float(data["gtau"].item()) * data["vir"]
         groups = {
             "q": data["qm"],

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
@@ -198,7 +198,6 @@ def spectral_lines(
     lines are the motion's own harmonics; smooth [Hz] : the width over which the noise's
     spectrum is taken as flat.
     """
-    from scipy import ndimage
 
     length = min((len(s) for s in series), default=0)
     if length < 2.0 * rate:
@@ -210,13 +209,13 @@ def spectral_lines(
     pooled = len(pieces)
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
-    level = ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
-    level = level / float(special.gammaincinv(pooled, 0.5)) * pooled
+    level = scipy.ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
+    level = level / float(scipy.special.gammaincinv(pooled, 0.5)) * pooled
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
-    limit = float(special.chdtri(2 * pooled, FALSE_EVENT / (len(power) * tests)))
+    limit = float(scipy.special.chdtri(2 * pooled, FALSE_EVENT / (len(power) * tests)))
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
     is_line = (excess > limit) & (frequency > lowest)
-    peaks = is_line & (excess >= ndimage.maximum_filter1d(excess, 7))
+    peaks = is_line & (excess >= scipy.ndimage.maximum_filter1d(excess, 7))
     return [float(f) for f in frequency[peaks]]

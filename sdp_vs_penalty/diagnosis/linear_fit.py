@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Batch, Candidate, Key, Nuisance
@@ -448,9 +448,8 @@ def bounded_least_squares(
         return np.zeros(1)
     root = np.linalg.cholesky(with_ridge(A)).T
     target = np.linalg.solve(root.T, pull)
-    from scipy.optimize import nnls  # its import takes longer than a report
 
-    solution = nnls(np.hstack([root, -root[:, ~nonnegative]]), target)[0]
+    solution = scipy.optimize.nnls(np.hstack([root, -root[:, ~nonnegative]]), target)[0]
     out = solution[: len(nonnegative)].copy()
     out[~nonnegative] -= solution[len(nonnegative) :]
     return np.asarray(out)

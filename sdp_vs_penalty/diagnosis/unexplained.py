@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import special
 
 from sdp_vs_penalty.diagnosis.constants import (
     CHANCE,
@@ -113,5 +113,5 @@ def _smallest_variance(noise: Noise, rise: float) -> Array:
     how the noise is known."""
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         degrees = noise.degrees
-        return np.asarray(rise * degrees / special.chdtri(degrees, 1.0 - CHANCE))
+        return np.asarray(rise * degrees / scipy.special.chdtri(degrees, 1.0 - CHANCE))
     return np.full(len(noise.floor), SPECTRUM_NOISE_FACTOR**2 * rise)

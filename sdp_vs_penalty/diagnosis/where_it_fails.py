@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.files import Source, as_measurements
@@ -402,10 +403,6 @@ def _orders(
 ) -> tuple[tuple[int, float, float], ...]:
     """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their
     surroundings; bins : of one revolution, of which eight show a wave."""
-    from scipy.ndimage import (
-        maximum_filter,
-        median_filter,
-    )  # scipy.signal takes 0.3 s to import
 
     spectrum = np.zeros(bins, complex)
     count = 0
@@ -420,8 +417,8 @@ def _orders(
         count += len(q)
     amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
     amplitude[0] = 0.0
-    ratio = amplitude / np.maximum(median_filter(amplitude, 31), 1e-300)
-    peak = (amplitude == maximum_filter(amplitude, 3)) & (ratio > 4.0)
+    ratio = amplitude / np.maximum(scipy.ndimage.median_filter(amplitude, 31), 1e-300)
+    peak = (amplitude == scipy.ndimage.maximum_filter(amplitude, 3)) & (ratio > 4.0)
     peaks = [k for k in np.flatnonzero(peak).tolist() if k > 1]
     peaks.sort(key=lambda k: -amplitude[k])
     return tuple((k, float(amplitude[k]), float(ratio[k])) for k in peaks[:5])

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.linalg import solve_banded
+import scipy
 
 from sdp_vs_penalty.effects.effect import (
     STANDS,
@@ -225,4 +225,6 @@ def first_order_lag(x: Array, t: Array, T: float) -> Array:
     driven[0] = x[0]
     # y_k - decay y_k-1, solved downwards.
     rows = np.stack([np.ones(len(t)), np.full(len(t), -decay)])
-    return np.asarray(solve_banded((1, 0), rows, driven, check_finite=False))
+    return np.asarray(
+        scipy.linalg.solve_banded((1, 0), rows, driven, check_finite=False)
+    )

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import (
@@ -438,7 +439,6 @@ class KinematicError(Effect):
         return [{}] if cls(robot).parameters else []
 
     def torques(self, motion: Motion) -> Array:
-        from scipy.interpolate import CubicSpline
 
         thinned = _thinned(motion)
         q = motion.q[thinned]
@@ -449,21 +449,25 @@ class KinematicError(Effect):
         return (
             columns
             if len(thinned) == len(motion.t)
-            else CubicSpline(motion.t[thinned], columns)(motion.t)
+            else scipy.interpolate.CubicSpline(motion.t[thinned], columns)(motion.t)
         )
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:
     """Instants from which splines give back the acceleration, the roughest part of a
     motion; all of them where they are no series, such as a simulation's states."""
-    from scipy.interpolate import CubicSpline
 
     instants = np.arange(len(motion.t))
     if len(instants) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):
         return instants
     for stride in (16, 8, 4, 2):
         chosen = np.unique(np.append(instants[::stride], instants[-1]))
-        error = CubicSpline(motion.t[chosen], motion.ddq[chosen])(motion.t) - motion.ddq
+        error = (
+            scipy.interpolate.CubicSpline(motion.t[chosen], motion.ddq[chosen])(
+                motion.t
+            )
+            - motion.ddq
+        )
         if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
             return chosen
     return instants

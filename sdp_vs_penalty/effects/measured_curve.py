@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import Array, JointEffect, Motion
@@ -355,7 +356,6 @@ class MeasuredCurve(JointEffect):
     def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
         """(N,) linear interpolation of values (xn, yn), those at the ends held constant
         outside."""
-        from scipy.ndimage import map_coordinates
 
         places = np.zeros((2, len(motion.t)))
         for axis, place, over in zip("xy", places, self.variables(joint), strict=False):
@@ -363,7 +363,9 @@ class MeasuredCurve(JointEffect):
             high = self.shape[axis + "high"]
             count = self.shape[axis + "n"]
             place[:] = (over.along(motion) - low) / (high - low) * (count - 1)
-        return np.asarray(map_coordinates(table, places, order=1, mode="nearest"))
+        return np.asarray(
+            scipy.ndimage.map_coordinates(table, places, order=1, mode="nearest")
+        )
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
         """(N,) where a variable lies outside of the table, or in a part of it of which

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
@@ -407,10 +407,10 @@ class Motion:
         if not 2.0 * band < rate or len(values) < 3:
             return values
         line = np.linspace(values[0], values[-1], len(values))
-        waves = fft.dst((values - line)[1:-1], type=1, axis=0)
+        waves = scipy.fft.dst((values - line)[1:-1], type=1, axis=0)
         f = np.arange(1, len(values) - 1) * rate / (2 * len(values) - 2)
         waves /= (1.0 + (f / band) ** 8).reshape(-1, *[1] * (values.ndim - 1))
-        line[1:-1] += fft.idst(waves, type=1, axis=0)
+        line[1:-1] += scipy.fft.idst(waves, type=1, axis=0)
         return line
 
     @property

@@ -23,8 +23,8 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize
 
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.links import Payload
@@ -374,7 +374,7 @@ class _Search:
             room = np.maximum(0.998, np.abs(rows @ x[j] + offset))
             scaled = rows * unit
             now = x[j] / unit
-            solution = optimize.linprog(
+            solution = scipy.optimize.linprog(
                 slope[j] * unit,
                 A_ub=np.vstack([scaled, -scaled]),
                 b_ub=np.concatenate([room - offset, room + offset]),

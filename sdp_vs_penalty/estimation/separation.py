@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, special
+import scipy
 
 from sdp_vs_penalty.effects import parse_effects
 from sdp_vs_penalty.effects.effect import Effect, Motion
@@ -148,7 +148,9 @@ class Hypotheses:
         counts = [len(e.parameters) for e in self.effects] + [0]
         price = abs(counts[0] - counts[1]) * np.log(max(self.row_rate * seconds, 2.0))
         return float(
-            special.ndtr((delta2 - price) / (2.0 * np.sqrt(at_least_tiny(delta2))))
+            scipy.special.ndtr(
+                (delta2 - price) / (2.0 * np.sqrt(at_least_tiny(delta2)))
+            )
         )
 
     def needed(self, delta2: float, seconds: float) -> float:
@@ -163,7 +165,7 @@ class Hypotheses:
         lengths = (
             first
             if short(first) >= 0.0
-            else optimize.brentq(short, first, last, xtol=1e-4)
+            else scipy.optimize.brentq(short, first, last, xtol=1e-4)
         )
         return float(np.exp(lengths))
 

@@ -19,6 +19,7 @@ from itertools import count
 from typing import Any
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects import effect_types
@@ -229,7 +230,6 @@ def _fitted(terms: Array, law: Array) -> Array:
 def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
     """The delay [s] of a law beyond that of the terms with which least remains of all
     joints."""
-    from scipy.optimize import minimize_scalar
 
     def left(later: float) -> float:
         law = _law(name, later)
@@ -237,7 +237,7 @@ def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
         return float(np.sum(np.log(at_least_tiny(losses))))
 
     ends = max(-c.DELAY_REACH, -about), min(c.DELAY_REACH, LATEST - about)
-    return float(minimize_scalar(left, bounds=ends, method="bounded").x)
+    return float(scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded").x)
 
 
 def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
@@ -512,10 +512,10 @@ def loop_beside_torque(
 
     given_delay = _given_delay(drives)
     if given_delay is None:
-        from scipy.optimize import minimize_scalar
-
         given_delay = float(
-            minimize_scalar(left, bounds=(0.0, LATEST), method="bounded").x
+            scipy.optimize.minimize_scalar(
+                left, bounds=(0.0, LATEST), method="bounded"
+            ).x
         )
         given_delay = given_delay if left(given_delay) < left(0.0) else 0.0
     model, rows, theta = fitted(given_delay)

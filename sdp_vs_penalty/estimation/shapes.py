@@ -26,9 +26,8 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from sdp_vs_penalty.effects.effect import Block, Effect, Motion, Parameter
 from sdp_vs_penalty.effects.model import Model
@@ -232,7 +231,6 @@ def _with_banks(
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid; where
     all other columns stand; the grids."""
-    from scipy.interpolate import CubicSpline
 
     open_effects = [effect for effect, _, _ in open_constants]
     fixed = [
@@ -252,7 +250,9 @@ def _with_banks(
         columns = first + np.arange(len(grid))
         first += len(grid)
         if grid not in splines:
-            splines[grid] = CubicSpline(np.log(grid), np.eye(len(grid)))
+            splines[grid] = scipy.interpolate.CubicSpline(
+                np.log(grid), np.eye(len(grid))
+            )
         banks.append(
             _Bank(effect.with_shape([joint]), joint, key, now, splines[grid], columns)
         )
@@ -417,7 +417,7 @@ class _Profile:
         noise = np.sum((gains - changes) ** 2, axis=1)
         noise = np.maximum(noise, 4.0 * changes.sum(axis=1))
         taken[moved] = gains.sum(axis=1)
-        needed[moved] = stdtrit(n_folds - 1, 0.975) * np.sqrt(noise)
+        needed[moved] = scipy.special.stdtrit(n_folds - 1, 0.975) * np.sqrt(noise)
         return taken, needed
 
     def _local_columns(self, estimates: Sequence[ShapeEstimate]) -> _LocalColumns:

@@ -31,9 +31,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.special import stdtrit
 
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import LEVEL, NORMAL_95, POOLED, WIDTHS, WINDOW
@@ -130,8 +129,8 @@ class Sandwich:
             w = contrasts[chunk] @ self.directions
             variance, freedom = self._variances(w)
             known = self.white * np.sum((w @ self.prior) * w, axis=1)
-            t = stdtrit(freedom, 0.5 + 0.5 * LEVEL)
-            normal = stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
+            t = scipy.special.stdtrit(freedom, 0.5 + 0.5 * LEVEL)
+            normal = scipy.special.stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
             half[chunk] = np.sqrt(t**2 * variance + normal**2 * known)
         return half
 
@@ -240,7 +239,7 @@ def stretched(factor: Array, std: Array) -> Array:
     return np.asarray(factor * np.where(known, ratio, typical)[:, None])
 
 
-def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
+def _kernel(regression: Regression, inflation: float) -> scipy.sparse.csr_array:
     """(B, B) the triangular window over the blocks of each run, at most half a run
     long."""
     runs, starts, stops = np.array(regression.blocks, float).reshape(-1, 3).T
@@ -262,9 +261,9 @@ def _kernel(regression: Regression, inflation: float) -> sparse.csr_array:
             else np.eye(len(middle))
         )
     return (
-        sparse.csr_array(sparse.block_diag(parts))
+        scipy.sparse.csr_array(scipy.sparse.block_diag(parts))
         if parts
-        else sparse.csr_array((0, 0))
+        else scipy.sparse.csr_array((0, 0))
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.errors import InputError
@@ -352,10 +353,9 @@ def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
     (3, 3)
         [kg m^2].
     """
-    from scipy.optimize import nnls
 
     moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
-    second, _ = nnls(1.0 - np.eye(3), moments)
+    second, _ = scipy.optimize.nnls(1.0 - np.eye(3), moments)
     # As far inside as it takes to survive being written as text and read again.
     second = second + 4.0 * ROUNDING * second.sum()
     second = np.maximum(second, mass * _THINNEST**2)

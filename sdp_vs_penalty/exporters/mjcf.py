@@ -3,8 +3,8 @@
 from typing import Any
 
 import numpy as np
+import scipy
 from lxml import etree
-from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -87,7 +87,9 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     for i, part in enumerate(parts(robot, content.links)):
         joint = part.joint
         place = part.joint.placement
-        quat = Rotation.from_matrix(place[:3, :3]).as_quat(scalar_first=True)
+        quat = scipy.spatial.transform.Rotation.from_matrix(place[:3, :3]).as_quat(
+            scalar_first=True
+        )
         body = element(
             bodies[joint.parent + 1],
             "body",

@@ -19,7 +19,7 @@ Parameters are scaled: lengths count in the payload's plausible reach.
 """
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
+import scipy
 
 from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.robot.arrays import Array
@@ -104,9 +104,9 @@ class Posterior:
     def solve(self) -> float:
         """Write ``mean``; return the logarithm of the evidence against no payload."""
         np.copyto(self._factor, self.precision)
-        dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
         np.copyto(self.mean, self.linear)
-        dpotrs(self._factor, self.mean, lower=1, overwrite_b=1)
+        scipy.linalg.lapack.dpotrs(self._factor, self.mean, lower=1, overwrite_b=1)
         np.log(self._diagonal, out=self._log)
         half_log_det = float(self._log.sum())
         fit = 0.5 * float(np.dot(self.linear, self.mean))
@@ -114,4 +114,6 @@ class Posterior:
 
     def covariance(self) -> Array:
         """(10, 10) of the scaled parameters of the last :meth:`solve`."""
-        return np.asarray(dpotrs(self._factor, np.eye(SIZE), lower=1)[0])
+        return np.asarray(
+            scipy.linalg.lapack.dpotrs(self._factor, np.eye(SIZE), lower=1)[0]
+        )

@@ -14,7 +14,7 @@ them over its cycles.
 """
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dsygv
+import scipy
 
 from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.robot.arrays import Array
@@ -71,9 +71,9 @@ class ConeProjection:
             self.is_done = True
             return
         np.copyto(self._factor, precision)
-        dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
         np.copyto(self._factor, precision)
-        dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
         if self._is_warm:
             self._raise_last()
             self.gap = 0.0
@@ -123,9 +123,9 @@ class ConeProjection:
         np.dot(self._precision, self._step, out=self._slope)
         self._slope *= -1.0
         self._slope += _BASIS @ (target * inverse).ravel()
-        dpotrf(self._lapack, lower=1, clean=0, overwrite_a=1)
+        scipy.linalg.lapack.dpotrf(self._lapack, lower=1, clean=0, overwrite_a=1)
         np.copyto(self._step, self._slope)
-        dpotrs(self._lapack, self._step, lower=1, overwrite_b=1)
+        scipy.linalg.lapack.dpotrs(self._lapack, self._step, lower=1, overwrite_b=1)
         dX = _matrix(self._step)
         dZ = inverse @ dX @ Z
         dZ = target * inverse - Z - 0.5 * (dZ + dZ.T)
@@ -144,7 +144,7 @@ class ConeProjection:
         """The bound of f(x) - f*, infinite where x or Z left its cone."""
         X = _matrix(self._x)
         slack = self._precision @ (self._x - self._centre) - _BASIS @ self._Z.ravel()
-        scaled = dpotrs(self._factor, slack, lower=1)[0]
+        scaled = scipy.linalg.lapack.dpotrs(self._factor, slack, lower=1)[0]
         gap = 0.5 * float(slack @ scaled) + float(np.vdot(X, self._Z))
         if gap <= c.PROJECTION_GAP and not (_is_definite(X) and _is_definite(self._Z)):
             return float(np.inf)
@@ -166,16 +166,18 @@ def _matrix_of_slope(slope: Array) -> Array:
 
 
 def _is_definite(matrix: Array) -> bool:
-    return bool(dpotrf(matrix, lower=1)[1] == 0)
+    return bool(scipy.linalg.lapack.dpotrf(matrix, lower=1)[1] == 0)
 
 
 def _length(matrix: Array, step: Array) -> float:
     """How much of a step stays inside the cone, at most one."""
-    lowest = float(dsygv(step, matrix, jobz="N")[0][0])
+    lowest = float(scipy.linalg.lapack.dsygv(step, matrix, jobz="N")[0][0])
     return 1.0 if lowest >= -_SHARE else _SHARE / -lowest
 
 
 def _inverse(matrix: Array) -> Array:
     """Of a positive definite matrix (4, 4)."""
-    lower = dpotri(dpotrf(matrix, lower=1)[0], lower=1)[0]
+    lower = scipy.linalg.lapack.dpotri(
+        scipy.linalg.lapack.dpotrf(matrix, lower=1)[0], lower=1
+    )[0]
     return np.where(_LOWER, lower, lower.T)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from nicegui import ui
-from scipy.spatial.transform import Rotation
 
 from sdp_vs_penalty.page.controls import button, chart, note, tag
 from sdp_vs_penalty.page.view import View
@@ -164,7 +164,9 @@ class ArmScene:
 
 def _places_and_turns(poses: Array) -> Array:
     """(F, k, 7) places and unit quaternions (x, y, z, w) of poses (F, k, 4, 4)."""
-    rotations = Rotation.from_matrix(poses[..., :3, :3].reshape(-1, 3, 3))
+    rotations = scipy.spatial.transform.Rotation.from_matrix(
+        poses[..., :3, :3].reshape(-1, 3, 3)
+    )
     turns = rotations.as_quat().reshape(*poses.shape[:2], 4)
     return np.dstack([poses[..., :3, 3], turns])
 

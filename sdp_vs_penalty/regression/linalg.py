@@ -7,7 +7,7 @@ And non-linear least squares within bounds, where the residual comes with its Ja
 from collections.abc import Callable
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.robot.arrays import Array
@@ -69,9 +69,15 @@ def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
     (p,) array
         theta.
     """
-    U, V = column_space(A)
-    start = np.broadcast_to(near, A.shape[1])
-    return np.asarray(start + V @ (U.T @ (b - A @ start)))
+    unit, nonzero, norms = _unit_columns(A)
+    theta = np.broadcast_to(np.asarray(near, float), A.shape[1]).copy()
+    if len(nonzero):
+        # A complete orthogonal factorisation: a third of the time of singular values.
+        move, *_ = scipy.linalg.lstsq(
+            unit, b - A @ theta, cond=UNSEEN, lapack_driver="gelsy"
+        )
+        theta[nonzero] += move / norms
+    return theta
 
 
 def deviations(A: Array) -> Array:
@@ -144,11 +150,33 @@ class InTurn:
         self._answer = (np.zeros(0), np.zeros(0))
 
     def residual(self, x: Array) -> Array:
-        """r (m,) at x (p,)."""
+        """Residuals at a point.
+
+        Parameters
+        ----------
+        x : (p,) array
+            The point.
+
+        Returns
+        -------
+        (m,) array
+            r.
+        """
         return self._both(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """J (m, p) at x (p,)."""
+        """Derivatives of the residuals at a point.
+
+        Parameters
+        ----------
+        x : (p,) array
+            The point.
+
+        Returns
+        -------
+        (m, p) array
+            J.
+        """
         return self._both(x)[1]
 
     def _both(self, x: Array) -> tuple[Array, Array]:
@@ -193,12 +221,11 @@ def least_squares(
     (m, p) array
         The Jacobian at x.
     """
-    from scipy import optimize
 
     both = InTurn(at)
     # SciPy's reflected step, which it discards, and its step along a gradient of 0.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        solution = optimize.least_squares(
+        solution = scipy.optimize.least_squares(
             both.residual,
             np.clip(start, *ends),
             both.jacobian,

@@ -5,13 +5,14 @@ With unit variance the energy of m rows of whitened noise is chi-square with m d
 of freedom: windows with too much of it are events. Motion swells noise.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from functools import cached_property, partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.special import betaincinv, ndtri
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.constants import ABOVE, SAME_PHASE
@@ -56,11 +57,23 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         ]
 
     #: The filter that was asked for last, and by what.
-    _last: tuple[tuple[bytes, int], sparse.csr_array] | None = None
+    _last: tuple[tuple[bytes, int], scipy.sparse.csr_array] | None = None
 
-    def filter(self, ar: Array, count: int) -> sparse.csr_array:
-        """(count, count) what an autoregression does to a series: each predicted row
-        less what its past says of it, zero rows elsewhere; the last is kept."""
+    def filter(self, ar: Array, count: int) -> scipy.sparse.csr_array:
+        """Sparse map that whitens a series: each row minus its prediction by an autoregression.
+
+        Parameters
+        ----------
+        ar : array
+            Coefficients of the autoregression.
+        count : int
+            Number of rows of the series.
+
+        Returns
+        -------
+        (count, count) sparse array
+            The map; rows without enough past are zero.
+        """
         key = ar.tobytes(), count
         if self._last is None or self._last[0] != key:
             rows = self.predicted
@@ -70,7 +83,7 @@ class Pieces(tuple[NDArray[np.intp], ...]):
             row_weights = np.append(-ar[::-1], 1.0)
             weights = np.tile(row_weights, len(rows))
             parts = (weights, places, np.cumsum(ends))
-            self._last = key, sparse.csr_array(parts, shape=(count, count))
+            self._last = key, scipy.sparse.csr_array(parts, shape=(count, count))
         return self._last[1]
 
 
@@ -134,7 +147,7 @@ def local_excess(
     n_windows = max(n_rows, 1) * len(LENGTHS) * tests
     # The upper quantile of F: d / (d + length F) is distributed as beta.
     lengths = np.array(LENGTHS)
-    w = betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / n_windows)
+    w = scipy.special.betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / n_windows)
     limits = (degrees * (1.0 - w) / w).tolist()
     for piece in pieces:
         energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
@@ -277,7 +290,6 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     Array
         (K,) standard deviation, around 1 on the rows of ``white``.
     """
-    from scipy.optimize import nnls
 
     used = white != 0.0
     if used.sum() < 20 * (rates.shape[1] + 1):
@@ -286,7 +298,7 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
     columns = np.column_stack([np.ones(len(squares)), rates[used] / size])
-    law = nnls(columns, squares)[0]
+    law = scipy.optimize.nnls(columns, squares)[0]
     level = float(law.sum())
     if level <= 0.0:
         return np.ones(len(at))
@@ -309,4 +321,4 @@ def robust_scale(white: Array) -> float:
     """
     if not len(white):
         return 1.0
-    return float(np.median(np.abs(white)) / ndtri(0.75))
+    return float(np.median(np.abs(white)) / scipy.special.ndtri(0.75))

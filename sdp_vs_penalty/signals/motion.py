@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.store import PART
@@ -165,7 +166,6 @@ def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
 def _tree(lines: Iterable[Array], distance: float) -> Any:
     """Points on all lines, so close that none between is missed, to look for the
     nearest."""
-    from scipy.spatial import cKDTree
 
     points = []
     for line in lines:
@@ -175,7 +175,7 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
         ends = np.append(0.0, np.cumsum(n_points))
         at = np.arange(ends[-1] + 1.0)
         points.append(interpolated(at, ends, line))
-    return cKDTree(np.concatenate(points))
+    return scipy.spatial.cKDTree(np.concatenate(points))
 
 
 def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:

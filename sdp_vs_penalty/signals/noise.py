@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.effects.effect import smooth_sign
@@ -92,9 +93,22 @@ class Noise:
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
     def whiten(self, values: Array, joint: int, pieces: Pieces) -> Array:
-        """(M, k) columns or (M,) a series, filtered to white noise of unit variance.
+        """Whiten columns of a joint by its noise model: noise becomes white, of unit variance.
 
-        The first ORDER rows of each piece have no past and become zero.
+        Parameters
+        ----------
+        values : (M, k) or (M,) array
+            Columns, or a series.
+        joint : int
+            Index of the joint.
+        pieces : Pieces
+            Uninterrupted pieces of rows. The first ORDER rows of each have no past and become
+            zero.
+
+        Returns
+        -------
+        array
+            Whitened values, of the same shape.
         """
         white = np.asarray(pieces.filter(self.ar[joint], len(self.scale)) @ values)
         scale = self.scale[:, joint]
@@ -312,10 +326,11 @@ def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
     Array
         (D, n) noise [N m or N], with the variance of one residual.
     """
-    from scipy.interpolate import CubicSpline
 
     residuals = [
-        CubicSpline(s.t_dense, s.torque_dense - s.dense @ s.motion.modelled)
+        scipy.interpolate.CubicSpline(
+            s.t_dense, s.torque_dense - s.dense @ s.motion.modelled
+        )
         for s in runs.segments
     ]
     parts = [runs.residual[r.rows] - residuals[r.other](r.later) for r in repeats]

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.coloured_noise import ORDER
@@ -186,11 +186,13 @@ def _correlation(x: Array, y: Array) -> Array:
 
     Negative lags stand at the end. One joint after the other, in the memory of one.
     """
-    length = fft.next_fast_len(x.shape[1] + y.shape[1], real=True)
+    length = scipy.fft.next_fast_len(x.shape[1] + y.shape[1], real=True)
     spectrum = np.zeros(length // 2 + 1, complex)
     for of_joint, other in zip(x, y, strict=True):
-        spectrum += np.conj(fft.rfft(of_joint, length)) * fft.rfft(other, length)
-    return np.asarray(fft.irfft(spectrum, length))
+        spectrum += np.conj(scipy.fft.rfft(of_joint, length)) * scipy.fft.rfft(
+            other, length
+        )
+    return np.asarray(scipy.fft.irfft(spectrum, length))
 
 
 def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
@@ -241,9 +243,8 @@ def is_part(window: Filtered, longer: Filtered) -> bool:
     scale = motion_scale(longer.q_dense)
     if not inside.any() or scale is None:
         return False
-    from scipy.interpolate import CubicSpline
 
-    there = CubicSpline(span, longer.q_dense)(t[inside])
+    there = scipy.interpolate.CubicSpline(span, longer.q_dense)(t[inside])
     return _difference(window.q_dense[inside], there, scale) < 0.1 * ALIKE
 
 
@@ -283,7 +284,6 @@ def _same_positions(
 ) -> tuple[NDArray[np.intp], Array]:
     """The rows of a at which b has the same positions ``shift`` seconds later, and
     these instants; none where there are too few."""
-    from scipy.interpolate import CubicSpline
 
     later = a.t + shift
     is_within = (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
@@ -292,8 +292,8 @@ def _same_positions(
     if scale is None or len(rows) < _FEWEST_ROWS:
         return rows[:0], later[:0]
     later = later[rows]
-    here = CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
-    there = CubicSpline(b.t_dense, b.q_dense)(later)
+    here = scipy.interpolate.CubicSpline(a.t_dense, a.q_dense)(a.t[rows])
+    there = scipy.interpolate.CubicSpline(b.t_dense, b.q_dense)(later)
     is_same = np.all(np.abs(here - there) < ALIKE * scale, axis=1)
     return rows[is_same], later[is_same]
 
@@ -333,12 +333,12 @@ def new_differences(both: NDArray[np.intp], count: int) -> int:
     int
         Their number.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
     entries = (np.ones(len(both)), tuple(both.T))
-    graph = coo_array(entries, shape=(count, count))
-    n_motions = connected_components(graph, directed=False, return_labels=False)
+    graph = scipy.sparse.coo_array(entries, shape=(count, count))
+    n_motions = scipy.sparse.csgraph.connected_components(
+        graph, directed=False, return_labels=False
+    )
     return count - int(n_motions)
 
 

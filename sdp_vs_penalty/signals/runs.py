@@ -6,6 +6,7 @@ from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.data.measurements import Measurements
@@ -110,8 +111,20 @@ def _ways(run: Measurements) -> Iterator[Array]:
 
 
 def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """(K, 2) first and one past the last of each run of True.
+    """First row, and one past the last, of each run of True.
 
+    Parameters
+    ----------
+    flags : (N,) array of bool
+        Flags.
+
+    Returns
+    -------
+    (K, 2) array of int
+        A row a run.
+
+    Examples
+    --------
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """
@@ -146,9 +159,10 @@ class Stretch:
     def integrals(self) -> tuple[Array, Array]:
         """(N, n) of qcmd and of q over time since the stretch began, at the samples as
         logged."""
-        from scipy.integrate import cumulative_trapezoid
 
-        integral = partial(cumulative_trapezoid, x=self.t, axis=0, initial=0.0)
+        integral = partial(
+            scipy.integrate.cumulative_trapezoid, x=self.t, axis=0, initial=0.0
+        )
         of_position = integral(self.q) if self.sum is None else self.sum
         return integral(self.qcmd), of_position
 

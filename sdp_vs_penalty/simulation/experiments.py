@@ -18,9 +18,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import signal
-from scipy.special import expit
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
@@ -53,7 +52,9 @@ def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
         [N m].
     """
     amplitude, slope, shift = np.asarray(phi, float).T
-    return amplitude * expit(slope * (dq + shift)) - amplitude * expit(slope * shift)
+    return amplitude * scipy.special.expit(
+        slope * (dq + shift)
+    ) - amplitude * scipy.special.expit(slope * shift)
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class Sensor:
             strict=True,
         ):
             innovation = std * np.sqrt(innovation_share(row))
-            out.append(signal.lfilter([innovation], row, x)[500:])
+            out.append(scipy.signal.lfilter([innovation], row, x)[500:])
         return np.column_stack(out)
 
     def instants(self, duration: float) -> Array:
@@ -195,7 +196,10 @@ def innovation_share(poles: Array) -> float:
         of 0.999 needs.
     """
     return float(
-        1.0 / np.sum(signal.lfilter([1.0], poles, signal.unit_impulse(20_000)) ** 2)
+        1.0
+        / np.sum(
+            scipy.signal.lfilter([1.0], poles, scipy.signal.unit_impulse(20_000)) ** 2
+        )
     )
 
 

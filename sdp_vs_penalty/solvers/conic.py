@@ -16,8 +16,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -41,9 +41,9 @@ class ConicProblem:
     """P (m, m) upper triangle, q (m,), A (rows, m), b (rows,), cones in the order of
     the rows."""
 
-    P: sparse.csc_matrix
+    P: scipy.sparse.csc_matrix
     q: Array
-    A: sparse.csc_matrix
+    A: scipy.sparse.csc_matrix
     b: Array
     cones: tuple[Cone, ...]
 
@@ -189,8 +189,8 @@ def sdpa_text(problem: ConicProblem) -> str:
         " ".join(f"{x:.17g}" for x in problem.q),
     ]
     block, i, j, factor = svec_entries(problem.cones)
-    stacked = sparse.hstack(
-        [sparse.csc_matrix(problem.b[:, None]), problem.A], "csc"
+    stacked = scipy.sparse.hstack(
+        [scipy.sparse.csc_matrix(problem.b[:, None]), problem.A], "csc"
     ).tocoo()
     values = -stacked.data * factor[stacked.row]
     for row, k, value in zip(stacked.row, stacked.col, values, strict=True):
@@ -236,7 +236,7 @@ def cbf_text(problem: ConicProblem) -> str:
         lines += ["CON", f"{len(order)} {len(cones)}", *cones, ""]
     block, i, j, factor = svec_entries(problem.cones)
     number = np.cumsum(psd) - 1
-    matrix = sparse.csr_matrix(-problem.A)
+    matrix = scipy.sparse.csr_matrix(-problem.A)
     matrices = np.flatnonzero(psd[block])
     part = matrix[matrices].tocoo()
     at = matrices[part.row]

@@ -7,14 +7,15 @@ quadratic form the large constant rho^T rho sits between the solver and the loss
 and "solved" to 1e-8 of the constant can be percents of the loss.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from sdp_vs_penalty.regression.linalg import UNSEEN
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -240,7 +241,7 @@ def least_squares_sdp(
             axis2=2,
         )
         offset += entropy.weight * float(left - np.sum(np.log(sizes)))
-    conic = conic_problem(groups, sparse.diags(quadratic).tocsc(), linear)
+    conic = conic_problem(groups, scipy.sparse.diags(quadratic).tocsc(), linear)
     return SdpProblem(
         conic,
         centre,
@@ -295,7 +296,9 @@ def largest_margin(
 
 
 def conic_problem(
-    groups: Sequence[ConeGroup], quadratic: sparse.csc_matrix | None, linear: Array
+    groups: Sequence[ConeGroup],
+    quadratic: scipy.sparse.csc_matrix | None,
+    linear: Array,
 ) -> ConicProblem:
     """Minimise 1/2 x^T quadratic x + linear^T x, every F(x) of the groups in its cone.
 
@@ -315,7 +318,7 @@ def conic_problem(
     """
     stacked = StackedCones.from_groups(groups)
     m = len(linear)
-    A = sparse.csc_matrix(
+    A = scipy.sparse.csc_matrix(
         (-stacked.value, (stacked.row, stacked.column)), (len(stacked.constant), m)
     )
     cones = list[Cone]()
@@ -324,7 +327,7 @@ def conic_problem(
         cones += [
             Cone(group.cone, math.isqrt(2 * size) if group.cone == "psd" else size)
         ] * count
-    P = sparse.csc_matrix((m, m)) if quadratic is None else quadratic
+    P = scipy.sparse.csc_matrix((m, m)) if quadratic is None else quadratic
     return ConicProblem(
         P,
         linear,

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
 from sdp_vs_penalty.solvers.rewrite import KINDS, sizes
@@ -124,7 +124,7 @@ class Qics(Solver):
         signs = np.ones(rows)
         equal = dims["z"]
         signs[rows - 3 * dims["ep"] :: 3] = -1.0
-        A = sparse.csr_matrix(sparse.diags(signs) @ problem.A)
+        A = scipy.sparse.csr_matrix(scipy.sparse.diags(signs) @ problem.A)
         b = (signs * problem.b)[:, None]
         parts = {
             "A": A[:equal],
@@ -165,9 +165,9 @@ class Qics(Solver):
         square = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
         cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
         below = [[0, 0], [1, 0], [0, 1]], square, [[1, 0], [0, 0], [0, 1]]
-        A = sparse.csc_matrix(-np.vstack([rows, *below]))
+        A = scipy.sparse.csc_matrix(-np.vstack([rows, *below]))
         b = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 9.0])
-        empty = sparse.csc_matrix((2, 2))
+        empty = scipy.sparse.csc_matrix((2, 2))
         self.solve(
             ConicProblem(
                 empty,

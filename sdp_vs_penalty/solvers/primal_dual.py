@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
+import scipy
 
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
@@ -198,7 +198,7 @@ class _InteriorPoint:
         flat = H.ravel()
         flat[cones.places] += cones.curvature @ self.products
         flat[:: len(H) + 1] *= 1.0 + _RIDGE
-        self.cholesky, failed = dpotrf(
+        self.cholesky, failed = scipy.linalg.lapack.dpotrf(
             H.T,
             lower=1,
             overwrite_a=1,
@@ -212,7 +212,7 @@ class _InteriorPoint:
         self.set_target(0.0)
         towards_target = cones.adjoint @ self.target - self.gradient
         both = np.array([towards_target, self.leftover])
-        solutions, _ = dpotrs(self.cholesky, both.T, lower=1)
+        solutions, _ = scipy.linalg.lapack.dpotrs(self.cholesky, both.T, lower=1)
         self.step, self.correction = solutions.T
         products = float(self.both[0] @ self.both[1])
         gap = products - ORDER * float(cones.weight.sum())
@@ -291,7 +291,7 @@ class _InteriorPoint:
         )
         self.set_target(centring * now / self.degree)
         right = cones.adjoint @ (self.target - second) - self.gradient
-        step = dpotrs(self.cholesky, right, lower=1)[0]
+        step = scipy.linalg.lapack.dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)
         share = min(1.0, (_SHARE + (0.999 - _SHARE) * reach**2) * longest)
         if not share > _SHORTEST:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, triangle, unsvec
@@ -118,7 +118,7 @@ def suited(
     return form.then(lambda p: reorder(p, order)) if order else form
 
 
-def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
+def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
     """A factor of the quadratic objective.
 
     Parameters
@@ -131,19 +131,19 @@ def quadratic_factor(problem: ConicProblem) -> sparse.csr_matrix:
     (k, m) sparse
         G with 1/2 x^T P x = 1/2 |G x|^2.
     """
-    P = sparse.csc_matrix(problem.P)
+    P = scipy.sparse.csc_matrix(problem.P)
     diagonal = P.diagonal()
     if P.nnz == np.count_nonzero(diagonal):
         nonzero = np.flatnonzero(diagonal)
         ones = np.arange(len(nonzero))
         shape = (len(nonzero), P.shape[0])
         entries = (np.sqrt(diagonal[nonzero]), (ones, nonzero))
-        return sparse.csr_matrix(entries, shape)
+        return scipy.sparse.csr_matrix(entries, shape)
     full = P.toarray()
     values, vectors = np.linalg.eigh(full + np.triu(full, 1).T)
     significant = values > 1e-15 * values[-1]
     roots = np.sqrt(values[significant])
-    return sparse.csr_matrix(roots[:, None] * vectors[:, significant].T)
+    return scipy.sparse.csr_matrix(roots[:, None] * vectors[:, significant].T)
 
 
 def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
@@ -175,7 +175,7 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
         part = factor[start : start + size]
         size_of_part = part.shape[0]
         place = ([0], [k])
-        top = sparse.csr_matrix(([-1.0], place), (1, columns))
+        top = scipy.sparse.csr_matrix(([-1.0], place), (1, columns))
         blocks.append([None, top])
         blocks.append([None, top])
         blocks.append([-np.sqrt(2.0) * part, None])
@@ -183,9 +183,9 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
         constants.append(np.zeros(size_of_part))
         cones.append(Cone("soc", 2 + size_of_part))
     rewritten = ConicProblem(
-        sparse.csc_matrix((m + columns, m + columns)),
+        scipy.sparse.csc_matrix((m + columns, m + columns)),
         np.concatenate([problem.q, np.ones(columns)]),
-        sparse.csc_matrix(sparse.bmat(blocks)),
+        scipy.sparse.csc_matrix(scipy.sparse.bmat(blocks)),
         np.concatenate(constants),
         tuple(cones),
     )
@@ -219,8 +219,8 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     equal = np.concatenate([np.zeros(0, bool), *are_equalities])
     if not equal.any():
         return unchanged(problem)
-    A = sparse.csr_matrix(problem.A)
-    E = sparse.csc_matrix(A[equal])
+    A = scipy.sparse.csr_matrix(problem.A)
+    E = scipy.sparse.csc_matrix(A[equal])
     e = problem.b[equal]
     inequalities = A[~equal]
     lonely = np.flatnonzero(np.diff(E.indptr) == 1)
@@ -235,14 +235,14 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     size = value[order][first]
     free_columns = np.setdiff1d(np.arange(A.shape[1]), pivots)
     # x_pivot = offset - slope x_kept
-    slope = sparse.diags(1.0 / size) @ E[:, free_columns]
+    slope = scipy.sparse.diags(1.0 / size) @ E[:, free_columns]
     offset = e / size
-    inequalities = sparse.csc_matrix(inequalities)
+    inequalities = scipy.sparse.csc_matrix(inequalities)
     of_pivots = inequalities[:, pivots]
     rewritten = ConicProblem(
-        sparse.csc_matrix((len(free_columns), len(free_columns))),
+        scipy.sparse.csc_matrix((len(free_columns), len(free_columns))),
         problem.q[free_columns] - slope.T @ problem.q[pivots],
-        sparse.csc_matrix(inequalities[:, free_columns] - of_pivots @ slope),
+        scipy.sparse.csc_matrix(inequalities[:, free_columns] - of_pivots @ slope),
         problem.b[~equal] - of_pivots @ offset,
         tuple(c for c in problem.cones if c.kind != "zero"),
     )
@@ -280,7 +280,7 @@ def arrows(problem: ConicProblem) -> Rewritten:
     for cone in problem.cones:
         d = cone.size
         if cone.kind != "soc":
-            maps.append(sparse.identity(cone.rows, format="csr"))
+            maps.append(scipy.sparse.identity(cone.rows, format="csr"))
             cones.append(cone)
             continue
         j = np.arange(d)
@@ -290,18 +290,20 @@ def arrows(problem: ConicProblem) -> Rewritten:
         columns = np.concatenate([np.zeros(d, int), j[1:]])
         values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
         shape = (d * (d + 1) // 2, d)
-        maps.append(sparse.csr_matrix((values, (rows, columns)), shape))
+        maps.append(scipy.sparse.csr_matrix((values, (rows, columns)), shape))
         cones.append(Cone("psd", d))
-    change = sparse.block_diag(maps, format="csr")
+    change = scipy.sparse.block_diag(maps, format="csr")
     return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
 
 
 def _mapped(
-    problem: ConicProblem, change: sparse.csr_matrix, home: sparse.csr_matrix
+    problem: ConicProblem,
+    change: scipy.sparse.csr_matrix,
+    home: scipy.sparse.csr_matrix,
 ) -> Rewritten:
     """Other rows, and their multipliers brought home."""
     mapped = replace(
-        problem, A=sparse.csc_matrix(change @ problem.A), b=change @ problem.b
+        problem, A=scipy.sparse.csc_matrix(change @ problem.A), b=change @ problem.b
     )
     return Rewritten(mapped, lambda x, z: (x, home @ z))
 
@@ -332,7 +334,7 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
             cones += [Cone(kind, size)] if mine else []
         else:
             cones += [problem.cones[k] for k in mine]
-    same = sparse.identity(len(problem.b), format="csr")
+    same = scipy.sparse.identity(len(problem.b), format="csr")
     change = same[np.concatenate(order)]
     return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
 
@@ -381,19 +383,19 @@ def full_matrices(problem: ConicProblem) -> Rewritten:
     for cone in problem.cones:
         d = cone.size
         rows = cone.rows
-        out = home = sparse.identity(rows, format="csr")
+        out = home = scipy.sparse.identity(rows, format="csr")
         if cone.kind == "psd":
             # Entries stand column by column: (row j, column i) of the lower triangle at
             # i * d + j.
             i, j, weight = triangle(d)
             matrices = unsvec(np.eye(rows), d)
-            out = sparse.csr_matrix(matrices.reshape(rows, -1).T)
+            out = scipy.sparse.csr_matrix(matrices.reshape(rows, -1).T)
             places = (np.arange(rows), i * d + j)
-            home = sparse.csr_matrix((weight, places), (rows, d * d))
+            home = scipy.sparse.csr_matrix((weight, places), (rows, d * d))
         outward.append(out)
         homeward.append(home)
     return _mapped(
         problem,
-        sparse.block_diag(outward, format="csr"),
-        sparse.block_diag(homeward, format="csr"),
+        scipy.sparse.block_diag(outward, format="csr"),
+        scipy.sparse.block_diag(homeward, format="csr"),
     )

@@ -1,6 +1,8 @@
 """Constraints of an identification problem as arrays for :mod:`primal_dual`: small
 cones together."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from copy import copy
@@ -8,8 +10,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import (
@@ -84,13 +86,13 @@ class SmallCones:
         if entropy is not None and links:
             self._weigh(entropy)
         places = (cones.row, cones.column)
-        entries = sparse.csr_matrix((cones.value, places), (n_entries, p))
+        entries = scipy.sparse.csr_matrix((cones.value, places), (n_entries, p))
         slack_map = image @ entries
         curvature = _curvature(slack_map, self.rows)
         self.places = np.flatnonzero(np.diff(curvature.indptr))
         self.curvature = curvature[self.places]
-        self.slack_map: Array | sparse.csr_matrix = slack_map
-        self.adjoint: Array | sparse.csr_matrix = slack_map.T.tocsr()
+        self.slack_map: Array | scipy.sparse.csr_matrix = slack_map
+        self.adjoint: Array | scipy.sparse.csr_matrix = slack_map.T.tocsr()
         if math.prod(slack_map.shape) <= _DENSE:
             self.slack_map = slack_map.toarray()
             self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
@@ -182,7 +184,7 @@ def _parts(
     return sorted(parts, key=lambda part: part.turn)
 
 
-def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> sparse.csr_matrix:
+def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> scipy.sparse.csr_matrix:
     """(slacks, entries): from the entries of all cones to the slacks of all parts."""
     rows = [np.zeros(0, np.intp)]
     columns = [np.zeros(0, np.intp)]
@@ -197,7 +199,7 @@ def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> sparse.csr_matrix
         values.append(np.tile(part.image[row, column], n_cones))
         first += part.n_slacks
     places = (np.concatenate(rows), np.concatenate(columns))
-    return sparse.csr_matrix((np.concatenate(values), places), (first, n_entries))
+    return scipy.sparse.csr_matrix((np.concatenate(values), places), (first, n_entries))
 
 
 def _image(cone: str, d: int) -> tuple[Array, Array]:
@@ -221,7 +223,9 @@ def _image(cone: str, d: int) -> tuple[Array, Array]:
     return image, np.asarray(np.diag(is_padding).ravel(), float)
 
 
-def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
+def _curvature(
+    slack_map: scipy.sparse.csr_matrix, rows: int
+) -> scipy.sparse.csr_matrix:
     """(p^2, rows + 256 blocks): of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d]
     (S^-1)[a, c] Z[d, b] with which factor each product of S^-1 and Z counts at (j, i),
     i >= j."""
@@ -248,4 +252,4 @@ def _curvature(slack_map: sparse.csr_matrix, rows: int) -> sparse.csr_matrix:
     n_products = rows + (slack_map.shape[0] - rows) * ORDER**2
     value = part.data[one] * part.data[other]
     places = (part.col[other] * p + part.col[one], product)
-    return sparse.csr_matrix((value, places), (p * p, n_products))
+    return scipy.sparse.csr_matrix((value, places), (p * p, n_products))

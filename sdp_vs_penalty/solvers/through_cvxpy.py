@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.solvers.conic import Cone, ConicProblem, Solution
@@ -62,7 +62,7 @@ class ThroughCvxpy(Solver):
         import cvxpy as cp
 
         x = cp.Variable(len(problem.q))
-        A = sparse.csr_matrix(problem.A)
+        A = scipy.sparse.csr_matrix(problem.A)
         objective = problem.q @ x
         if problem.P.nnz:
             objective = objective + 0.5 * cp.sum_squares(quadratic_factor(problem) @ x)

@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from sdp_vs_penalty import InputError, Measurements, Problem
 from sdp_vs_penalty.effects import Model
 from sdp_vs_penalty.estimation import (
+    LEVEL,
     NORMAL_95,
     NOT_SEEN,
     Sandwich,
@@ -27,6 +29,11 @@ from sdp_vs_penalty.solvers import Objective
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT
 
 EFFECTS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
+
+
+def test_normal_quantile() -> None:
+    """The constant is written out: importing scipy.special for it takes too long."""
+    assert scipy.special.ndtri((1 + LEVEL) / 2) == NORMAL_95
 
 
 def truth_of(problem: Problem, model: Model) -> np.ndarray:

@@ -16,7 +16,7 @@ from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.constants import ABSORBED_CURVE, COARSENING_ROWS
@@ -53,13 +53,14 @@ class Axis:
         """(N, count) of the splines."""
         if self.is_sign:
             return np.column_stack([np.ones_like(x), x])
-        from scipy.interpolate import BSpline  # its import takes longer than a report
 
         # The last knot belongs to what lies below it.
         inside = np.clip(x, self.low, self.high - 1e-9 * (self.high - self.low))
         step = (self.high - self.low) / (self.count - _DEGREE)
         knots = self.low + step * np.arange(-_DEGREE, self.count + 1)
-        return np.asarray(BSpline.design_matrix(inside, knots, _DEGREE).toarray())
+        return np.asarray(
+            scipy.interpolate.BSpline.design_matrix(inside, knots, _DEGREE).toarray()
+        )
 
     @property
     def points(self) -> Array:

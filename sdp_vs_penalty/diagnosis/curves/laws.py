@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.diagnosis.constants import (
     EVIDENCE_TO_DISTINGUISH,
@@ -341,7 +342,6 @@ def _refined(
 ) -> LawFit:
     """The constants near these that explain most, none beyond the ends of the law's own
     starts. normal : equations of the amplitudes at sets of constants (c, S)."""
-    from scipy.optimize import minimize  # its import takes longer than a report
 
     law, (low, high) = start.law, start.law.ends
     if not len(start.constants):
@@ -352,7 +352,7 @@ def _refined(
 
     options = {"xatol": 1e-4, "fatol": 1e-4 * start.chi2}
     bounds = list(zip(low, high, strict=True))
-    solution = minimize(
+    solution = scipy.optimize.minimize(
         left, start.constants, method="Nelder-Mead", bounds=bounds, options=options
     ).x
     a, chi2 = _amplitudes(*normal(law, solution[:, None]))

@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from sdp_vs_penalty.estimators.penalty import ShiftedPenalty, largest_change
 from sdp_vs_penalty.research.shootout.instances import Instance
@@ -172,7 +172,7 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     claims = "inaccurate"
     for _ in range(_ROUNDS):
         stage = Round(instance, chart, penalty, shifts, _WEIGHT, x)
-        solution = minimize(
+        solution = scipy.optimize.minimize(
             stage.value_and_slope,
             np.zeros(len(x)),
             method="L-BFGS-B",

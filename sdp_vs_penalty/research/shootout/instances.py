@@ -10,7 +10,7 @@ from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import numpy as np
-from scipy import sparse
+import scipy
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
@@ -143,14 +143,14 @@ def unscaled_sdp(
     if formulation == "rows":
         equations = np.hstack([data.R, -np.eye(r)])
         groups.append(plain_rows("zero", equations, -data.rho))
-        P = sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc()
+        P = scipy.sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc()
         q = np.zeros(p + r)
     else:
         precision = np.float32 if formulation.endswith("float32") else np.float64
         R: Array = data.R.astype(precision)
         rho: Array = data.rho.astype(precision)
         gram = (R.T @ R).astype(float)
-        P = sparse.csc_matrix(np.triu(2.0 * gram))
+        P = scipy.sparse.csc_matrix(np.triu(2.0 * gram))
         q = -2.0 * (R.T @ rho).astype(float)
         offset += float(data.rho @ data.rho)
     first = r if groups else 0

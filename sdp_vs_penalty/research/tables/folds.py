@@ -5,6 +5,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from sdp_vs_penalty.estimation.resampling import CrossValidation
 from sdp_vs_penalty.robot.arrays import Array
@@ -38,12 +39,11 @@ def fold_errors(result: CrossValidation) -> Array:
 
 def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
     """The interval of the mean of values (k,), taken as independent."""
-    from scipy import stats
 
     k = len(values)
     mean = float(np.mean(values))
     error = float(np.std(values, ddof=1)) / math.sqrt(k)
-    half = float(stats.t.ppf(0.5 + 0.5 * coverage, k - 1)) * error
+    half = float(scipy.stats.t.ppf(0.5 + 0.5 * coverage, k - 1)) * error
     return FoldInterval(mean, mean - half, mean + half, mean / error if error else 0.0)
 
 

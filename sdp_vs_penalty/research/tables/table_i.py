@@ -12,9 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import optimize, stats
-from scipy.special import expit
 
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.bristles import PreslidingHysteresis
@@ -68,8 +67,8 @@ class SigmoidFriction(Effect):
     def blocks(self, motion: Motion) -> list[Block]:
         out = []
         for j, (slope, shift) in enumerate(self.slopes_and_shifts):
-            moving = expit(slope * (motion.dq[:, j] + shift))
-            other_columns = expit(slope * shift)
+            moving = scipy.special.expit(slope * (motion.dq[:, j] + shift))
+            other_columns = scipy.special.expit(slope * shift)
             d_moving = moving * (1.0 - moving)
             d_rest = other_columns * (1.0 - other_columns)
             by_slope = d_moving * (motion.dq[:, j] + shift) - d_rest * shift
@@ -129,7 +128,7 @@ def fit_sigmoid(
 
 def _least_squares(data: "_Data", x: Array, weights: Array) -> Array:
     """x (b + 3 n,) of least weighted residual, inside the ranges of phi."""
-    solution = optimize.least_squares(
+    solution = scipy.optimize.least_squares(
         lambda x: (data.residual(x) * weights).ravel(),
         x,
         lambda x: -data.weighted_columns(x, weights),
@@ -165,7 +164,7 @@ def _with_intervals(
     std = deviations[-3 * n :].reshape(3, n).T.copy()
     # Of phi_2, from that of its logarithm.
     std[:, 1] *= phi[:, 1]
-    half = stats.t.ppf(0.975, degrees) * std
+    half = scipy.stats.t.ppf(0.975, degrees) * std
     at_bound = phi[:, 1] > 0.99 * STEEPEST
     return SigmoidFit(x, phi, std, phi - half, phi + half, at_bound)
 

@@ -14,8 +14,8 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.random import Generator
-from scipy.signal import lfilter
 
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot._pinocchio import pin
@@ -338,7 +338,7 @@ def first_order(x: Array, step: float, lag: float) -> Array:
     """
     decay = float(np.exp(-step / lag))
     half = 0.5 * (1.0 - decay)
-    y, _ = lfilter(
+    y, _ = scipy.signal.lfilter(
         [half, half],
         [1.0, -decay],
         x,
