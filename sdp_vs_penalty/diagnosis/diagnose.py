@@ -1,5 +1,7 @@
 """Which effects does a model miss? The method, one function a step."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -32,6 +34,7 @@ from sdp_vs_penalty.estimation.build_problem import independent_gains
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
@@ -61,6 +64,28 @@ def diagnose(
     steps of the search out."""
     progress("filtering the runs")
     runs = DiagnosisRuns(model, measurements, test, noise_from)
+    out = _searched(runs, frozen, gain_uncertainty, seed, progress, rules)
+    remark = runs.subsample_remark
+    del runs  # with all filtered rows
+    give_back_memory(measurements.samples)
+    floor, _ = noise_floor(model, judged_recordings or test or measurements)
+    if floor is not None:
+        out = replace(out, noise_floor=floor)
+    if remark:
+        out = replace(out, remarks=(remark, *out.remarks))
+    return out
+
+
+def _searched(
+    runs: DiagnosisRuns,
+    frozen: bool,
+    gain_uncertainty: float | None,
+    seed: int,
+    progress: Progress,
+    rules: Rules,
+) -> Diagnosis:
+    """The diagnosis of filtered runs, whose columns are freed with it; arguments as of
+    :func:`diagnose`."""
     progress("noise, and columns of all candidates")
     data = whiten_rows(runs.rows, runs.estimate, frozen, runs.noise_rows)
     found = search(data, list_candidates(data), rules, progress)
@@ -85,13 +110,7 @@ def diagnose(
         new_motion_share=runs.new_motion_share(frozen),
         seed=seed,
     )
-    out = conclusion.diagnosis()
-    floor, _ = noise_floor(model, judged_recordings or test or measurements)
-    if floor is not None:
-        out = replace(out, noise_floor=floor)
-    if runs.subsample_remark:
-        out = replace(out, remarks=(runs.subsample_remark, *out.remarks))
-    return out
+    return conclusion.diagnosis()
 
 
 def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:

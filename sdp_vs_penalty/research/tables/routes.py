@@ -38,7 +38,18 @@ class SameConstraints(LmiSdp):
 
 
 def routes_of(study: Study) -> Mapping[str, str | Estimator]:
-    """What is compared, by the names of the rows."""
+    """Methods that the table compares.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    mapping of str to str or Estimator
+        Methods by the names of the rows.
+    """
     published = {
         f"{column} (published links)": Frozen(links)
         for column, links in study.published_links.items()
@@ -60,6 +71,16 @@ def routes(study: Study) -> Table:
     """One problem, two routes: SDP and penalty on the same constraints, and the paper's.
 
     Without the real run the simulated one, whose motion is judged without folds.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     data = study.repeated or study.simulated
     names = routes_of(study)
