@@ -1,7 +1,7 @@
 """Columns of one quantity that belong together: one a joint, named alike."""
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sdp_vs_penalty.data.formats.column_names import WORDS, Reading
 
@@ -129,7 +129,8 @@ def choose_sets(
         if quantity != "t"
     }
     choices = list[SetChoice]()
-    for positions in by_quantity["q"]:
+    torques = by_quantity["tau"]
+    for positions in _with_torque_alone(by_quantity["q"], torques):
         if positions.style == "joint" and 2 * len(positions.columns) <= (n_joints or 0):
             continue
         sets = {"q": positions}
@@ -152,12 +153,38 @@ def choose_sets(
     return SetChoice(choices[0].sets, tuple(rivals))
 
 
+def _with_torque_alone(
+    positions: Sequence[ColumnSet], torques: Sequence[ColumnSet]
+) -> list[ColumnSet]:
+    """The sets of positions; those of the robot's joints, of which some have no torque (a
+    gripper's), without these."""
+    out = list[ColumnSet]()
+    for columns in positions:
+        keys = [s.keys for s in torques if s.style == columns.style == "joint"]
+        fewer = [
+            some
+            for some in keys
+            if some < columns.keys and 2 * len(some) > len(columns.keys)
+        ]
+        if columns.keys in keys or not fewer:
+            out.append(columns)
+            continue
+        driven = {key: name for key, name in columns.columns.items() if key in fewer[0]}
+        out.append(replace(columns, columns=driven))
+    return out
+
+
 def _partner_of(
     positions: ColumnSet, candidates: Sequence[ColumnSet]
 ) -> ColumnSet | None:
     """The set of another quantity of the same joints, of the same words if there is one;
     its columns in the order of the positions."""
-    partners = [s for s in candidates if s.keys == positions.keys]
+    partners = [
+        s
+        for s in candidates
+        if s.keys == positions.keys
+        or (s.style == positions.style == "joint" and s.keys > positions.keys)
+    ]
     if not partners:
         return None
     best = min(
