@@ -40,7 +40,9 @@ def read(path: Path, choice: Choice) -> Measurements:
     table = inspect_table(path)
     names = list(table.names)
     if not table.has_header and names[0] == "#1" and not choice.rename:
-        names = names_without_header(path, len(names), choice)
+        names = names_without_header(
+            path, len(names), choice, lambda: read_columns(path)
+        )
     form = find_long_form(table)
     if form is not None:
         return read_long(table, form, choice)

@@ -55,7 +55,7 @@ def run_of_columns(
     """The run of named columns, or of those of a table without names ("#1" ...)."""
     names = list(columns)
     if names[:1] == ["#1"] and not choice.rename:
-        names = names_without_header(path, len(names), choice)
+        names = names_without_header(path, len(names), choice, lambda: columns)
     named = dict(zip(names, columns.values(), strict=True))
     return Header.of(path, names, choice).read(named)
 
