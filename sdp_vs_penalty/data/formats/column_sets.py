@@ -54,7 +54,7 @@ def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSe
             groups.setdefault((style, reading.rank, other_words), []).append(name)
     sets = list[ColumnSet]()
     for (style, rank, other_words), names in groups.items():
-        columns = _keyed(style, names, of_quantity)
+        columns = _columns_by_joint(style, names, of_quantity)
         if columns:
             sets.append(ColumnSet(quantity, rank, style, other_words, columns))
     return sorted(sets, key=lambda columns: columns.preference)
@@ -72,11 +72,11 @@ def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
     return styles
 
 
-def _keyed(
+def _columns_by_joint(
     style: str, names: Sequence[str], readings: Mapping[str, Reading]
 ) -> dict[Hashable, str]:
-    """Columns by their keys in the order of the joints; none where two have one key,
-    numbers have gaps, or a style needs more or fewer of them."""
+    """Columns of one set by their joint, in the joints' order; empty where two columns
+    name one joint, where numbers have gaps, or where the style needs another count."""
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
     columns = {_key_of(style, readings[name]): name for name in names}
