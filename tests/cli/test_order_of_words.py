@@ -66,7 +66,9 @@ def test_a_model_is_judged_as_mounted_by_gravity(two_link, tmp_path, capsys):
     for mounting in ([], ["--gravity", "6,7.76,0"]):
         words = ["compare", model, "--data", wall, "--json", out, *mounting]
         assert run_cli(*words) == 0
-        errors.append(json.loads(out.read_text())["models"][0]["relative_error_percent"])
+        errors.append(
+            json.loads(out.read_text())["models"][0]["relative_error_percent"]
+        )
     assert errors[1] < 0.2 * errors[0]
     said = capsys.readouterr().out.splitlines()[-1]
     assert "--gravity 6,7.76,0" in said

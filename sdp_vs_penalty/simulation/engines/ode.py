@@ -190,7 +190,9 @@ class Ode(Engine):
         last = self.bodies[-1]
         self.last_position = np.ctypeslib.as_array(ode.dBodyGetPosition(last), (3,))
         n_numbers = ctypes.sizeof(_Feedback) // ctypes.sizeof(c_double)
-        numbers = np.frombuffer(memoryview(self.feedback)).reshape(self.robot.n, n_numbers)
+        numbers = np.frombuffer(memoryview(self.feedback)).reshape(
+            self.robot.n, n_numbers
+        )
         self.forces = numbers[:, 0:3]  # f1
         self.moments = numbers[:, 4:7]  # t1
 
