@@ -7,11 +7,13 @@ not share, some with an effect that `diagnose` would name. Nothing was done to t
 so that every error is false, and so is every explanation that names a fault of the log,
 unless the world has that very thing (a delay, a gain, a tilt of the base). What is left
 unexplained, an event, or a motion that shows little are statements about the arm: they
-are counted apart. Writes check_worlds.csv, check_worlds.md, and worlds_claims.csv for
+are counted apart. Worlds come in a drawn order, so that a run that is stopped has judged
+a fair sample. Writes check_worlds.csv, check_worlds.md, and worlds_claims.csv for
 reliability.py. What is in check_worlds.csv already is not run again.
 """
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -23,6 +25,7 @@ from pathlib import Path
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 sys.path[0] = str(Path(__file__).parent)  # for this process and its workers
 
+import numpy as np  # noqa: E402
 import pandas  # noqa: E402
 from challenge.cases import CLASSES, Case, build_case, wanted  # noqa: E402
 from challenge.judge import share  # noqa: E402
@@ -197,15 +200,22 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=20, help="of each class")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=1, help="one case in so many")
+    parser.add_argument(
+        "--worlds-of", type=Path, help="the worlds of this challenge.json"
+    )
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=1e9, help="stop after so long")
     parser.add_argument("--out", type=Path, default=Path("results", "check_worlds"))
     options = parser.parse_args()
-    cases = wanted(options.cases, options.seed, [*CLASSES], [*NUISANCES])
-    command = (
-        f"python benchmarks/check_worlds.py --cases {options.cases} --seed"
-        f" {options.seed} --every {options.every}"
-    )
+    if options.worlds_of:
+        cases = cases_of(options.worlds_of)
+        which = f"--worlds-of {options.worlds_of}"
+    else:
+        cases = wanted(options.cases, options.seed, [*CLASSES], [*NUISANCES])
+        which = f"--cases {options.cases} --seed {options.seed}"
+    order = np.random.default_rng(options.seed).permutation(len(cases))
+    cases = [cases[k] for k in order]
+    command = f"python benchmarks/check_worlds.py {which} --every {options.every}"
     rows = read_rows(options.out / "check_worlds.csv")
     claims = read_claims(options.out / "worlds_claims.csv") if rows else []
     known = {row.case for row in rows}
@@ -219,6 +229,16 @@ def main() -> None:
                 print(row.case, row.errors, row.false_explanations, flush=True)
             todo = todo[10:]
             write_all(options.out, rows, claims, command)
+
+
+def cases_of(challenge: Path) -> list[Case]:
+    """The cases that a challenge has judged, from its challenge.json."""
+    keys = json.loads(challenge.read_text())["cases"]
+    cases = []
+    for key in keys:
+        kind, nuisance, seed, index = key.split("/")
+        cases.append(Case(kind, nuisance, int(seed), int(index)))
+    return cases
 
 
 def write_all(

@@ -269,7 +269,7 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
         out = str(Path(folder, "out.json"))
         commands = {
             "identify": ["identify", "panda", "--data", log, "--out", out],
-            "check": ["check", log, "--problem", "panda"],
+            "check": ["check", "panda", "--data", log],
             "compare": ["compare", model, "--data", log],
             "convert": ["convert", log, "--out", out.replace(".json", ".npz")],
             "diagnose": ["diagnose", model, "--data", log],

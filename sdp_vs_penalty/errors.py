@@ -11,9 +11,23 @@ _LONGEST = 1500
 
 
 def printable(text: object) -> str:
-    r"""A text as one line without control characters: these, line ends, and bytes of a
-    file name that are no text are written as Python writes them.
+    r"""A text as one line without control characters.
 
+    Control characters, line ends and bytes of a file name that are no text are written as
+    Python escapes.
+
+    Parameters
+    ----------
+    text : object
+        Anything that is to be printed.
+
+    Returns
+    -------
+    str
+        One line that cannot move a terminal's cursor.
+
+    Examples
+    --------
     >>> printable("a\x1b[2J\nb\udcff")
     'a\\x1b[2J\\nb\\xff'
     """
@@ -31,8 +45,20 @@ def _escaped(character: str) -> str:
 
 
 def command_line(words: Iterable[object]) -> str:
-    r"""Words as a shell reads them, in one printable line that can be pasted.
+    r"""Quote words for a shell, in one printable line that can be pasted.
 
+    Parameters
+    ----------
+    words : iterable
+        Program and arguments.
+
+    Returns
+    -------
+    str
+        The command.
+
+    Examples
+    --------
     >>> command_line(["check", "my run.csv", "$(reboot)", "a\nb"])
     "check 'my run.csv' '$(reboot)' $'a\\x0ab'"
     """
@@ -169,9 +195,26 @@ class MissingJoints(InputError):  # noqa: N818 (what is missing)
 def require_known(
     kind: str, name: object, known: Iterable[object], where: Any = None
 ) -> None:
-    """InputError for a name that does not exist: the nearest one that does, and all
-    there are.
+    """Refuse a name that does not exist; suggest the nearest one.
 
+    Parameters
+    ----------
+    kind : str
+        What the names are, for the sentence.
+    name : object
+        The name to look up.
+    known : iterable
+        All names.
+    where : Any
+        Where the name stands: a file or a field.
+
+    Raises
+    ------
+    InputError
+        Where the name is unknown.
+
+    Examples
+    --------
     >>> require_known("table", "VI", ["IV", "VIII"])
     Traceback (most recent call last):
     sdp_vs_penalty.errors.InputError: table 'VI' is unknown: did you mean VIII? There are: IV, VIII.
@@ -189,7 +232,20 @@ def require_known(
 
 
 def unreadable(error: Exception, where: Any) -> InputError:
-    """The error of a file that the system does not let us read."""
+    """Error for a file that the operating system does not let us read.
+
+    Parameters
+    ----------
+    error : Exception
+        The system's error.
+    where : Any
+        The file.
+
+    Returns
+    -------
+    InputError
+        One sentence that names the reason.
+    """
     why = getattr(error, "strerror", None) or error
     return InputError(
         f"cannot be read ({why})", "check its name and your right to read it", where
@@ -203,11 +259,29 @@ def other_robot(
     choose: str = "problem",
     names: Sequence[str] = (),
 ) -> InputError:
-    """The error of data or a model of a robot with another number of joints.
+    """Error for data or a model with another number of joints than the robot.
 
-    names : of the robot's joints; those that sound like a gripper's or a wheel's may be
-    held where they are as many as the log lacks.
+    Parameters
+    ----------
+    joints : int
+        Joints of the data or of the model.
+    expected : int
+        Joints of the robot.
+    where : Any
+        The file.
+    choose : str
+        What the user is to choose anew.
+    names : sequence of str
+        Names of the robot's joints. Where as many sound like a gripper or a wheel as the log
+        lacks, the sentence proposes to hold them.
 
+    Returns
+    -------
+    InputError
+        One sentence.
+
+    Examples
+    --------
     >>> str(other_robot(1, 7, "run.csv"))
     'run.csv: 1 joint, the robot has 7: choose the problem that belongs to it.'
     """
@@ -230,8 +304,18 @@ def other_robot(
 
 
 def install_command(extra: str) -> str:
-    """What installs an optional part, for those who have the package and for those with
-    a checkout."""
+    """The command that installs an optional part, from the package or from a checkout.
+
+    Parameters
+    ----------
+    extra : str
+        Name of the extra.
+
+    Returns
+    -------
+    str
+        A command to paste.
+    """
     return (
         f"pip install 'sdp-vs-penalty[{extra}]' (in a checkout: pip install"
         f" '.[{extra}]')"
@@ -239,7 +323,20 @@ def install_command(extra: str) -> str:
 
 
 def missing_extra(what: str, extra: str) -> InputError:
-    """The error of a verb whose optional part is not installed; ``what`` needs it."""
+    """Error for a verb whose optional part is not installed.
+
+    Parameters
+    ----------
+    what : str
+        What needs the part, as the subject of the sentence.
+    extra : str
+        Name of the extra.
+
+    Returns
+    -------
+    InputError
+        One sentence with the command that installs it.
+    """
     return InputError(f"{what} the extra [{extra}]", install_command(extra))
 
 

@@ -69,7 +69,13 @@ def protecting() -> Iterator[None]:
 
 
 def opened(path: str | Path) -> None:
-    """An argument of the running command is an input; of a folder all files in it."""
+    """Note that the running command reads a file, so that it cannot overwrite it.
+
+    Parameters
+    ----------
+    path : path
+        A file, or a folder of which all files count.
+    """
     inputs = _inputs.get()
     path = Path(path)
     if inputs is None:
@@ -107,12 +113,25 @@ def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
 
 @contextmanager
 def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
-    """The path, for a library that opens it; while it reads, memory is limited (on
-    Linux).
+    """Open a file for a library that takes a path, with memory limited while it reads.
 
-    path : a regular file of at most ``largest`` bytes, or a folder of such. Raises
-    InputError for anything else, and where the file unpacks to more than its size
-    allows.
+    Parameters
+    ----------
+    path : path
+        A regular file, or a folder of regular files.
+    largest : int
+        Largest size of a file [bytes].
+
+    Yields
+    ------
+    Path
+        The path to read.
+
+    Raises
+    ------
+    InputError
+        Where the path is no such file, is too large, or unpacks to more than its size
+        allows.
     """
     path = Path(path)
     try:
@@ -140,15 +159,32 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
 
 
 def memory_for(size: int) -> int:
-    """Memory that unpacking a file of this size may take; both in bytes."""
+    """Memory that unpacking a file may take.
+
+    Parameters
+    ----------
+    size : int
+        Size of the file [bytes].
+
+    Returns
+    -------
+    int
+        Bytes.
+    """
     return _ROOM + _PER_BYTE * size
 
 
 @contextmanager
 def limited_memory(room: int) -> Iterator[None]:
-    """While this runs, this process may take so many bytes of memory more (files that
-    are mapped do not count), and write no file that is larger. Nothing where the system
-    has no such limits."""
+    """Limit the memory that this process may add, and the size of files that it may write.
+
+    Mapped files do not count. Where the system has no such limits, nothing is limited.
+
+    Parameters
+    ----------
+    room : int
+        Memory beyond what the process has now [bytes].
+    """
     try:  # private memory, as the limit counts it; the sixth figure is its pages
         pages = int(Path("/proc/self/statm").read_text().split()[5])
     except OSError:  # not Linux
@@ -173,8 +209,18 @@ def limited_memory(room: int) -> Iterator[None]:
 
 
 def path_or_file(path: Path) -> Path | BinaryIO:
-    """What a library opens that takes UTF-8 names alone: the path, or, where its name
-    is none, the file."""
+    """What to hand to a library that takes UTF-8 paths only.
+
+    Parameters
+    ----------
+    path : Path
+        A path whose name may be no UTF-8.
+
+    Returns
+    -------
+    Path or BinaryIO
+        The path; the opened file where the name is no UTF-8.
+    """
     try:
         str(path).encode()
     except UnicodeEncodeError:
@@ -185,8 +231,27 @@ def path_or_file(path: Path) -> Path | BinaryIO:
 def read_bytes(
     path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
 ) -> bytes:
-    """A whole file. is_own : one that this command keeps, and may write again. Raises
-    InputError for what is no regular file, too large, or cannot be read."""
+    """Read a whole file.
+
+    Parameters
+    ----------
+    path : path
+        A regular file.
+    largest : int
+        Largest size [bytes].
+    is_own : bool
+        Whether the command keeps this file itself and may write it again.
+
+    Returns
+    -------
+    bytes
+        Its content.
+
+    Raises
+    ------
+    InputError
+        Where it is no regular file, is too large, or cannot be read.
+    """
     path = Path(path)
     try:
         # Opened before it is looked at, so that it cannot change in between; a pipe
@@ -209,7 +274,27 @@ def read_bytes(
 def read_text(
     path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
 ) -> str:
-    """A whole file of UTF-8 text; arguments and errors as of :func:`read_bytes`."""
+    """Read a whole file of UTF-8 text.
+
+    Parameters
+    ----------
+    path : path
+        A regular file.
+    largest : int
+        Largest size [bytes].
+    is_own : bool
+        Whether the command keeps this file itself and may write it again.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, as :func:`read_bytes` does, or is no UTF-8.
+    """
     try:
         return read_bytes(path, largest, is_own).decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -219,7 +304,18 @@ def read_text(
 
 
 def read_table(path: str | Path) -> list[dict[str, str]]:
-    """The rows of a CSV table, as text by heading."""
+    """Read the rows of a CSV table.
+
+    Parameters
+    ----------
+    path : path
+        A CSV file with headings.
+
+    Returns
+    -------
+    list of dict
+        A row each: text by heading.
+    """
     try:
         return [
             dict(row)
@@ -234,11 +330,28 @@ def read_table(path: str | Path) -> list[dict[str, str]]:
 def read_json(
     path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]
 ) -> T:
-    """What ``build`` makes of the JSON object at ``path``; every ``kind`` of file has a
-    field ``mark``.
+    """Read a JSON document of this program and build its record.
 
-    Raises InputError naming the file and what is wrong with it, whatever build raises
-    on bad content.
+    Parameters
+    ----------
+    path : path
+        The file.
+    kind : str
+        What the document is, for the error's sentence.
+    mark : str
+        A field that every document of this kind has.
+    build : callable
+        Makes the record from the document's fields.
+
+    Returns
+    -------
+    Any
+        What ``build`` returns.
+
+    Raises
+    ------
+    InputError
+        Names the file and what is wrong with it, whatever ``build`` raises.
     """
 
     def checked(data: Any) -> T:
@@ -262,12 +375,30 @@ def require_format(
     older: str = "",
     remedy: str = "write it anew with this version",
 ) -> int:
-    """The number of a JSON document's format, which has to be one that this version
-    reads.
+    """Format number of a JSON document, which has to be one that this version reads.
 
-    oldest, newest : formats that are read; unmarked : that of a document without the
-    field; older, remedy : what an older format lacks, and what to do about it. Raises
-    InputError that names the document's format.
+    Parameters
+    ----------
+    data : mapping
+        The document's fields.
+    newest, oldest : int
+        Formats that this version reads.
+    unmarked : int or None
+        Format of a document without the field; None: such a document is refused.
+    older : str
+        What an older format lacks, for the error's sentence.
+    remedy : str
+        What to do about it.
+
+    Returns
+    -------
+    int
+        The format.
+
+    Raises
+    ------
+    InputError
+        Where the format is older or newer.
     """
     number = data.get("format", unmarked)
     if not isinstance(number, int) or isinstance(number, bool):
@@ -291,8 +422,25 @@ def _parse_json(text: str) -> Any:
 
 
 def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """The fields of a JSON object; ValueError where one comes twice, of which others
-    may read the first."""
+    """Fields of a JSON object, none of which may come twice.
+
+    Programs differ in which of two equal fields they read.
+
+    Parameters
+    ----------
+    pairs : list of tuples
+        Names and values, as the parser finds them.
+
+    Returns
+    -------
+    dict
+        The fields.
+
+    Raises
+    ------
+    ValueError
+        Where a field comes twice.
+    """
     fields_ = dict(pairs)
     if len(fields_) < len(pairs):
         names = [name for name, _ in pairs]
@@ -302,8 +450,25 @@ def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
-    """What ``build`` makes of the TOML file at ``path``; errors as of
-    :func:`read_json`."""
+    """Read a TOML file of this program and build its record.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    build : callable
+        Makes the record from the file's fields.
+
+    Returns
+    -------
+    Any
+        What ``build`` returns.
+
+    Raises
+    ------
+    InputError
+        Names the file and what is wrong with it, whatever ``build`` raises.
+    """
     remedy = "compare the file with a built-in one"
     return _built(path, read_text(path, LARGEST_TOML), tomllib.loads, build, remedy)
 
@@ -345,14 +510,26 @@ def _built(
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """A new file that takes the target's place once it is whole: an interruption keeps
-    the old one.
+    """Write a file whole or not at all: the new file replaces the old one once it is complete.
 
-    A writer that is killed leaves nothing; where files cannot be without a name, at
-    most one file beside the target, which its next writer removes.
+    A writer that is killed leaves nothing behind. On systems where a file cannot be without
+    a name it leaves at most one file beside the target, which the next writer removes. A
+    link stays and its target is replaced. A device or a pipe is written to directly.
 
-    A link stays, its target is replaced. A device or a pipe is written to as it is.
-    Raises InputError where the file is an input of this command, or cannot be written.
+    Parameters
+    ----------
+    path : path
+        The file to write.
+
+    Yields
+    ------
+    BinaryIO
+        The new file.
+
+    Raises
+    ------
+    InputError
+        Where the file is an input of this command, or cannot be written.
     """
     path = Path(path)
     try:
@@ -388,7 +565,20 @@ def _unwritable(error: Exception, path: Path) -> InputError:
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write a file, whole or not at all; errors as of :func:`writing`."""
+    """Write a file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    content : bytes
+        Its content.
+
+    Raises
+    ------
+    InputError
+        As :func:`writing` does.
+    """
     with writing(path) as file:
         file.write(content)
 
@@ -469,7 +659,18 @@ def _sync_folder(folder: Path) -> None:
 
 
 def lives(process: int) -> bool:
-    """Whether there is a process of this number."""
+    """Whether a process of this number exists.
+
+    Parameters
+    ----------
+    process : int
+        Process number.
+
+    Returns
+    -------
+    bool
+        True where it exists.
+    """
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):
@@ -481,12 +682,22 @@ def lives(process: int) -> bool:
 
 @contextmanager
 def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
-    """While this runs, no other command adds its results to this folder; the lock ends
-    with the process.
-    A folder that was made for it goes again where nothing was written there.
+    """Keep other commands from adding results to a folder while this one runs.
 
-    patience : how long to wait for the other command [s]. Raises InputError where it
-    still writes then, and where the folder cannot be made.
+    The lock ends with the process. A folder that was made for the lock is removed again
+    where nothing was written into it.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    patience : float
+        How long to wait for another command [s].
+
+    Raises
+    ------
+    InputError
+        Where the other command is still writing then, or the folder cannot be made.
     """
     try:
         import fcntl
@@ -522,8 +733,22 @@ def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
 
 
 def write_text(path: str | Path, content: str) -> None:
-    """Write a text as UTF-8, whole or not at all; bytes of a file name that are no text
-    (PEP 383) as escapes. Errors as of :func:`writing`."""
+    """Write a text as UTF-8, whole or not at all.
+
+    Bytes of a file name that are no text (PEP 383) are written as escapes.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    content : str
+        Its text.
+
+    Raises
+    ------
+    InputError
+        As :func:`writing` does.
+    """
     write_bytes(path, content.encode("utf-8", "backslashreplace"))
 
 
@@ -545,9 +770,23 @@ class JsonRecord:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote; null stands for the field's default, where it has
-        one. Raises KeyError, TypeError or ValueError for a field that is missing or of
-        another kind."""
+        """Make the record that :meth:`to_dict` wrote.
+
+        Parameters
+        ----------
+        data : mapping
+            Fields by name; null stands for a field's default, where it has one.
+
+        Returns
+        -------
+        JsonRecord
+            The record.
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            Where a field is missing or of another kind.
+        """
         kinds = _kinds(cls)  # type: ignore[arg-type]
         required = [
             f

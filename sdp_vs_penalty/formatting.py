@@ -10,8 +10,27 @@ from sdp_vs_penalty.errors import command_line, missing_extra, printable
 
 
 def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
-    """``panels`` axes, or those of a new figure. Raises InputError without matplotlib
-    (extra [plot])."""
+    """Axes to draw into: those that are given, or those of a new matplotlib figure.
+
+    Parameters
+    ----------
+    panels : axes, array of axes, or None
+        Existing axes.
+    rows, columns : int
+        Grid of the new figure.
+    **settings : Any
+        Arguments of ``matplotlib.pyplot.subplots``.
+
+    Returns
+    -------
+    axes or array of axes
+        One entry a panel.
+
+    Raises
+    ------
+    InputError
+        Where matplotlib (extra ``plot``) is not installed.
+    """
     if panels is not None:
         return panels
     try:
@@ -22,7 +41,18 @@ def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
 
 
 def plain_unit(unit: str) -> str:
-    """N*m as N m, kg*m^2 as kg m²; nothing for a pure number."""
+    """A unit as people write it: N*m as N m, kg*m^2 as kg m²; empty for a pure number.
+
+    Parameters
+    ----------
+    unit : str
+        Unit as files hold it.
+
+    Returns
+    -------
+    str
+        Unit as a sentence holds it.
+    """
     return (
         ""
         if unit == "-"
@@ -39,8 +69,20 @@ _MARKUP = re.compile(
 
 
 def escape_markdown(text: str) -> str:
-    r"""A text as Markdown shows it, on one line.
+    r"""Escape a text for Markdown, on one line.
 
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        Markdown that shows this text.
+
+    Examples
+    --------
     >>> escape_markdown("*a* <b> q_1"), escape_markdown("[x](y)")
     ('\\*a\\* \\<b> q_1', '[x\\](y)')
     """
@@ -52,13 +94,36 @@ def escape_markdown(text: str) -> str:
 
 
 def finite(x: float) -> float | None:
-    """JSON knows no NaN: what is undefined (no torque at all) is null."""
+    """A number for JSON, which has no NaN and no infinity.
+
+    Parameters
+    ----------
+    x : float
+        Any number.
+
+    Returns
+    -------
+    float or None
+        The number; None where it is not finite.
+    """
     return float(x) if math.isfinite(x) else None
 
 
 def words(items: Sequence[object]) -> str:
-    """An enumeration.
+    """An enumeration: "1, 2 and 3".
 
+    Parameters
+    ----------
+    items : sequence
+        What is enumerated.
+
+    Returns
+    -------
+    str
+        The items, with commas and "and".
+
+    Examples
+    --------
     >>> words([1]), words([1, 2]), words([1, 2, 3])
     ('1', '1 and 2', '1, 2 and 3')
     """
@@ -67,8 +132,20 @@ def words(items: Sequence[object]) -> str:
 
 
 def sentence(text: str) -> str:
-    """A text that begins with a capital letter, otherwise as it is.
+    """Begin a text with a capital letter.
 
+    Parameters
+    ----------
+    text : str
+        A sentence.
+
+    Returns
+    -------
+    str
+        The sentence; all other letters stay.
+
+    Examples
+    --------
     >>> sentence("joint 2 errs by 3 N m")
     'Joint 2 errs by 3 N m'
     """
@@ -76,8 +153,20 @@ def sentence(text: str) -> str:
 
 
 def joints(numbers: Sequence[int]) -> str:
-    """Joints by numbers that count from 1.
+    """Name joints by number.
 
+    Parameters
+    ----------
+    numbers : sequence of int
+        Numbers of the joints, from 1.
+
+    Returns
+    -------
+    str
+        Words for a sentence.
+
+    Examples
+    --------
     >>> joints([4]), joints([2, 5]), joints([1, 2, 3, 4]), joints([1, 2, 4])
     ('joint 4', 'joints 2 and 5', 'joints 1 to 4', 'joints 1, 2 and 4')
     """
@@ -87,9 +176,24 @@ def joints(numbers: Sequence[int]) -> str:
 
 
 def number(x: float | None, digits: int = 3) -> str:
-    """Significant digits; whole numbers below a million without an exponent; a dash for
-    what is unknown.
+    """A number with some significant digits.
 
+    Whole numbers below a million have no exponent; an unknown number is a dash.
+
+    Parameters
+    ----------
+    x : float or None
+        The number; None where it is unknown.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        The number as text.
+
+    Examples
+    --------
     >>> number(0.012345), number(1608.2, 2), number(99.7, 2), number(None)
     ('0.0123', '1608', '100', '-')
     """
@@ -100,8 +204,24 @@ def number(x: float | None, digits: int = 3) -> str:
 
 
 def milli(value: float, unit: str, digits: int = 3) -> str:
-    """A value in thousandths of its unit.
+    """A quantity in thousandths of its unit.
 
+    Parameters
+    ----------
+    value : float
+        The quantity.
+    unit : str
+        Its unit.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Number and unit.
+
+    Examples
+    --------
     >>> milli(0.0123, "rad"), milli(0.004, "s", 2)
     ('12.3 mrad', '4 ms')
     """
@@ -111,6 +231,20 @@ def milli(value: float, unit: str, digits: int = 3) -> str:
 def percent(share: float, digits: int = 3) -> str:
     """A share in per cent.
 
+    Parameters
+    ----------
+    share : float
+        The share; 1 is all.
+    digits : int
+        Significant digits.
+
+    Returns
+    -------
+    str
+        Number and per cent sign.
+
+    Examples
+    --------
     >>> percent(0.1234)
     '12.3 %'
     """
@@ -127,18 +261,55 @@ def command(*words: object) -> str:
 
 
 def convert_command(path: object, *words: object) -> str:
-    """The command that converts a file with these options, into one of another name."""
+    """The ``convert`` command for a file, quoted for a shell.
+
+    Parameters
+    ----------
+    path : path
+        The file to convert.
+    *words : Any
+        Options of the command.
+
+    Returns
+    -------
+    str
+        A command that writes a new file beside the old one.
+    """
     out = "run.csv" if Path(str(path)).name != "run.csv" else "run_converted.csv"
     return command("convert", path, *words, "--out", out)
 
 
 def count(number: int, noun: str) -> str:
-    """ "1 problem", "2 problems"."""
+    """A number of things: "1 problem", "2 problems".
+
+    Parameters
+    ----------
+    number : int
+        How many there are.
+    noun : str
+        The noun in the singular.
+
+    Returns
+    -------
+    str
+        Number and noun.
+    """
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def change_of(before: float, after: float) -> str:
-    """How much smaller or larger an error is, in per cent."""
+    """The relative change of an error, in per cent.
+
+    Parameters
+    ----------
+    before, after : float
+        The two errors, in the same unit.
+
+    Returns
+    -------
+    str
+        The change with its sign.
+    """
     if before <= 0.0:
         return "-"
     percent = 100.0 * (after / before - 1.0)

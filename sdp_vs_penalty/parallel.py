@@ -38,12 +38,30 @@ def spread(
     scheduler: str | None = None,
     jobs: int = 2,
 ) -> Iterator[tuple[int, Result]]:
-    """Results as they come, in any order, each with its item's place; scheduler : a
-    Dask scheduler's address, None: this machine.
+    """Map a function over items in several processes, yielding results as they come.
 
-    What a worker was doing that died is done again by another one, a few times. Raises
-    InputError where Dask is not installed, nobody answers at the address, or the
-    scheduler ends.
+    A task whose worker died is done again by another worker, a few times.
+
+    Parameters
+    ----------
+    function : callable
+        A function of one item that can be pickled.
+    items : iterable
+        The items.
+    scheduler : str or None
+        Address of a Dask scheduler; None: processes of this machine.
+    jobs : int
+        Number of processes on this machine.
+
+    Yields
+    ------
+    tuple
+        Index of the item and its result, in any order.
+
+    Raises
+    ------
+    InputError
+        Where Dask is not installed, nobody answers at the address, or the scheduler ends.
     """
     todo = list(enumerate(items))
     if scheduler is None:
@@ -208,8 +226,25 @@ class Workers:
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> list[Result]:
-        """Results in the order of the items, however they come; errors as of
-        :func:`spread`."""
+        """Map a function over items; results are in the order of the items.
+
+        Parameters
+        ----------
+        function : callable
+            A function of one item that can be pickled.
+        items : iterable
+            The items.
+
+        Returns
+        -------
+        list
+            A result an item.
+
+        Raises
+        ------
+        InputError
+            As :func:`spread` does.
+        """
         todo = list(items)
         result_by_place: dict[int, Result] = {}
         begin = time.monotonic()
@@ -236,8 +271,13 @@ ALONE = Workers()
 
 
 def end_with(parent: int) -> None:
-    """For a worker process, before it is asked for anything: it ends when its parent
-    does, however."""
+    """Make this worker process end when its parent ends, whatever ends the parent.
+
+    Parameters
+    ----------
+    parent : int
+        Process number of the parent.
+    """
 
     def watch() -> None:
         while os.getppid() == parent:

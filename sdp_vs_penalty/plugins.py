@@ -12,14 +12,48 @@ from sdp_vs_penalty.errors import InputError, require_known
 
 
 def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
-    """The modules of a package (its __name__ and __path__) that define ``mark``."""
+    """Modules of a package, imported one by one.
+
+    Parameters
+    ----------
+    package : str
+        The package's ``__name__``.
+    path : iterable of str
+        The package's ``__path__``.
+    mark : str
+        Only modules with an attribute of this name; empty: all.
+
+    Returns
+    -------
+    iterator of modules
+        In alphabetical order.
+    """
     homes = (import_module(f"{package}.{module.name}") for module in iter_modules(path))
     return (home for home in homes if not mark or hasattr(home, mark))
 
 
 def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
-    """The subclasses of ``base`` that have a name, by it. Raises InputError where two
-    have the same."""
+    """Plug-in classes of a package, by name.
+
+    Parameters
+    ----------
+    package : str
+        The package's ``__name__``.
+    path : iterable of str
+        The package's ``__path__``.
+    base : type
+        The plug-ins' base class. Subclasses without a ``name`` are no plug-ins.
+
+    Returns
+    -------
+    dict of str to type
+        The classes in alphabetical order of their names.
+
+    Raises
+    ------
+    InputError
+        Where two classes have the same name.
+    """
     return by_word(
         (value.name, value)
         for home in modules(package, path)
@@ -36,9 +70,36 @@ def load_class(
     name: str,
     all_classes: Callable[[], dict[str, Any]],
 ) -> Any:
-    """The subclass of ``base`` called ``name``, without an import of any other file
-    where it is in the file of that name; else that of ``all_classes`` one. Raises InputError
-    where there is none."""
+    """Plug-in class of a given name, importing one file only where the name allows.
+
+    The class ``torque-offset`` is looked for in ``torque_offset.py`` first. Only where it is
+    not there are all files of the package imported.
+
+    Parameters
+    ----------
+    kind : str
+        What the plug-ins are, for the error's sentence.
+    package : str
+        The package's ``__name__``.
+    path : iterable of str
+        The package's ``__path__``.
+    base : type
+        The plug-ins' base class.
+    name : str
+        Name of the plug-in.
+    all_classes : callable
+        Result of :func:`classes`, made when it is needed.
+
+    Returns
+    -------
+    type
+        The class.
+
+    Raises
+    ------
+    InputError
+        Where no plug-in has this name.
+    """
     file = name.replace("-", "_")
     if any(module.name == file for module in iter_modules(path)):
         for x in vars(import_module(f"{package}.{file}")).values():
@@ -53,7 +114,25 @@ def load_class(
 
 
 def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
-    """Classes or modules by what each alone must have, in its order."""
+    """Index plug-ins by a word that each has alone, such as its name.
+
+    Parameters
+    ----------
+    pairs : iterable of tuples
+        Word and plug-in.
+    word : str
+        What the word is, for the error's sentence.
+
+    Returns
+    -------
+    dict
+        The plug-ins in order of their words.
+
+    Raises
+    ------
+    InputError
+        Where two plug-ins have the same word.
+    """
     out: dict[Any, Any] = {}
     for value, thing in pairs:
         if out.setdefault(value, thing) is not thing:
@@ -67,8 +146,19 @@ def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
 
 
 def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:
-    """A package's ``__getattr__`` for the names that others use, by the module that has
-    them; imported when it is asked for, so that nobody pays for what he does not use.
+    """Make a package's ``__getattr__``, which imports an exported name when it is first used.
+
+    Parameters
+    ----------
+    package : str
+        The package's ``__name__``.
+    **homes : str
+        By module of the package, the names that it exports, separated by spaces.
+
+    Returns
+    -------
+    callable
+        The function to bind to ``__getattr__`` in the package's ``__init__``.
     """
     module_of = {
         name: module for module, names in homes.items() for name in names.split()
@@ -83,8 +173,20 @@ def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:
 
 
 def summary_line(thing: Any) -> str:
-    """The first sentence of a docstring, on one line: up to the first line that ends in
-    a full stop, or to the first empty line."""
+    """Summary of a docstring, on one line.
+
+    The summary ends at the first line that ends with a full stop, or at an empty line.
+
+    Parameters
+    ----------
+    thing : object
+        A module, class or function.
+
+    Returns
+    -------
+    str
+        The summary; empty without a docstring.
+    """
     sentence = []
     for line in (inspect.getdoc(thing) or "").splitlines():
         if not line:

@@ -107,7 +107,7 @@ def two_link() -> Problem:
 def _issues_say_what_they_mean():
     """Whatever the check says, in any test: no word of Python's, and the joints of its
     figures."""
-    from sdp_vs_penalty.checks.issue import Issue
+    from sdp_vs_penalty.checks import Issue
 
     plain = Issue.__init__
 

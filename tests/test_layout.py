@@ -23,6 +23,7 @@ ORDER = (
     "errors",
     "formatting",
     "files",
+    "memory",
     "parallel",
     "plugins",
     "results",

@@ -20,8 +20,8 @@ from small_runs import small_run
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.exporters.content import xml_name
-from sdp_vs_penalty.research.tables.table import Table
-from sdp_vs_penalty.results.record import Shown, Summary
+from sdp_vs_penalty.research.tables import Table
+from sdp_vs_penalty.results import Shown, Summary
 from sdp_vs_penalty.results.table import escape_latex
 
 NAMES = list(hostile_names(200, of_files=False, seed=7))

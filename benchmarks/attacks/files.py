@@ -18,7 +18,7 @@ URDF = """<robot name="r"><link name="b"/><link name="l"><inertial><mass value="
 URDFS = sorted((Path(__file__).parents[2] / "tests").rglob("*.urdf"))
 #: What is done with a log, by its name.
 VERBS_OF_LOGS = (
-    "check {} --problem two_link",
+    "check two_link --data {}",
     "convert {} --out out.csv",
     "identify two_link --data {} --method ols --out out.json",
 )
@@ -148,7 +148,7 @@ def problem(folder: Path, rng: Rng) -> Attack:
     (home / "problem.toml").write_bytes(titled)
     verbs = (
         "identify mine --data run.csv --method ols --out out.json",
-        "check run.csv --problem mine",
+        "check mine --data run.csv",
         "export-sdp mine --data run.csv --out out.cbf",
     )
     return command(pick(verbs, rng))
@@ -159,7 +159,7 @@ def locale(folder: Path, rng: Rng) -> Attack:
     (name,) = hostile_names(1, of_files=True, seed=int(rng.integers(10**6)))
     suffix = pick((".csv", ".npz", ".mat", ".parquet"), rng)
     (folder / f"run{suffix}").rename(folder / f"{name}{suffix}")
-    words = ["check", f"{name}{suffix}", "--problem", "two_link", "--json", "out.json"]
+    words = ["check", "two_link", "--data", f"{name}{suffix}", "--json", "out.json"]
     return Attack(words, encoding="ascii")
 
 

@@ -117,7 +117,7 @@ def odd_option(folder: Path, rng: Rng) -> Attack:
         "excite model.json --out out.csv": "--duration --seed",
         "simulate two_link --out out": "--level --hide --seed",
         "export model.json --out out.urdf": "--flange --urdf",
-        "check run.csv": "--problem --rate --window",
+        "check two_link --data run.csv": "--rate --window",
         "compare model.json --data run.csv": "--window --json",
     }
     verb = pick(list(verbs), rng)
@@ -150,7 +150,7 @@ def odd_stream(folder: Path, rng: Rng) -> Attack:
         os.environ.update(TERM=odd_name(rng).replace("\0", ""), COLUMNS="0", LINES="-1")
 
     verbs = [
-        "check run.csv --problem two_link",
+        "check two_link --data run.csv",
         "list methods",
         "--help",
         "check-urdf arm.urdf",
@@ -174,7 +174,7 @@ def other_locale(folder: Path, rng: Rng) -> Attack:
     names = [f"{name}.{charset}" for name, charset in LOCALES.items()]
     name = pick([*names, "C", "POSIX", "xx"], rng)
     surround = partial(set_locale, name, folder_of_locales())
-    verbs = [*WRITERS, "verify proof.json", "check run.mat --problem two_link"]
+    verbs = [*WRITERS, "verify proof.json", "check two_link --data run.mat"]
     words = pick(verbs, rng).split()
     if rng.random() < 0.3:
         suffix = pick(list(sound_meshes()), rng)
@@ -431,7 +431,7 @@ def no_room(folder: Path, rng: Rng) -> Attack:
         os.rmdir("../gone")
 
     ways = (few_files, no_temporary_folder, no_home, gone_folder)
-    verbs = [*WRITERS, "check run.mat --problem two_link", "check-urdf arm.urdf"]
+    verbs = [*WRITERS, "check two_link --data run.mat", "check-urdf arm.urdf"]
     return Attack(pick(verbs, rng).split(), surround=pick(ways, rng))
 
 

@@ -3,8 +3,9 @@ Pinocchio alone.
 
 The simulated torque is pinocchio.rnea on links that the library never sees, plus
 viscous and sign(dq) Coulomb friction and white noise: nothing of it shares code with
-the library. Arms called "drawn" are drawn whole from the number in their name; their
-joints dip at slow speed, differ by side, turn rotors behind gears and ripple.
+the library. Arms called "drawn" are drawn whole from the number in their name, those
+called "small" with two or three joints; their joints dip at slow speed, differ by side,
+turn rotors behind gears and ripple.
 """
 
 import tempfile
@@ -114,11 +115,14 @@ def _rate(x: Array, t: Array) -> Array:
 
 
 def arm(name: str, data: Path) -> Arm:
-    """panda, ur10e, tx40, ur10, emps (from ``data``), sim5, or drawn and a number."""
+    """panda, ur10e, tx40, ur10, emps (from ``data``), sim5, or drawn or small and a
+    number."""
     if name == "sim5":
         return simulated(name, FIVE, 2)
-    if name.startswith("drawn"):
-        return simulated(name, drawn(seed := int(name.removeprefix("drawn"))), seed)
+    for word, (fewest, most) in DRAWN.items():
+        if name.startswith(word):
+            seed = int(name.removeprefix(word))
+            return simulated(name, drawn(seed, fewest, most), seed)
     return real(name, data)
 
 
@@ -171,6 +175,8 @@ FIVE = (
     ("revolute", "0 1 0", "0.2 0 0", 1.4, "0.09 0.02 -0.02"),
 )
 Axis = tuple[str, str, str, float, str]
+#: Fewest and most joints of drawn arms, by the first part of their name.
+DRAWN = {"drawn": (4, 7), "small": (2, 3)}
 
 
 def urdf(name: str, axes: tuple[Axis, ...]) -> str:
@@ -191,7 +197,7 @@ def urdf(name: str, axes: tuple[Axis, ...]) -> str:
     return f'<robot name="{name}">{"".join(parts)}</robot>'
 
 
-def drawn(seed: int, fewest: int = 4, most: int = 7) -> tuple[Axis, ...]:
+def drawn(seed: int, fewest: int, most: int) -> tuple[Axis, ...]:
     """So many joints; geometry and masses of a size that arms have."""
     rng = np.random.default_rng([seed, 99])
     axes = []
@@ -228,7 +234,7 @@ def true_model(axes: tuple[Axis, ...], rng: np.random.Generator) -> Any:
 
 def simulated(name: str, axes: tuple[Axis, ...], seed: int) -> Arm:
     """Two runs of the true model, one held out; 200 Hz, 20 s, position steps of 1e-5."""
-    real = name.startswith("drawn")
+    real = name.startswith(tuple(DRAWN))
     train = _simulate(axes, np.random.default_rng([seed, 0]), seed, real)
     test = _simulate(axes, np.random.default_rng([seed, 1]), seed, real)
     return Arm(believed(name, axes), train, test, (test,))

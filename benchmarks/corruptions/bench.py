@@ -4,7 +4,8 @@ not refused?
     python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, ur10, emps,
-sim5, drawn and any number. Outcome of a case:
+sim5, drawn and any number (four to seven joints), small and any number (two or three).
+Outcome of a case:
   named    an error or a warning names the cause that was put in, and the joint
   refused  an error without that cause: nothing is identified, but the user has to search
   warned   warnings only, none of which names the cause, and none names another

@@ -21,6 +21,7 @@ from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.memory import give_back_memory
 
 
 def diagnose(
@@ -152,6 +153,7 @@ def diagnose_and_add(
         if warn is None:
             warn = functools.partial(warnings.warn, stacklevel=3)
         raise_on_errors(model.problem, recording, "diagnose", without_check, warn=warn)
+        give_back_memory(recording.samples)
     diagnosis = find_missing_effects(
         model,
         recording,
@@ -163,6 +165,7 @@ def diagnose_and_add(
         gain_uncertainty=gain_uncertainty,
         judged_recordings=read(judged_recordings, "judged_recordings"),
     )
+    give_back_memory(recording.samples)
     if not recording.torque_logged:
         return diagnosis, None
     better = None

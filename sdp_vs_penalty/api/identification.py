@@ -23,6 +23,7 @@ from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.verdict import NoiseFloor
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.estimator import Estimator, Progress, no_progress
+from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
@@ -40,7 +41,7 @@ def identify(
     measurements: Source | FilteredRuns | BlackBox,
     method: str | Estimator = DEFAULT_METHOD,
     *,
-    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    effects: str | Sequence[str | Effect] | None = None,
     preprocessing: Preprocessing | None = None,
     weighting: str = "noise",
     seed: int = 0,
@@ -258,6 +259,7 @@ def identify_and_judge(
             warn=warn,
             are_plausible=True,
         )
+        give_back_memory(data.samples)
     runs = (
         data
         if isinstance(data, BlackBox)

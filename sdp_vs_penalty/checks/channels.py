@@ -288,23 +288,32 @@ def _clipped(g: RunSummary, j: int, x: Array) -> Iterator[Issue]:
     )
 
 
-def _is_unsigned(x: Array) -> bool:
-    """Whether a torque comes near zero often, and turns back there like a magnitude.
+#: Least range of a corner's values, over the height below which it is looked at.
+_CORNER_RANGE = 0.7
+#: Least mean of a corner's values over that height: of a corner it is 1/2, of a parabola
+#: that touches zero 1/3.
+_CORNER_MEAN = 0.38
 
-    Whenever it comes near zero, by a fifth of the largest, it comes within a usual step
-    of it: by chance with odds of step to fifth. A magnitude turns back in a corner: its
-    mean there is half of that fifth. What touches zero smoothly has a third of it.
+
+def _is_unsigned(torque: Array) -> bool:
+    """Whether a torque (N,) comes near zero often, and turns back in corners there.
+
+    "Near" is a fifth of the largest torque. A stretch near zero is a corner where its
+    values come down from there to within one usual step of zero, which happens by chance
+    with odds of that step to the fifth, and their mean is that of a corner. A constant
+    level near zero, as of a coarse current at rest, has no such range.
     """
-    if not 0.0 <= x.min() <= 0.01 * x.max():
+    if not 0.0 <= torque.min() <= 0.01 * torque.max():
         return False
-    steps = np.abs(np.diff(x))
-    near = 0.2 * float(x.max())
+    steps = np.abs(np.diff(torque))
+    near = 0.2 * float(torque.max())
     step = min(float(np.median(steps[steps > 0.0])), near)
     n_corners = 0
-    for first, end in spans(x < near):
-        part = x[first:end]
+    for first, end in spans(torque < near):
+        part = torque[first:end]
         touches = 0.0 < part.min() < step
-        n_corners += bool(touches and part.mean() > 0.38 * near)
+        comes_down = np.ptp(part) > _CORNER_RANGE * near
+        n_corners += bool(touches and comes_down and part.mean() > _CORNER_MEAN * near)
     return bool(n_corners * np.log(near / step) > c.ODDS)
 
 

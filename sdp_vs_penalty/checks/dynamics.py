@@ -21,7 +21,11 @@ from sdp_vs_penalty.checks.problem_units import problem_units
 from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.residual import contradicting_joints, unexplained_torque
+from sdp_vs_penalty.checks.residual import (
+    contradicting_joints,
+    unexplained_torque,
+    unrelated_torque,
+)
 from sdp_vs_penalty.checks.search import RepairSearch
 from sdp_vs_penalty.checks.torque_size import kind_of_torque, torque_magnitude
 from sdp_vs_penalty.data.measurements import Measurements
@@ -29,8 +33,10 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
-#: Torques of these kinds have no gains of their own.
-UNSCALED = "torque channel kind", "external torque"
+#: Currents have no gains of their own that torques would show.
+UNSCALED = ("torque channel kind",)
+#: Of torques that are none of the arm's motors, nothing else is said.
+NO_TORQUE = "external torque"
 
 
 def judge_dynamics(
@@ -128,7 +134,7 @@ class LoggerJudge:
             [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
         )
         is_one_joint = comparison.times_of_worst_joint >= TIMES
-        differs = comparison.differs(1.0) or is_one_joint
+        differs = comparison.differs(1.0) or comparison.stands_out or is_one_joint
         if not differs and not self._contradicts_in_some(numbers, net):
             return False
         cause = comparison.best_cause(lambda k: self._faults_of_one(numbers[k]))
@@ -187,6 +193,11 @@ class LoggerJudge:
         size = []
         if "torque in counts" not in facts:
             size = [*torque_magnitude(search.log, net)]
+        if any(issue.kind == NO_TORQUE for issue in size):
+            for number, log in self.logs.items():
+                left = [*unrelated_torque(log.score(net))]
+                self.reports[number] = with_issues(self.reports[number], size + left)
+            return
         if any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
         for number in self.logs:

@@ -15,12 +15,16 @@ from sdp_vs_penalty.checks.report import Report
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.preprocessing import Preprocessing
+from sdp_vs_penalty.signals.runs import sample_rate
 
 #: Share of each run that both logs are identified from; the rest is left out.
 TRAINED_ON = 0.7
 #: An error that rises by less is the same where a fact is repaired: other rows are left
 #: out. What an explanation repairs has to lower it.
 SAME_ERROR = 1.02
+#: Sample rates that differ by a smaller share are the same clock's.
+SAME_RATE = 0.01
 
 
 @dataclass(frozen=True)
@@ -86,8 +90,9 @@ def fix_runs(
         _check_rows(len(run.t), len(copy.t), report.run)
     if not any(issues) or not all(run.torque_logged for run in runs):
         return Repaired(copies, issues)
-    before = _error_left_out(problem, runs)
-    after = _error_left_out(problem, copies)
+    filters = _filters(problem, copies, runs)
+    before = _error_left_out(problem, runs, filters)
+    after = _error_left_out(problem, copies, filters)
     _check_errors(before, after, allowed=1.0 if apply else SAME_ERROR)
     return Repaired(copies, issues, before, after)
 
@@ -134,7 +139,27 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
     return run, [*facts, *named]
 
 
-def _error_left_out(problem: Problem, runs: Sequence[Measurements]) -> float | None:
+def _filters(
+    problem: Problem, copies: Sequence[Measurements], runs: Sequence[Measurements]
+) -> Preprocessing:
+    """The filters of the repaired copies, for both logs: errors behind filters of other
+    bands do not compare.
+
+    Where the repair changes the clock, each log has the filters of its own rate.
+    """
+    settings = problem.preprocessing
+    for run, copy in zip(runs, copies, strict=True):
+        if abs(sample_rate(run) / sample_rate(copy) - 1.0) > SAME_RATE:
+            return settings
+    try:
+        return settings.resolve(concatenate(copies))
+    except InputError:  # what follows says that nothing can be identified
+        return settings
+
+
+def _error_left_out(
+    problem: Problem, runs: Sequence[Measurements], filters: Preprocessing
+) -> float | None:
     """Relative error [%] on the last part of each run of what is identified from the
     first; None where nothing is."""
     from sdp_vs_penalty.diagnosis.comparison import compare
@@ -145,13 +170,13 @@ def _error_left_out(problem: Problem, runs: Sequence[Measurements]) -> float | N
     test = []
     for run in runs:
         end = float(run.t[-1] - run.t[0])
-        plain = replace(run, dq=None)
-        train.append(plain.window(0.0, TRAINED_ON * end))
-        test.append(plain.window(TRAINED_ON * end, end))
+        without_velocity = replace(run, dq=None)
+        train.append(without_velocity.window(0.0, TRAINED_ON * end))
+        test.append(without_velocity.window(TRAINED_ON * end, end))
     try:
         data = load_and_check(problem, concatenate(train), "check --fix")
         assert isinstance(data, Measurements)
-        estimate = estimate_parameters(problem, filter_runs(problem, data))
+        estimate = estimate_parameters(problem, filter_runs(problem, data, filters))
         (judged,) = compare(estimate, concatenate(test))
     except InputError:
         return None

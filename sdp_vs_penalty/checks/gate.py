@@ -115,7 +115,7 @@ def explanations_in_a_line(
     if len(texts) > 1:
         others = f" (and {formatting.count(len(texts) - 1, 'more such thing')})"
     words = list(dict.fromkeys(f.apply for _, f in explanations if f.apply))
-    command = ["check", *runs, "--problem", _name_of(problem)]
+    command = ["check", _name_of(problem), "--data", *runs]
     how = "says more"
     if words:
         fixed = "fixed.csv" if len(runs) == 1 else "fixed"

@@ -1,6 +1,6 @@
 """What the rules about a run's rows, clock and channels look at."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -64,11 +64,17 @@ class RunSummary:
     def row_numbers(self) -> NDArray[np.int64]:
         """(N,) equal numbers for rows that are the same, bit by bit, in every column
         but t."""
-        rows = np.ascontiguousarray(np.column_stack([*self.run.groups.values()]))
-        packed = rows.view(
-            np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))
-        ).ravel()
-        return np.unique(packed, return_inverse=True)[1].ravel()
+        return _numbers_of_rows([*self.run.groups.values()])
+
+    @cached_property
+    def repeats_measured(self) -> Rows:
+        """(N,) whether positions and torques are those of the row before, bit by bit,
+        whatever else is logged."""
+        measured = [self.run.q]
+        if self.run.torque_logged:
+            measured.append(self.run.tau)
+        is_same = np.diff(_numbers_of_rows(measured)) == 0
+        return np.concatenate([[False], is_same])
 
     @property
     def channels(self) -> list[tuple[str, int, Array]]:
@@ -140,6 +146,14 @@ class RunSummary:
             of_rows = energy[channels[name]].sum()
             shares.append(float(of_rows / nonzero_or_one(energy.sum())))
         return max(shares)
+
+
+def _numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
+    """(N,) equal numbers for rows of columns (N, k) that are the same, bit by bit."""
+    rows = np.ascontiguousarray(np.column_stack(columns))
+    as_bytes = np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))
+    packed = rows.view(as_bytes).ravel()
+    return np.unique(packed, return_inverse=True)[1].ravel()
 
 
 def stepping(run: Measurements, where: Rows, steps: float | Array) -> Measurements:

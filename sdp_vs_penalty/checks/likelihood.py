@@ -42,6 +42,9 @@ from sdp_vs_penalty.regression.normal_equations import (
 )
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
+#: Up to so many rows the columns of all repairs that a search proposes are kept: the
+#: next round proposes them again.
+FEW_ROWS = 128
 #: A repair by one number.
 At: TypeAlias = Callable[[float], LogTransform]
 
@@ -59,7 +62,9 @@ class Likelihood:
         kinds = [joint.kind for joint in problem.robot.joints]
         self.revolute = [j for j in self.joints if kinds[j] == "revolute"]
         self.none = LogTransform.none(self.n, problem.robot.gravity)
-        self.columns = lru_cache(12)(self._make_columns)
+        self.columns = lru_cache(128 if data.count <= FEW_ROWS else 12)(
+            self._make_columns
+        )
         self._rows = lru_cache(6)(self._make_rows)
         self._model = lru_cache(12)(self._make_model)
         self._basis = lru_cache(20)(self._make_basis)

@@ -168,9 +168,37 @@ class RunComparison:
         return evidence >= 3.0 * c.ODDS and self.times >= max(worse, c.TIMES_BETTER)
 
     @cached_property
+    def excess(self) -> Array:
+        """(runs, n) logarithm of the share of each joint's energy that one arm for all
+        leaves in a run, over the smallest share that an arm leaves of it in any run; 0
+        for joints that do not move.
+
+        A run whose joints contradict each other is not explained by an arm of its own
+        either: the other runs tell how well it should be.
+        """
+        total = np.stack([equations.total[0] for equations in self.equations])
+        of_one_arm = np.where(self.moving, self.together[1] / total, 1.0)
+        of_own_arms = np.where(self.moving, self.apart / total, 1.0)
+        smallest = np.minimum(of_one_arm, of_own_arms).min(axis=0)
+        return np.asarray(np.where(self.moving, np.log(of_one_arm / smallest), 0.0))
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether one arm for all explains a joint of one run far worse than an arm
+        explains it in another run."""
+        return float(np.exp(0.5 * self.excess.max())) >= c.TIMES
+
+    @cached_property
     def suspects(self) -> list[int]:
-        """The two runs that lose the most: of two runs it may be either."""
-        return sorted(np.argsort(self.lost.sum(axis=1))[-2:].tolist())
+        """Two runs that may be different: the one that is explained worst beside the
+        others, and the one that loses the most by one arm for all.
+
+        Of two runs it may be either.
+        """
+        by_excess = np.argsort(-self.excess.sum(axis=1))
+        by_loss = np.argsort(-self.lost.sum(axis=1))
+        order = dict.fromkeys([int(by_excess[0]), *by_loss.tolist()])
+        return sorted([*order][:2])
 
     @cached_property
     def weights(self) -> Array:
@@ -182,6 +210,13 @@ class RunComparison:
         """The normal equations of each run."""
         pairs = zip(self.equations, self.weights, strict=True)
         return [_first(x.normal(weights)) for x, weights in pairs]
+
+    def arm_of_others(self, number: int) -> Array:
+        """(s,) parameters of the arm of all runs but one."""
+        others = _sum([x for k, x in enumerate(self.normals) if k != number])
+        assert others is not None
+        gram, cross = others
+        return solve(gram, cross[:, None])[:, 0]
 
     def normal_with(self, difference: Difference) -> Normal | None:
         """The normal equations of the run that is different, its number projected out;
@@ -235,7 +270,7 @@ class RunComparison:
         moving = np.any(self.moving, axis=0)
         fall = np.log(self.before / after)[:, moving].sum(axis=1)
         gain = float(fall.sum())
-        clearness = standard_errors_above_zero(fall)
+        clearness = standard_errors_above_zero(fall.reshape(-1, c.PARTS))
         if difference.is_another_arm:
             return Cause(difference, 0.5 * gain, clearness)
         if difference.columns is None or arms is None:
@@ -255,7 +290,8 @@ class RunComparison:
         for number in self.suspects:
             run = self.runs[number]
             causes.append(self.cause(Difference(run=number, kind="another arm")))
-            for kind, joint, columns in _changes(run.log, run.repair, self.together[0]):
+            arm = self.arm_of_others(number)
+            for kind, joint, columns in _changes(run.log, run.repair, arm):
                 number_of = Difference(
                     run=number, kind=kind, joint=joint, columns=columns
                 )
@@ -289,6 +325,17 @@ class RunComparison:
         is_unspecific = best.of.is_another_arm and self.times < c.TIMES
         return best if is_clear and not is_unspecific else None
 
+    @property
+    def _reason(self) -> str:
+        """By how much one arm for all runs is worse, in words."""
+        one_arm = "one arm for all runs explains a joint"
+        by_excess = float(np.exp(0.5 * self.excess.max()))
+        if by_excess > self.times_of_worst_joint:
+            return f"{one_arm} {by_excess:.2g} times worse in one run than in another"
+        return (
+            f"{one_arm} {self.times_of_worst_joint:.2g} times worse than one for each"
+        )
+
     def issue(self, cause: Cause) -> Issue:
         """The cause in words."""
         of = cause.of
@@ -313,8 +360,7 @@ class RunComparison:
             severity="warning",
             where=joints_text(joints) if joints else "the run",
             what=f"{what}, beside the others.",
-            certainty="likely: one arm for all runs explains a joint"
-            f" {self.times_of_worst_joint:.2g} times worse than one for each",
+            certainty=f"likely: {self._reason}",
             remedy=remedy,
             figures={
                 "joints": [k + 1 for k in joints],

@@ -33,26 +33,35 @@ _SURE = (
 )
 
 
-def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """A warning where more is left over than such an arm leaves, of logs with samples
-    to spare for its parameters."""
-    score = log.score(repair)
-    if score.mean_share > c.UNRELATED:
-        percent = 100.0 * score.mean_share
-        yield explanation(
-            kind="torque not explained",
-            severity="warning",
-            joints=(),
-            what=f"No inertia and friction of this arm explain {percent:.0f} % of the"
-            " torque energy.",
-            certainty=_SURE,
-            remedy="check that this is the right robot, that the columns are joint torques,"
-            " and that positions and torques come from the same recording",
-            where="all torque channels",
-            unexplained_percent=percent,
-        )
+def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
+    """A warning where no inertia and friction of the arm make the torques."""
+    if fit.mean_share <= c.UNRELATED:
         return
-    if log.spare <= 0.0:
+    percent = 100.0 * fit.mean_share
+    yield explanation(
+        kind="torque not explained",
+        severity="warning",
+        joints=(),
+        what=f"No inertia and friction of this arm explain {percent:.0f} % of the torque"
+        " energy.",
+        certainty=_SURE,
+        remedy="check that this is the right robot, that the columns are joint torques,"
+        " and that positions and torques come from the same recording",
+        where="all torque channels",
+        unexplained_percent=percent,
+    )
+
+
+def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
+    """Warnings where more is left over than such an arm leaves.
+
+    Of joints and moments they speak where a log has samples to spare for the arm's
+    parameters.
+    """
+    score = log.score(repair)
+    unrelated = [*unrelated_torque(score)]
+    yield from unrelated
+    if unrelated or log.spare <= 0.0:
         return
     yield from _unexplained_joints(log, repair, score)
     yield from _event(log, repair, score)
@@ -66,11 +75,11 @@ def _unexplained_joints(
     joints = contradicting_joints(log, repair)
     what = "does not fit the arm that explains the other joints' torques"
     if not len(joints):
-        total = score.unexplained**0.5
-        if total <= 2.0 * c.TYPICAL[log.problem.torque_side]:
+        if not leaves_more_than_usual(log, score):
             return
         joints = np.array([np.argmax(np.where(log.moving, score.left, 0.0))])
-        what = f"leaves more than such arms do ({100.0 * total:.2g} % of all torques)"
+        percent_of_all = 100.0 * score.unexplained**0.5
+        what = f"leaves more than such arms do ({percent_of_all:.2g} % of all torques)"
     percent = 100.0 * np.sqrt(score.shares[joints])
     left = ", ".join(f"{x:.2g} %" for x in percent)
     yield explanation(
@@ -84,6 +93,11 @@ def _unexplained_joints(
         " the problem",
         percent=percent.round(2).tolist(),
     )
+
+
+def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
+    """Whether one arm leaves twice what such arms leave of all joints' torques."""
+    return fit.unexplained**0.5 > 2.0 * c.TYPICAL[log.problem.torque_side]
 
 
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:

@@ -61,15 +61,29 @@ def held_rows(g: RunSummary) -> Iterator[Issue]:
     """Rows that are copies of the one before: frozen packets, or single doubled rows."""
     is_held = np.concatenate([[False], np.diff(g.row_numbers) == 0])
     frozen = _frozen_packets(g, is_held)
-    what = (
-        "all channels repeat one row for up to {seconds:.3g} s, {parts} times: no"
-        " packets came."
-    )
+    which = "all channels repeat"
+    if not frozen.any():
+        frozen = _frozen_measurements(g)
+        which = "positions and torques repeat"
+    what = f"{which} one row for up to {{seconds:.3g}} s, {{parts}} times: no packets came."
     yield from g.deleted("frozen packets", frozen, what)
     # With its own stamps a logger a little faster than its source holds samples, too.
     is_even = bool(g.step) and np.ptp(g.steps) <= 1e-3 * g.step
     if is_even and not frozen.any():
         yield from _doubled_rows(g, is_held & g.movement.moves)
+
+
+def _frozen_measurements(g: RunSummary) -> Rows:
+    """(N,) rows that repeat all positions and torques of the one before for long, while
+    a logged velocity says that its joint moves on."""
+    frozen = _frozen_packets(g, g.repeats_measured)
+    moving_joints = np.flatnonzero(g.moving).tolist()
+    parts = [
+        (a, b)
+        for a, b in spans(frozen)
+        if any(_velocity_goes_on(g.run.dq, j, a, b - 1) for j in moving_joints)
+    ]
+    return mask_of(len(frozen), parts)
 
 
 def _frozen_packets(g: RunSummary, is_held: Rows) -> Rows:

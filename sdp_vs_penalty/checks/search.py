@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
@@ -20,6 +21,7 @@ from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.regression.normal_equations import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Faults that a motion shows whose directions are half as many as its joints.
@@ -203,27 +205,24 @@ class RepairSearch:
         and without. The odds of the fault have to exceed those against any, and the
         error of some joint has to fall by far.
 
-        strict : no joint's error may rise by more than WORSE.
+        strict : no joint's error may clearly rise, by more than WORSE.
         """
-        ratio = self._ratios_beside_physics(log, repair, now)
+        before = self._errors_beside_physics(log, now)
+        after = self._errors_beside_physics(log, repair)
+        ratio = before.mean(axis=0) / after.mean(axis=0)
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
-            is_harmless = ratio.min() > 1.0 / c.WORSE
+            is_harmless = not _clearly_rises(before, after).any()
         is_likely = 0.5 * self.samples * np.log(ratio).sum() > c.ODDS
         is_large = ratio.max() > self._least_ratio(repair, now)
         return bool(is_likely and is_large and is_harmless)
 
-    def _ratios_beside_physics(
-        self, log: Likelihood, repair: LogTransform, now: LogTransform
-    ) -> Array:
-        """(K,) energy that is left of each moving joint on parts left out, without what
-        is new over with it."""
+    def _errors_beside_physics(self, log: Likelihood, repair: LogTransform) -> Array:
+        """(PARTS, K) energy that is left of each moving joint on parts left out, beside
+        all laws of friction and position."""
         rich = log.beside_physics
-        energies = []
-        for one in (now, repair):
-            weights = rich.score(one).weights
-            energies.append(np.mean(rich.jackknife_errors(one, weights)[1], axis=0))
-        return np.asarray((energies[0] / energies[1])[log.moving])
+        weights = rich.score(repair).weights
+        return rich.jackknife_errors(repair, weights)[1][:, log.moving]
 
     def _least_ratio(self, repair: LogTransform, now: LogTransform) -> float:
         """By how much what is new has to divide what is left of some joint."""
@@ -456,6 +455,15 @@ class RepairSearch:
         physics_turned = self.log.physics(fits[1], other, self.samples)
         clearness = self.log.predicts(self._left_out(other), self._left_out(net))
         return physics_now - physics_turned, clearness
+
+
+def _clearly_rises(before: Array, after: Array) -> NDArray[np.bool_]:
+    """(K,) joints whose error (PARTS, K) on parts left out rises by more than WORSE, and
+    by more than its scatter over the parts: one odd part is no rise."""
+    rises = np.log(after / before)
+    clearness = np.array([standard_errors_above_zero(x) for x in rises.T])
+    is_large = after.mean(axis=0) > c.WORSE * before.mean(axis=0)
+    return np.asarray(is_large & (clearness > 0.5 * c.SIGMAS))
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:

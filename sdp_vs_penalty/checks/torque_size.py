@@ -17,6 +17,7 @@ from sdp_vs_penalty.checks.faults.fault import UNITS
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
@@ -52,7 +53,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             severity="warning",
             joints=range(log.n),
             what=f"the torques are {size.description}: {reason.why}.",
-            certainty=_BY_SIZE,
+            certainty=reason.certainty,
             remedy=reason.remedy,
             repair=_times(reason.factor) if reason.factor else None,
             where=reason.where,
@@ -141,6 +142,7 @@ class _Reason:
     remedy: str
     where: str = "all torque channels"
     factor: float | None = None
+    certainty: str = _BY_SIZE
 
 
 def _reason_of_size(
@@ -161,13 +163,29 @@ def _reason_of_size(
     if not size.is_small:
         return None
     channels = log.channels(repair).T
+    remedy = (
+        "log the measured joint torque: neither masses nor inertias can be identified"
+        " from this"
+    )
     if _resembles(channels, log.nominal(repair)) < c.RESEMBLES:
         return _Reason(
             "external torque",
             "they do not follow the arm's weight and inertia: what is left where a"
             " model was subtracted (external torque)",
-            "log the measured joint torque: neither masses nor inertias can be"
-            " identified from this",
+            remedy,
+        )
+    fit = log.score(repair)
+    if fit.mean_share > c.UNRELATED:
+        return None  # that nothing explains them is said elsewhere
+    if leaves_more_than_usual(log, fit):
+        # A current is small, too, but the arm's dynamics explain it.
+        return _Reason(
+            "external torque",
+            f"the arm's dynamics leave {100.0 * fit.unexplained**0.5:.2g} % of them,"
+            " more than of a motor's current: what is left where a model was subtracted"
+            " (external torque), or another channel",
+            remedy,
+            certainty="likely: by their size, and by what the arm's dynamics leave",
         )
     return _Reason(
         "torque channel kind",

@@ -222,7 +222,7 @@ def _naming_the_repair(
     if not problem or not data:
         return error
     fixed = "fixed.csv" if len(data) == 1 else "fixed"
-    words = ["sdp-vs-penalty", "check", *data, "--problem", problem]
+    words = ["sdp-vs-penalty", "check", problem, "--data", *data]
     for option in ("hold", "gravity"):
         if value := arguments.get(option):
             words.append(f"--{option}={value}")

@@ -11,7 +11,7 @@ from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.data.plausibility import check_plausible, find_idle_joints
 from sdp_vs_penalty.errors import InputError, MissingJoints, command_line
-from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.problem.load import load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.black_box import BlackBox, load_answers
@@ -90,6 +90,14 @@ def runs_from_options(
     return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
 
 
+def model_from_options(path: Path, gravity: str | None = None) -> Estimate:
+    """The model in a file, with --gravity as it is written."""
+    estimate = load_estimate(path)
+    if gravity is None:
+        return estimate
+    return estimate.with_gravity(numbers("--gravity", gravity, 3))
+
+
 def parsed_known_load(text: str) -> tuple[Path, float]:
     """FILE:MASS, the mass in kg.
 
@@ -141,17 +149,23 @@ def judging_runs(
 
 
 def next_diagnosis(
-    model: Path | str, estimate: Estimate, data: list[Path], window: str | None
+    model: Path | str,
+    estimate: Estimate,
+    data: list[Path],
+    window: str | None,
+    gravity: str | None = None,
 ) -> None:
     """The diagnosis of a model on the runs that it was identified from, judged on those
-    given."""
+    given; gravity : of a model that is judged as mounted otherwise."""
     train = estimate.provenance.get("data", ["TRAIN.csv"])
+    if gravity is not None:  # runs of another mounting cannot be mixed
+        train = words(data, window)
+    mounting = [] if gravity is None else ["--gravity", gravity]
     data_words = words(data, window)
     test = [] if train == data_words else ["--test", data[0]]
     test += [] if train == data_words or window is None else ["--test-window", window]
-    console.next_step(
-        ["diagnose", model, "--data", *train, *test, "--json", "findings.json"]
-    )
+    options = [*train, *test, *mounting, "--json", "findings.json"]
+    console.next_step(["diagnose", model, "--data", *options])
 
 
 def runs_for(

@@ -36,6 +36,7 @@ from sdp_vs_penalty.estimation.build_problem import independent_gains
 from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.memory import give_back_memory
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.motion import record_motion
@@ -72,6 +73,8 @@ def diagnose(
         gain_uncertainty=gain_uncertainty,
         rules=rules,
     )
+    del runs  # with all filtered rows
+    give_back_memory(measurements.samples)
     floor, _ = noise_floor(model, judged_recordings or test or measurements)
     return diagnosis if floor is None else replace(diagnosis, noise_floor=floor)
 

@@ -30,7 +30,9 @@ def effect_types() -> dict[str, type[Effect]]:
     return {"rigid_body": types.pop("rigid_body"), **types}
 
 
-def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...]:
+def parse_effects(
+    texts: str | Sequence[str | Effect], robot: Robot
+) -> tuple[Effect, ...]:
     """Read effects from their written form ``name[:joints][@shape=value]``.
 
     In ``presliding_hysteresis:5+7@d=0.003`` joints count from 1 and are joined by +.
@@ -39,7 +41,7 @@ def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...
     Parameters
     ----------
     texts
-        One text with commas, or several.
+        One text with commas, or several; an Effect among these stays as it is.
     robot
         The robot.
 
@@ -49,7 +51,18 @@ def parse_effects(texts: str | Sequence[str], robot: Robot) -> tuple[Effect, ...
         The effects.
     """
     words = texts.split(",") if isinstance(texts, str) else list(texts)
-    return tuple(_parse_effect(word.strip(), robot) for word in words if word.strip())
+    effects = list[Effect]()
+    for word in words:
+        if isinstance(word, Effect):
+            effects.append(word)
+        elif not isinstance(word, str):
+            raise InputError(
+                f"effect {word!r} is neither a name nor an Effect",
+                "write it as a name, such as viscous_friction",
+            )
+        elif word.strip():
+            effects.append(_parse_effect(word.strip(), robot))
+    return tuple(effects)
 
 
 def _parse_effect(text: str, robot: Robot) -> Effect:

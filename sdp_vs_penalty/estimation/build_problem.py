@@ -72,7 +72,7 @@ class PoseOptions:
         Default: "command" where no torque was logged.
     """
 
-    effects: str | Sequence[str] | Sequence[Effect] | None = None
+    effects: str | Sequence[str | Effect] | None = None
     preprocessing: Preprocessing | None = None
     weighting: str = "noise"
     gain_uncertainty: float | Array = 0.0

@@ -6,7 +6,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -199,6 +199,29 @@ class Estimate(Record):
         asked."""
         stored = self.provenance.get("verdict")
         return None if stored is None else Verdict.from_dict(stored)
+
+    def with_gravity(self, gravity: Sequence[float]) -> Estimate:
+        """The same parameters for a base that is mounted otherwise.
+
+        Parameters
+        ----------
+        gravity : (3,) sequence of float
+            The gravity vector in the base frame [m/s^2].
+
+        Returns
+        -------
+        Estimate
+            Its torque and its base parameters are those of the new mounting.
+        """
+        problem = self.problem.with_gravity(gravity)
+        effects = [
+            effect_from_dict(effect.to_dict(), problem.robot)
+            for effect in self.model.effects
+        ]
+        model = dataclasses.replace(
+            self.model, robot=problem.robot, effects=tuple(effects)
+        )
+        return dataclasses.replace(self, problem=problem, model=model)
 
     @property
     def nominal(self) -> Array:

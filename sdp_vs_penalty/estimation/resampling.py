@@ -214,7 +214,7 @@ def cross_validate(
     measurements: Source,
     method: str | Estimator = DEFAULT_METHOD,
     *,
-    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    effects: str | Sequence[str | Effect] | None = None,
     preprocessing: Preprocessing | None = None,
     weighting: str = "noise",
     folds: int = 5,
@@ -421,7 +421,7 @@ def bootstrap(
     draws: int = 200,
     method: str | Estimator = DEFAULT_METHOD,
     *,
-    effects: str | Sequence[str] | Sequence[Effect] | None = None,
+    effects: str | Sequence[str | Effect] | None = None,
     seed: int = 0,
 ) -> pandas.DataFrame:
     """Certified estimates from resamples of the blocks of time, a twentieth of a run

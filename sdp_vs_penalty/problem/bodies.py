@@ -89,11 +89,22 @@ def _body_of_inertial(ellipsoid: Array, joints: Array) -> Body:
 
 
 def joint_places(robot: Robot, link: int) -> Array:
-    """(k, 3) the link frame's origin and the joints that a link bears, its own too,
-    over their strokes.
+    """Joint positions that a link's body connects, its own joint's included, over their strokes.
 
-    A frame may sit anywhere on its joint's axis: the link begins where the axis leaves
-    the parent's.
+    A frame may sit anywhere on its joint's axis: the link begins where the axis leaves the
+    parent's body.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    link : int
+        Index of the link.
+
+    Returns
+    -------
+    (k, 3) array
+        Points in the link frame [m].
     """
     carrier = robot.link_joints[link]
     joint_of_carrier = robot.tree[carrier]

@@ -56,8 +56,22 @@ _NEEDED = re.findall(r"^(\w+) = .*# needed", EXAMPLE, re.MULTILINE)
 def check_fields(
     data: Mapping[str, Any], fields: Mapping[str, Any] = _FIELDS, section: str = ""
 ) -> None:
-    """InputError naming the section and the field that is unknown, missing or of
-    another kind than in the example ``fields``; checked before anything is built."""
+    """Check the fields of a TOML section before anything is built from them.
+
+    Parameters
+    ----------
+    data : mapping
+        Fields of the section.
+    fields : mapping
+        An example value for each known field, which says its kind.
+    section : str
+        Name of the section.
+
+    Raises
+    ------
+    InputError
+        Where a field is unknown, missing, or of another kind; it names section and field.
+    """
     where = section or "the top level"
     for key in data:
         if key not in fields:
@@ -330,10 +344,24 @@ def problem_names() -> list[str]:
 
 
 def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
-    """A Problem as it is, or that of a built-in name, a folder or a URDF file.
+    """Resolve a problem: a Problem, a built-in name, a folder or a robot's file.
 
-    what : how messages call it, such as "identify(problem=...)". Raises InputError as
-    :func:`load_problem` does, and naming what was given where it is none of these.
+    Parameters
+    ----------
+    source : str, path or Problem
+        The problem.
+    what : str
+        What messages call the argument, such as "identify(problem=...)".
+
+    Returns
+    -------
+    Problem
+        The problem.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_problem` does, or where the source is none of these.
     """
     if isinstance(source, Problem):
         return source
@@ -424,15 +452,37 @@ def _from_robot_file(
 
 
 def lowest_masses(nominal: Array) -> Array:
-    """(links,) lower bounds of the masses [kg]: a third of the nominal ones, 10 g at
-    most and where none is known."""
+    """Lower bounds of the links' masses: a third of the nominal masses, and at most 10 g.
+
+    Parameters
+    ----------
+    nominal : (links, 10) array
+        Nominal standard parameters.
+
+    Returns
+    -------
+    (links,) array
+        Masses [kg]; 10 g where no nominal mass is known.
+    """
     least = c.DEFAULT_LINK_MASS[0]
     return np.where(nominal > 0.0, np.minimum(least, nominal / c.FAR_MASS), least)
 
 
 def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
-    """The same with other cut-offs [Hz] of the filters, "states,torque"; as it is for
-    None."""
+    """The same problem with other cut-off frequencies of the filters.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    cutoffs : str or None
+        "states,torque" [Hz]; None changes nothing.
+
+    Returns
+    -------
+    Problem
+        The changed problem.
+    """
     if cutoffs is None:
         return problem
     state, torque = numbers("--filters", cutoffs, 2)
@@ -441,12 +491,27 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
 
 
 def with_bounds(problem: Problem, text: str | None) -> Problem:
-    """The same with other bounds, "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2]; as it
-    is for None.
+    """The same problem with other bounds of parameters.
 
-    The names are those of a ``bounds.csv``, and ``total``; an end that is left out is
-    none (a mass has zero). A nominal link outside of its new mass comes to the middle.
-    Raises InputError for another text, a name of no link, or ends that are swapped.
+    A nominal link outside of its new bound of mass is moved to the middle of the bounds.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    text : str or None
+        "m2=1:5,c2x=-0.1:,total=:20" [kg, m, kg m^2], by the names of a ``bounds.csv``, and
+        ``total``. An end that is left out is open (a mass has 0). None changes nothing.
+
+    Returns
+    -------
+    Problem
+        The changed problem.
+
+    Raises
+    ------
+    InputError
+        Where the text is another one, names no link, or swaps the ends.
     """
     if text is None:
         return problem

@@ -59,7 +59,18 @@ class CentreOfMassCone(JsonRecord):
         return np.array([axis == self.axis for axis in "xyz"])
 
     def constraint(self, indices: NDArray[np.intp]) -> Constraint:
-        """The demand on the link's ten parameters, which sit at ``indices`` of theta."""
+        """The constraint on a link's ten parameters.
+
+        Parameters
+        ----------
+        indices : (10,) array of int
+            Places of the link's parameters in theta.
+
+        Returns
+        -------
+        Constraint
+            A second-order cone constraint.
+        """
         coefficients = np.zeros((4, 3))
         coefficients[0, 0] = self.radius
         coefficients[1:, 0] = np.where(self.along, self.slope, 0.0)
@@ -260,26 +271,61 @@ class Problem(Shown):
             ("default effects", ", ".join(self.default_effects)),
         ]
 
-    def model(
-        self, effects: str | Sequence[str] | Sequence[Effect] | None = None
-    ) -> Model:
-        """The model of this robot with effects given by name, as objects, or the
-        defaults."""
-        chosen: Any = self.default_effects if effects is None else effects
-        if isinstance(chosen, str) or any(isinstance(e, str) for e in chosen):
-            chosen = parse_effects(chosen, self.robot)
-        return Model(self.robot, tuple(chosen), gains=self.gains)
+    def model(self, effects: str | Sequence[str | Effect] | None = None) -> Model:
+        """Make a model of this robot.
+
+        Parameters
+        ----------
+        effects : str or sequence of str and Effect, optional
+            Names with commas between them, or names and effects; default: those of the
+            problem.
+
+        Returns
+        -------
+        Model
+            In true units where the problem knows the channels' gains.
+
+        Raises
+        ------
+        InputError
+            For a name that is none, and for a parameter that comes twice.
+        """
+        chosen = self.default_effects if effects is None else effects
+        return Model(self.robot, parse_effects(chosen, self.robot), gains=self.gains)
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
-        """Same robot, other mounting; drops the named base parameters if gravity's
-        direction changed."""
+        """The same robot with another mounting.
+
+        The named base parameters are dropped where gravity's direction changes.
+
+        Parameters
+        ----------
+        gravity : (3,) sequence
+            Gravity in the base frame [m/s^2].
+
+        Returns
+        -------
+        Problem
+            The changed problem.
+        """
         robot = replace(self.robot, gravity=tuple(map(float, gravity)))
         turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
         independent = None if turned else self.independent
         return replace(self, robot=robot, independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
-        """Every demand on the parameters of a model of this robot."""
+        """All constraints on the parameters of a model of this robot.
+
+        Parameters
+        ----------
+        model : Model
+            The torque model.
+
+        Returns
+        -------
+        ConstraintSet
+            Physical consistency and the problem's bounds.
+        """
         convex: list[Constraint] = []
         nonconvex: list[BarycentricBound] = []
         for link, indices in enumerate(model.rigid_indices.reshape(-1, 10)):
@@ -301,10 +347,20 @@ class Problem(Shown):
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 
     def parameter_bound(self, model: Model) -> Array:
-        """(p,) numbers B with |theta_k| <= B_k for every feasible theta.
+        """Bounds B of the parameters: |theta_k| <= B_k for every feasible theta.
 
-        Follows from the convex constraints; the certificate's lower bound needs it in
+        They follow from the convex constraints. The certificate's lower bound needs them in
         directions that the data do not determine.
+
+        Parameters
+        ----------
+        model : Model
+            The torque model.
+
+        Returns
+        -------
+        (p,) array
+            B, in the unit of each parameter.
         """
         bound = np.concatenate(
             [np.full(len(e.parameters), e.largest_parameter) for e in model.effects]
@@ -317,8 +373,19 @@ class Problem(Shown):
         return bound
 
     def nominal(self, model: Model) -> Array:
-        """(p,) the nominal links; of every other effect what the robot's file says, else
-        its own nominal parameters."""
+        """Nominal parameters of a model.
+
+        Parameters
+        ----------
+        model : Model
+            The torque model.
+
+        Returns
+        -------
+        (p,) array
+            The nominal links; for other effects what the robot's file says, else the effect's
+            own nominal values.
+        """
         theta = np.concatenate([effect.nominal for effect in model.effects])
         for k, parameter in enumerate(model.parameters):
             theta[k] = self.nominal_values.get(parameter.name, theta[k])
@@ -419,7 +486,20 @@ class Problem(Shown):
 
 
 def open_box(links: int, mass: float | Array = 0.0) -> Array:
-    """(links, 10, 2) bounds of nothing but the masses, which are ``mass`` [kg] or more."""
+    """Bounds of the links' parameters that bound the masses from below only.
+
+    Parameters
+    ----------
+    links : int
+        Number of links.
+    mass : float or (links,) array
+        Smallest masses [kg].
+
+    Returns
+    -------
+    (links, 10, 2) array
+        Lower and upper bounds.
+    """
     box = np.full((links, 10, 2), (-np.inf, np.inf))
     box[:, 0, 0] = mass
     return box
@@ -449,13 +529,34 @@ _BARYCENTRIC = (
 
 
 def barycentric_names(link: int) -> tuple[str, ...]:
-    """The names of a link's (from 1) mass, centre of mass and inertia about it, in our
-    order."""
+    """Names of a link's mass, centre of mass and inertia about it, in the order of the box.
+
+    Parameters
+    ----------
+    link : int
+        Number of the link, from 1.
+
+    Returns
+    -------
+    tuple of str
+        Ten names, such as m1, c1x, I1xx.
+    """
     return tuple(name.format(link) for name in _BARYCENTRIC)
 
 
 def entries(links: int) -> dict[str, tuple[int, int]]:
-    """Where each name stands in a problem's box: link (from 0) and entry."""
+    """Index of the entries of a problem's box by name.
+
+    Parameters
+    ----------
+    links : int
+        Number of links.
+
+    Returns
+    -------
+    dict
+        By name, the link (from 0) and the entry (from 0).
+    """
     names = (barycentric_names(link + 1) for link in range(links))
     return {
         name: (link, k)
@@ -465,14 +566,21 @@ def entries(links: int) -> dict[str, tuple[int, int]]:
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:
-    """Plain JSON; a bound that is infinite is null, a parameter without bounds is left
-    out.
+    """A problem as plain JSON.
 
-    bounds : [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx [kg
-    m^2]); link_defaults : a link's largest mass [kg] and radius [m] where these bounds
-    leave it open; bodies : the ellipsoid in which a link's mass lies, in its frame [m],
-    and what it is known from; nominal_from : the same of the nominal links; gains : of
-    the torque channels, where they are known.
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+
+    Returns
+    -------
+    dict
+        ``bounds``: [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx
+        [kg m^2]), null where open. ``link_defaults``: largest mass [kg] and radius [m] of a
+        link where its bounds are open. ``bodies``: the ellipsoid [m] of each link in its
+        frame, and its source. ``nominal_from``: source of the nominal links. ``gains``: known
+        gains of the torque channels.
     """
     places = entries(problem.robot.links).items()
     values = dict(problem.nominal_values)
@@ -503,11 +611,26 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
 
 
 def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
-    """The same problem to the last bit of its constraints; its folder, if it had one,
-    is not known.
+    """Build the problem that :func:`problem_to_dict` wrote; its constraints are equal bit by bit.
 
-    Raises InputError for bounds that contradict themselves or the robot, KeyError,
-    TypeError or ValueError for a field that is missing or of another kind.
+    Parameters
+    ----------
+    data : mapping
+        The JSON document.
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    Problem
+        The problem, without a folder.
+
+    Raises
+    ------
+    InputError
+        Where bounds contradict each other or the robot.
+    KeyError, TypeError, ValueError
+        Where a field is missing or of another kind.
     """
     places = entries(robot.links)
     box = open_box(robot.links)

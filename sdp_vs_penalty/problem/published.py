@@ -45,7 +45,18 @@ class Erratum:
 
 
 def errata(problem: Problem) -> list[Erratum]:
-    """The errata that concern a problem, by number."""
+    """Errata of the paper that concern a problem.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+
+    Returns
+    -------
+    list of Erratum
+        By number.
+    """
     if problem.folder is None or not (problem.folder / "errata.toml").is_file():
         return []
     entries = tomllib.loads(
@@ -60,7 +71,26 @@ def errata(problem: Problem) -> list[Erratum]:
 def published_cell(
     problem: Problem, table: str, row: Mapping[str, str], column: str, corrected: bool
 ) -> str:
-    """A cell of a published table, as printed or as the errata correct it."""
+    """Cell of a published table, as printed or as the errata correct it.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    table : str
+        Number of the table.
+    row : mapping
+        A row of the table.
+    column : str
+        Heading of the column.
+    corrected : bool
+        Whether to apply the errata.
+
+    Returns
+    -------
+    str
+        The cell.
+    """
     place = table, next(iter(row.values())), column
     for cell in (erratum.cell for erratum in (errata(problem) if corrected else ())):
         if cell and (cell["table"], cell["row"], cell["column"]) == place:
@@ -69,7 +99,18 @@ def published_cell(
 
 
 def box_tables(problem: Problem) -> list[str]:
-    """The published tables that list bounds and values of the links' parameters."""
+    """Published tables that list bounds and values of the links' parameters.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+
+    Returns
+    -------
+    list of str
+        Numbers of the tables.
+    """
     return [
         name
         for name, rows in problem.published.items()
@@ -80,7 +121,22 @@ def box_tables(problem: Problem) -> list[str]:
 def published_values(
     problem: Problem, column: str, corrected: bool = True
 ) -> dict[str, float]:
-    """Barycentric values by their printed names (m1, c1x, I1xx); an empty cell is NaN."""
+    """Published barycentric values by their printed names.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    column : str
+        Heading of the column.
+    corrected : bool
+        Whether to apply the errata.
+
+    Returns
+    -------
+    dict of str to float
+        Values by name (m1, c1x, I1xx); NaN for an empty cell.
+    """
     values = {}
     for name in box_tables(problem):
         for row in problem.published[name]:
@@ -94,10 +150,29 @@ def published_values(
 
 
 def published_links(problem: Problem, column: str, corrected: bool = True) -> Array:
-    """(n, 10) standard parameters of a published column ("p_hat", "delta", "p_real").
+    """Standard parameters of a published column.
 
-    A cell that the paper leaves empty because the value does not matter becomes the
-    middle of its bounds. Raises InputError where the problem has no such column.
+    A cell that the paper leaves empty, as its value does not matter, becomes the middle of
+    its bounds.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    column : str
+        "p_hat", "delta" or "p_real".
+    corrected : bool
+        Whether to apply the errata.
+
+    Returns
+    -------
+    (n, 10) array
+        Standard parameters.
+
+    Raises
+    ------
+    InputError
+        Where the problem has no such column.
     """
     values = published_values(problem, column, corrected)
     if all(np.isnan(v) for v in values.values()):
@@ -113,8 +188,20 @@ def published_links(problem: Problem, column: str, corrected: bool = True) -> Ar
 
 
 def published_friction(problem: Problem, table: str) -> Array:
-    """(n, 3) phi_1, phi_2, phi_3 of a table with one row a constant and one column a
-    joint."""
+    """Published friction constants.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    table : str
+        Number of the table, which has a row a constant and a column a joint.
+
+    Returns
+    -------
+    (n, 3) array
+        phi_1, phi_2, phi_3 of each joint.
+    """
     rows = {row["parameter"]: row for row in problem.published[table]}
     joints = [f"joint_{j + 1}" for j in range(problem.robot.n)]
     return np.array(
@@ -125,8 +212,20 @@ def published_friction(problem: Problem, table: str) -> Array:
 def published_trajectory(
     problem: Problem, settings: Mapping[str, Any]
 ) -> FourierTrajectory:
-    """The exciting trajectory of a table with rows a_1.., b_1.., q_0 and one column a
-    joint."""
+    """Exciting trajectory of a published table with rows a_1.., b_1.., q_0 and a column a joint.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    settings : mapping
+        The problem's settings of the trajectory.
+
+    Returns
+    -------
+    FourierTrajectory
+        The trajectory.
+    """
     rows = {row["coefficient"]: row for row in problem.published[settings["table"]]}
 
     def values(name: str) -> list[float]:
@@ -166,7 +265,20 @@ def real_data_folder() -> Path | None:
 
 
 def real_file(problem: str, name: str) -> Path | None:
-    """One of the files about a robot, None without it."""
+    """Path of a file with published measurements of a robot.
+
+    Parameters
+    ----------
+    problem : str
+        Name of the problem.
+    name : str
+        Name of the file.
+
+    Returns
+    -------
+    Path or None
+        None where the file is not there.
+    """
     folder = real_data_folder()
     return (
         folder / problem / name
@@ -176,8 +288,18 @@ def real_file(problem: str, name: str) -> Path | None:
 
 
 def measured_runs(problem: str) -> dict[str, Measurements]:
-    """The runs that authors publish of a robot, by name; none where a file of theirs is
-    not at hand."""
+    """Published runs of a robot.
+
+    Parameters
+    ----------
+    problem : str
+        Name of the problem.
+
+    Returns
+    -------
+    dict of str to Measurements
+        Runs by name; empty where a file of the authors is missing.
+    """
     files_of_problem = DATASETS[problem].files if problem in DATASETS else ()
     files = [
         file

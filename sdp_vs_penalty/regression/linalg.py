@@ -69,9 +69,15 @@ def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
     (p,) array
         theta.
     """
-    U, V = column_space(A)
-    start = np.broadcast_to(near, A.shape[1])
-    return np.asarray(start + V @ (U.T @ (b - A @ start)))
+    unit, nonzero, norms = _unit_columns(A)
+    theta = np.broadcast_to(np.asarray(near, float), A.shape[1]).copy()
+    if len(nonzero):
+        # A complete orthogonal factorisation: a third of the time of singular values.
+        move, *_ = scipy.linalg.lstsq(
+            unit, b - A @ theta, cond=UNSEEN, lapack_driver="gelsy"
+        )
+        theta[nonzero] += move / norms
+    return theta
 
 
 def deviations(A: Array) -> Array:
@@ -144,11 +150,33 @@ class InTurn:
         self._answer = (np.zeros(0), np.zeros(0))
 
     def residual(self, x: Array) -> Array:
-        """r (m,) at x (p,)."""
+        """Residuals at a point.
+
+        Parameters
+        ----------
+        x : (p,) array
+            The point.
+
+        Returns
+        -------
+        (m,) array
+            r.
+        """
         return self._both(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """J (m, p) at x (p,)."""
+        """Derivatives of the residuals at a point.
+
+        Parameters
+        ----------
+        x : (p,) array
+            The point.
+
+        Returns
+        -------
+        (m, p) array
+            J.
+        """
         return self._both(x)[1]
 
     def _both(self, x: Array) -> tuple[Array, Array]:

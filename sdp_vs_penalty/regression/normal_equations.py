@@ -162,19 +162,21 @@ def jackknifed(estimates: Array) -> tuple[Array, Array]:
 
 
 def standard_errors_above_zero(values: Array) -> float:
-    """By how many standard errors a mean lies above zero.
+    """Mean of values over its standard error.
 
     Parameters
     ----------
-    values : (parts,) array
-        Whose mean.
+    values : (parts,) or (logs, parts) array
+        Of the parts of a log, or of several logs, whose means may differ: the scatter
+        is that of the parts of each log about the log's mean.
 
     Returns
     -------
     float
-        Negative below zero.
+        By how many standard errors the mean lies above zero; negative below zero.
     """
-    error = float(np.std(values)) / np.sqrt(len(values))
+    variance = np.mean(np.var(values, axis=-1))
+    error = float(np.sqrt(variance / values.size))
     return float(np.mean(values)) / max(error, 1e-300)
 
 

@@ -13,8 +13,18 @@ from sdp_vs_penalty.robot.robot import Robot
 
 
 def link_ellipsoid(link: Array) -> Array | None:
-    """(3, k) points on the uniform solid ellipsoid with these standard parameters, in
-    the link frame; None for a link without mass or thickness."""
+    """Points on the surface of a link's ellipsoid of uniform density, in the link frame.
+
+    Parameters
+    ----------
+    link : (10,) array
+        Standard parameters m [kg], m c [kg m], Ixx, Ixy, ..., Izz [kg m^2].
+
+    Returns
+    -------
+    (3, k) array or None
+        Points [m]; None for a link without mass or thickness.
+    """
     body = half_axes(link)
     if body is None:
         return None
@@ -26,8 +36,22 @@ def link_ellipsoid(link: Array) -> Array | None:
 
 
 def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
-    """Half axes (3,) [m] of that ellipsoid, sqrt(5 eigenvalues of Sigma_c / m), their
-    directions (3, 3) as columns, right-handed, and its centre (3,)."""
+    """Half axes, directions and centre of a link's ellipsoid of uniform density.
+
+    A solid ellipsoid of mass m with half axes a has the second moment
+    Sigma_c = m diag(a^2) / 5 about its centre, so a = sqrt(5 eigenvalues(Sigma_c) / m).
+
+    Parameters
+    ----------
+    link : (10,) array
+        Standard parameters m [kg], m c [kg m], Ixx, Ixy, ..., Izz [kg m^2].
+
+    Returns
+    -------
+    tuple or None
+        Half axes (3,) [m], their directions (3, 3) as columns of a rotation, and the
+        centre (3,) [m] in the link frame; None for a link without mass or thickness.
+    """
     values, axes = np.linalg.eigh(inertia.second_moment(link))
     if link[0] <= 0.0 or values[0] <= 0.0:
         return None
@@ -39,8 +63,21 @@ def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
 
 
 def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
-    """The arm in 3D: of each joint its parent and place there, of each link its joint
-    and ellipsoid."""
+    """Joints and link ellipsoids of a robot as plain data, for a 3D view.
+
+    Parameters
+    ----------
+    robot : Robot
+        The kinematic tree.
+    links : iterable of (10,) arrays
+        Standard parameters of each link that has a joint, in the robot's order.
+
+    Returns
+    -------
+    dict
+        ``joints``: parent and position [m] of each; ``bodies``: link, joint, half axes [m]
+        and placement (4, 4) of each ellipsoid. Links without one are left out.
+    """
     bodies = []
     for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):
         body = half_axes(link)

@@ -71,7 +71,22 @@ class Figure:
             )
 
     def add(self, kind: str, panel: int = 0, **properties: Any) -> Figure:
-        """Another trace of a kind, such as "scatter", in a panel (from 0)."""
+        """Add a trace to a panel.
+
+        Parameters
+        ----------
+        kind : str
+            Plotly's name of the trace type, such as "scatter".
+        panel : int
+            Number of the panel, from 0.
+        **properties : Any
+            Properties of the trace, by plotly's names.
+
+        Returns
+        -------
+        Figure
+            This figure, so that calls can be chained.
+        """
         axes = (
             {"xaxis": f"x{_number(panel)}", "yaxis": f"y{_number(panel)}"}
             if panel
@@ -83,7 +98,22 @@ class Figure:
     def add_band(
         self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0
     ) -> Figure:
-        """Grey from low to high (k,)."""
+        """Add a grey band between two curves.
+
+        Parameters
+        ----------
+        x : (k,) array
+            Abscissae.
+        low, high : (k,) array
+            Lower and upper edge of the band.
+        panel : int
+            Number of the panel, from 0.
+
+        Returns
+        -------
+        Figure
+            This figure.
+        """
         edge = {
             "mode": "lines",
             "line": {"width": 0},
@@ -96,17 +126,45 @@ class Figure:
         )
 
     def update_layout(self, **changes: Any) -> Figure:
-        """Change the layout; what is nested is merged."""
+        """Change the layout; nested mappings are merged.
+
+        Parameters
+        ----------
+        **changes : Any
+            Properties of the layout, by plotly's names.
+
+        Returns
+        -------
+        Figure
+            This figure.
+        """
         self.layout = _merged(self.layout, changes)
         return self
 
     def update_axes(self, letter: str, panel: int = 0, **changes: Any) -> Figure:
-        """Change the axis "x" or "y" of a panel."""
+        """Change one axis of a panel.
+
+        Parameters
+        ----------
+        letter : str
+            "x" or "y".
+        panel : int
+            Number of the panel, from 0.
+        **changes : Any
+            Properties of the axis, by plotly's names.
+
+        Returns
+        -------
+        Figure
+            This figure.
+        """
         return self.update_layout(**{f"{letter}axis{_number(panel)}": changes})
 
     def to_json(self) -> str:
-        """For plotly's script; numbers of arrays in single precision, which is finer
-        than any screen."""
+        """The figure as JSON for plotly's script.
+
+        Arrays are packed in single precision, which is finer than any screen.
+        """
         content = {"data": self.data, "layout": self.layout}
         return json.dumps(content, default=_packed, separators=(",", ":"))
 
@@ -145,11 +203,24 @@ class Curves:
 
 
 def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, Array]:
-    """At most ``points`` of the curve y(x): the lowest and the highest of each stretch,
-    in order.
+    """Thin a curve out for drawing: the lowest and the highest point of each stretch.
 
-    Drawn at that many pixels it looks as all of it would; every peak stays.
+    Drawn at that many pixels, the thinned curve looks like the full one; every peak stays.
 
+    Parameters
+    ----------
+    x, y : (k,) array
+        The curve.
+    points : int
+        Largest number of points to keep.
+
+    Returns
+    -------
+    tuple of arrays
+        Abscissae and ordinates of the kept points, in order.
+
+    Examples
+    --------
     >>> envelope([0, 1, 2, 3, 4, 5], [0, 9, 1, 1, -5, 1], points=4)
     (array([0., 1., 3., 4.]), array([ 0.,  9.,  1., -5.]))
     """
@@ -165,14 +236,37 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
 
 
 def shifts(times: Sequence[Array]) -> list[float]:
-    """What is added to each run's clock [s] where runs follow each other on one axis, a
-    second apart."""
+    """Offsets of the runs' clocks that place the runs one after another on one time axis.
+
+    Parameters
+    ----------
+    times : sequence of (M,) arrays
+        Time stamps of each run [s].
+
+    Returns
+    -------
+    list of float
+        Offset of each run [s]; the runs are one second apart.
+    """
     lengths = [float(t[-1] - t[0]) + 1.0 for t in times]
     return [sum(lengths[:k]) - float(t[0]) for k, t in enumerate(times)]
 
 
 def model_colour(k: int, n_models: int) -> str:
-    """Of the k-th model (from 0): the last one as after, the first as before."""
+    """Colour of a model among several: the last is drawn as "after", the first as "before".
+
+    Parameters
+    ----------
+    k : int
+        Index of the model, from 0.
+    n_models : int
+        Number of models in the figure.
+
+    Returns
+    -------
+    str
+        A CSS colour.
+    """
     if k == n_models - 1:
         return AFTER
     return BEFORE if k == 0 else COLOURS[1 + k % (len(COLOURS) - 1)]
@@ -181,8 +275,24 @@ def model_colour(k: int, n_models: int) -> str:
 def torque_figure(
     runs: Sequence[Curves], joint: int, unit: str, side_by_side: bool = True
 ) -> Figure:
-    """Measured and modelled torque of a joint (from 0) and what is left, run after run;
-    ``side_by_side`` : at the right of the torques, else below them."""
+    """Measured and modelled torque of a joint over time, and the residuals.
+
+    Parameters
+    ----------
+    runs : sequence of Curves
+        The runs, drawn one after another.
+    joint : int
+        Index of the joint, from 0.
+    unit : str
+        Unit of its torque, "N*m" or "N".
+    side_by_side : bool
+        Whether the residuals stand to the right of the torques; else they stand below.
+
+    Returns
+    -------
+    Figure
+        Two panels.
+    """
     plot = Figure(columns=2, gap=0.16) if side_by_side else Figure(rows=2)
 
     def curve(
@@ -217,7 +327,20 @@ def torque_figure(
 
 
 def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Figure:
-    """A curve (k,) with a band from low to high (k,)."""
+    """A curve with a band around it.
+
+    Parameters
+    ----------
+    x, y : (k,) array
+        The curve.
+    low, high : (k,) array
+        Lower and upper edge of the band.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
     line = {"color": COLOURS[0]}
     return (
         Figure()
@@ -229,9 +352,24 @@ def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> 
 def missing_figure(
     curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
 ) -> Figure:
-    """A measured curve with its band, over two variables by colour, and where
-    measurements lie; units : of the joints' torques; motions : these measurements, with
-    the modelled torque."""
+    """A measured curve of missing torque with its 95 % band, and where the measurements lie.
+
+    A curve over two variables is drawn by colour.
+
+    Parameters
+    ----------
+    curve : Curve
+        Missing torque over one or two variables.
+    units : sequence of str
+        Torque unit of each joint.
+    motions : sequence of Motion
+        The measurements, with the modelled torque; none: their distribution is left out.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
     over = [Variable.parse(text) for text in curve.of]
     names = [f"{v} [{plain_unit(v.unit(units))}]" for v in over]
     unit = plain_unit(units[curve.joint - 1])
@@ -249,7 +387,7 @@ def missing_figure(
 
 
 def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
-    """With its band, and a histogram of the rows."""
+    """A curve over one variable with its band, and a histogram of the measurements."""
     plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
     for x in rows:
         plot.add(
@@ -266,7 +404,10 @@ def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
 
 
 def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
-    """Its size by colour, the band as one points at it, and the rows as dots."""
+    """A curve over two variables as coloured squares, and the measurements as dots.
+
+    The band is shown where the mouse points.
+    """
     half = 0.5 * (curve.upper - curve.lower)
     texts = [f"{t:.3g} ± {h:.2g}" for t, h in zip(curve.torque, half, strict=True)]
     marker = {
@@ -294,7 +435,20 @@ def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
 
 
 def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
-    """At most ``points`` row numbers of n_rows, from the first to the last."""
+    """Row numbers spread evenly over a run.
+
+    Parameters
+    ----------
+    n_rows : int
+        Number of rows of the run.
+    points : int
+        Largest number of rows to choose.
+
+    Returns
+    -------
+    array of int
+        Increasing row numbers, from 0 to n_rows - 1.
+    """
     kept = min(n_rows, points)
     return np.unique(np.linspace(0, n_rows - 1, kept).astype(np.intp))
 
@@ -319,8 +473,24 @@ class CauseAxis:
 def cause_axis(
     signals: Signals, joint: int, cause: str, position_unit: str
 ) -> CauseAxis:
-    """What shows the dependence of a joint's error (joint from 1) on a cause of
-    where_it_fails.py; any other cause is drawn over time."""
+    """Abscissa that shows how a joint's error depends on a cause.
+
+    Parameters
+    ----------
+    signals : Signals
+        Measured and modelled signals of the judged motion.
+    joint : int
+        Number of the joint, from 1.
+    cause : str
+        A cause of diagnosis/causes.py; any other is drawn over time.
+    position_unit : str
+        "rad" or "m".
+
+    Returns
+    -------
+    CauseAxis
+        Abscissa, sign of the error, and label.
+    """
     j = joint - 1
     ones = np.ones(len(signals.t))
     if cause == REVERSAL:
@@ -348,8 +518,21 @@ def cause_axis(
 
 
 def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
-    """(M,) seconds from the nearest change of the velocity's sign, below zero before it,
-    and the direction after it; far away and zero where there is none."""
+    """Time from the nearest reversal of a joint, and the direction of motion after it.
+
+    Parameters
+    ----------
+    t : (M,) array
+        Time stamps [s].
+    velocity : (M,) array
+        Joint velocity [rad/s or m/s].
+
+    Returns
+    -------
+    tuple of (M,) arrays
+        Seconds since the nearest reversal, negative before it, and the direction (-1 or 1)
+        after it; infinity and zero where the joint never reverses.
+    """
     direction = np.sign(velocity)
     turns = np.flatnonzero(direction[1:] != direction[:-1])
     if not len(turns):
@@ -363,7 +546,18 @@ def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
-    """Mean of y in bins of x with as many rows each: (b,) centres and means."""
+    """Mean of y over x, in bins of equal counts.
+
+    Parameters
+    ----------
+    x, y : (M,) array
+        Samples.
+
+    Returns
+    -------
+    tuple of (b,) arrays
+        Mean of x and mean of y in each bin.
+    """
     order = np.argsort(x)
     parts = [part for part in np.array_split(order, _BINS) if len(part)]
     centres = np.array([x[part].mean() for part in parts])
@@ -382,11 +576,30 @@ def cause_figure(
     floor: Sequence[float | None] | Array | None,
     names: tuple[str, str] = ("before", "after"),
 ) -> Figure:
-    """A joint's error against its cause: rows and their mean before (orange) and after
-    (blue) something was added, and what the addition models (a line).
+    """A joint's error against its cause, before and after effects were added.
 
-    joint : from 1; cause : one of where_it_fails.py; floor : (n,) of the joints' noise,
-    of which a band holds 95 %.
+    The rows are dots, their mean is a line: orange before, blue after. A dashed line is
+    what the added effects model.
+
+    Parameters
+    ----------
+    before, after : Signals
+        Signals of the two models on the same rows; ``after`` may be None.
+    joint : int
+        Number of the joint, from 1.
+    cause : str
+        A cause of diagnosis/causes.py.
+    units, position_units : sequence of str
+        Units of each joint's torque and position.
+    floor : (n,) sequence or None
+        RMS noise of each joint, drawn as the band that holds 95 % of it.
+    names : pair of str
+        Names of the two models in the legend.
+
+    Returns
+    -------
+    Figure
+        One panel.
     """
     j = joint - 1
     axis = cause_axis(before, joint, cause, position_units[j])
@@ -435,7 +648,18 @@ def cause_figure(
 
 
 def noise_band(floor: float) -> dict[str, Any]:
-    """A band behind a panel of errors in which 95 % of noise lies."""
+    """Plotly shape of the band that holds 95 % of a joint's noise.
+
+    Parameters
+    ----------
+    floor : float
+        RMS of the noise, in the unit of the panel.
+
+    Returns
+    -------
+    dict
+        A rectangle over the whole width of the panel.
+    """
     return {
         "type": "rect",
         "xref": "paper",
@@ -453,8 +677,26 @@ def noise_band(floor: float) -> dict[str, Any]:
 def friction_figure(
     velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
 ) -> Any:
-    """Friction torque (k,) of a joint (from 0) over its velocity (k,), and half its 95
-    % band (k,)."""
+    """Friction torque of a joint over its velocity, with its 95 % band.
+
+    Parameters
+    ----------
+    velocity : (k,) array
+        Joint velocity [rad/s or m/s].
+    torque : (k,) array
+        Friction torque.
+    half : (k,) array
+        Half the width of the band.
+    joint : int
+        Index of the joint, from 0.
+    unit : str
+        Unit of the torque, "N*m" or "N".
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
     plot = band_figure(
         velocity, torque, np.subtract(torque, half), np.add(torque, half)
     )
@@ -465,8 +707,20 @@ def friction_figure(
 
 
 def styled(plot: Any, height: int) -> Any:
-    """The plot in colours that suit a light and a dark page alike, its menus not on its
-    legend."""
+    """Give a figure the colours and margins of report and page, for light and dark alike.
+
+    Parameters
+    ----------
+    plot : Figure
+        The figure, which is changed.
+    height : int
+        Height [px].
+
+    Returns
+    -------
+    Figure
+        The same figure.
+    """
     plot.update_layout(
         height=height,
         margin={"l": 55, "r": 15, "t": 30, "b": 45},

@@ -38,13 +38,38 @@ _DWARFED = 8.0
 
 
 def piece(template: str, **context: Any) -> Markup:
-    """A template of html/, filled."""
+    """Fill a template of html/.
+
+    Parameters
+    ----------
+    template : str
+        File name of the template.
+    **context : Any
+        Its variables.
+
+    Returns
+    -------
+    Markup
+        HTML in which every variable is escaped.
+    """
     return Markup(render(template, HERE, **context))
 
 
 def framed(table: Table, caption: str = "") -> Markup:
-    """A table in a frame that scrolls; caption : what it is, for those who do not see
-    it."""
+    """Put a table into a frame that scrolls.
+
+    Parameters
+    ----------
+    table : Table
+        The table.
+    caption : str
+        What the table shows, for screen readers; default: its title.
+
+    Returns
+    -------
+    Markup
+        HTML.
+    """
     inner = Markup(table.html())
     return piece("framed.html", inner=inner, caption=caption or table.title)
 
@@ -59,7 +84,7 @@ class _Scale:
 
     @classmethod
     def of(cls, errors: Array, is_over_noise: bool) -> _Scale:
-        """For errors (k,), over the noise or in their units."""
+        """Scale that fits errors (k,), given in multiples of the noise or in their own units."""
         positive = errors[errors > 0.0]
         largest = max(float(errors.max()), 1.5 if is_over_noise else 1e-300)
         smallest = float(positive.min()) if len(positive) else largest
@@ -69,7 +94,7 @@ class _Scale:
         return cls(largest, 0.5 * smallest, is_logarithmic)
 
     def place(self, error: float) -> str:
-        """As a CSS number."""
+        """Position of an error on the bar, from 0 to 1, as a CSS number."""
         if not self.is_logarithmic:
             return f"{error / self.largest:.4f}"
         above = np.log(max(error, self.smallest) / self.smallest)
@@ -85,14 +110,27 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
-    """A bar a joint, cut at the noise floor: the error over it, before in orange
-    and after in blue.
+    """One bar a joint: its error in multiples of its noise, before (orange) and after (blue).
 
-    before, after, floor (n,) [N m or N] : RMS errors, after None where there is one
-    model alone; floor, or one of it, None where it is not known: errors stand in their
-    units then, against the largest; joints : their numbers, by default 1, 2, ...; what
-    : the error's name; chosen : the joint (from 0) that is shown where each is a
-    button.
+    Parameters
+    ----------
+    before, after : (n,) sequence
+        RMS errors [N m or N]; ``after`` is None for one model alone.
+    floor : (n,) sequence or None
+        RMS noise of each joint. Where one is unknown, errors stand in their own units.
+    units : sequence of str
+        Torque unit of each joint.
+    joints : sequence of int
+        Numbers of the joints; default: 1, 2, ...
+    what : str
+        Name of the error in the caption.
+    chosen : int or None
+        Index of the joint that is shown, where each bar is a button; None: no buttons.
+
+    Returns
+    -------
+    Markup
+        HTML.
     """
     is_known = floor is not None and all(floor)
     noise = np.array(floor if is_known else [1.0] * len(before), float)
@@ -154,8 +192,20 @@ def _kind_of_change(before: float, after: float) -> str:
 
 
 def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
-    """By sure finding the share of each joint's error variance on data left out that it
-    takes away."""
+    """Share of each joint's error variance that each certain finding removes on held-out data.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis or None
+        The findings.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    dict of str to list of float
+        By finding, a share from 0 to 1 of each joint.
+    """
     shares: dict[str, list[float]] = {}
     for finding in () if diagnosis is None else diagnosis.effects:
         if not finding.torque_is_certain:
@@ -169,10 +219,22 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
 def heat_rows(
     failures: Sequence[Mapping[str, Any]], shares_found: Mapping[str, Sequence[float]]
 ) -> list[tuple[str, list[float]]]:
-    """Causes and findings with each joint's share, those that explain nothing anywhere
-    left out.
+    """Rows of the heat map: causes and findings, with the share that each explains per joint.
 
-    failures : of each joint `held_out_shares`, as JointFailure.to_dict() has it."""
+    Rows that explain nothing on any joint are left out.
+
+    Parameters
+    ----------
+    failures : sequence of mappings
+        Error analysis of each joint, as JointFailure.to_dict() writes it.
+    shares_found : mapping of str to sequence of float
+        Result of :func:`found_shares`.
+
+    Returns
+    -------
+    list of tuples
+        Name and shares (n,) of each row.
+    """
     names = failures[0]["held_out_shares"] if failures else {}
     shares_by_row = {
         **shares_found,
@@ -186,7 +248,7 @@ def heat_rows(
 
 
 def _per_cent(share: float) -> str:
-    """Nothing for what rounds to zero."""
+    """A share as a whole number of per cent; empty where that is zero."""
     rounded = round(100.0 * share)
     return str(rounded) if rounded > 0 else ""
 
@@ -197,11 +259,25 @@ def heat_map(
     n: int,
     shown_by: Mapping[str, str] | None = None,
 ) -> Markup:
-    """A table whose rows are causes, whose columns joints; darker explains more of the
-    joint's error.
+    """A table of causes by joints; a darker cell explains more of the joint's error.
 
-    shown_by : the signal that shows a cause: cells are buttons then (data-joint,
-    data-signal)."""
+    Parameters
+    ----------
+    title : str
+        Caption of the table.
+    rows : sequence of tuples
+        Result of :func:`heat_rows`.
+    n : int
+        Number of joints.
+    shown_by : mapping or None
+        Signal that shows each cause. Cells are buttons then, with the attributes data-joint
+        and data-signal.
+
+    Returns
+    -------
+    Markup
+        HTML.
+    """
     cells = [
         {
             "name": name,
@@ -223,14 +299,35 @@ def heat_map(
 
 
 def legend(causes: Sequence[str]) -> Markup:
-    """The colours of the causes that are shown."""
+    """Colour legend of causes.
+
+    Parameters
+    ----------
+    causes : sequence of str
+        Causes that are shown.
+
+    Returns
+    -------
+    Markup
+        HTML.
+    """
     chips = [(c, SHADES.get(c, SHADES["no cause seen"])) for c in causes]
     return piece("legend.html", chips=chips)
 
 
 def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]]:
-    """Plotly shapes behind the curves of both panels of a torque's figure; stretches :
-    first and last instant on the figure, and the cause."""
+    """Coloured stretches of time behind both panels of a torque figure.
+
+    Parameters
+    ----------
+    stretches : sequence of tuples
+        First and last instant on the figure's time axis [s], and the cause.
+
+    Returns
+    -------
+    list of dict
+        Plotly shapes.
+    """
     return [
         {
             "type": "rect",
@@ -253,9 +350,24 @@ def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]
 def figure(
     plot: Figure, caption: str = "", height: int = 215, group: str = ""
 ) -> Markup:
-    """A figure as data, which the report's script draws when it is about to be seen;
-    those of a group are zoomed in time together, and a name that is hidden in one is
-    hidden in all."""
+    """Embed a figure as data, which the page's script draws when it comes into view.
+
+    Parameters
+    ----------
+    plot : Figure
+        The figure, which is styled.
+    caption : str
+        Text below it.
+    height : int
+        Height [px].
+    group : str
+        Figures of one group share their time axis and which models are hidden.
+
+    Returns
+    -------
+    Markup
+        HTML.
+    """
     if group:
         plot.update_layout(meta={"group": group})
     data = packed(styled(plot, height).to_json())
@@ -263,5 +375,16 @@ def figure(
 
 
 def packed(text: str) -> str:
-    """Compressed, as text that cannot end a script element; draw.js unpacks it."""
+    """Compress a text to base64, which cannot end a script element; draw.js unpacks it.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        Base64 of the gzip stream, equal for equal texts.
+    """
     return base64.b64encode(gzip.compress(text.encode(), 4, mtime=0)).decode()

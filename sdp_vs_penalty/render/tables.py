@@ -29,7 +29,18 @@ JUDGED_WORDS = (0, 1, 4)
 
 
 def judged_cells(compared: Comparison) -> list[str]:
-    """One model on the judged runs, its name first."""
+    """Cells of one model in a table of judged models.
+
+    Parameters
+    ----------
+    compared : Comparison
+        The model on the judged runs.
+
+    Returns
+    -------
+    list of str
+        The model's name, then one cell for each of :data:`JUDGED_HEADS`.
+    """
     facts = compared.facts()
     return [
         compared.name,
@@ -45,7 +56,24 @@ def judged_cells(compared: Comparison) -> list[str]:
 def judged_table(
     rows: Sequence[Sequence[str]], what: str = "model", title: str = "", more: str = ""
 ) -> Table:
-    """Rows of :func:`judged_cells`; more : the heading of one more column of numbers."""
+    """Table of models that were judged on the same runs.
+
+    Parameters
+    ----------
+    rows : sequence
+        Results of :func:`judged_cells`.
+    what : str
+        Heading of the first column, such as "model" or "method".
+    title : str
+        Title of the table.
+    more : str
+        Heading of one more column of numbers; empty: there is none.
+
+    Returns
+    -------
+    Table
+        A row a model.
+    """
     heads = [what, *JUDGED_HEADS, *([more] if more else [])]
     return Table(heads, rows, title=title, words=JUDGED_WORDS, style=f"judged {what}s")
 
@@ -58,10 +86,27 @@ def error_table(
     r2: Any = (),
     title: str = "",
 ) -> Table:
-    """A row a joint: number and unit, RMS error of each model, the change from the
-    first to the last (of a model alone R2), noise floor where it is known.
+    """Table of each joint's RMS error by model.
 
-    errors : (models, n); floor : (n,) or None; r2 : (n,); arrays or lists.
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the models.
+    errors : (models, n) array or lists
+        RMS errors [N m or N].
+    floor : (n,) array or None
+        RMS noise of each joint; None where it is unknown.
+    units : sequence of str
+        Torque unit of each joint.
+    r2 : (n,) array
+        Coefficients of determination, shown for one model alone in place of the change.
+    title : str
+        Title of the table.
+
+    Returns
+    -------
+    Table
+        A row a joint: errors, change from the first model to the last (or R2), and noise.
     """
     rows = []
     for j, unit in enumerate(units):
@@ -76,7 +121,18 @@ def error_table(
 
 
 def failure_table(failures: Sequence[JointFailure]) -> Table:
-    """Every number of an error analysis: a row a quantity, a column a joint."""
+    """Table of every number of an error analysis.
+
+    Parameters
+    ----------
+    failures : sequence of JointFailure
+        Error analysis of each joint.
+
+    Returns
+    -------
+    Table
+        A row a quantity, a column a joint.
+    """
     rows: dict[str, list[str]] = {}
     for failure in failures:
         for name, value in failure.numbers().items():
@@ -92,8 +148,20 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
 
 
 def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
-    """Links, identified and nominal; None for a model without links. centres : with
-    their centres of mass, which are too wide for a terminal."""
+    """Table of the links' inertial parameters, identified and nominal.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    centres : bool
+        Whether to show centres of mass, which are too wide for a terminal.
+
+    Returns
+    -------
+    Table or None
+        A row a link; None for a model without links.
+    """
     rows = link_rows(estimate)
     if not rows:
         return None
@@ -126,8 +194,22 @@ PARAMETER_HEADS = (
 def parameter_cells(
     interval: Interval, source: str = "", nominal: float | None = None
 ) -> tuple[str, ...]:
-    """A parameter, the ends of its 95 % interval, what determined it and its nominal
-    value, as text."""
+    """Cells of one parameter in a table of parameters.
+
+    Parameters
+    ----------
+    interval : Interval
+        Name, value, unit and 95 % interval.
+    source : str
+        What determined the value: data, prior or bounds.
+    nominal : float or None
+        Its nominal value.
+
+    Returns
+    -------
+    tuple of str
+        One cell for each of :data:`PARAMETER_HEADS`.
+    """
     figures = [
         number(seen(x), 4)
         for x in (interval.value, interval.lower, interval.upper, nominal)
@@ -137,7 +219,18 @@ def parameter_cells(
 
 
 def parameter_table(rows: Sequence[Sequence[str]]) -> Table:
-    """Rows of :func:`parameter_cells`; those that are not from the data look so."""
+    """Table of parameters; rows that the data do not determine are styled apart.
+
+    Parameters
+    ----------
+    rows : sequence
+        Results of :func:`parameter_cells`.
+
+    Returns
+    -------
+    Table
+        A row a parameter.
+    """
     return Table(
         PARAMETER_HEADS,
         rows,
@@ -148,7 +241,18 @@ def parameter_table(rows: Sequence[Sequence[str]]) -> Table:
 
 
 def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Every standard parameter of a model, as text."""
+    """Rows of every standard parameter of a model, as :func:`parameter_cells` makes them.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+
+    Returns
+    -------
+    list of tuples
+        A row a parameter.
+    """
     columns = zip(
         estimate.uncertainty.standard, estimate.sources, estimate.nominal, strict=True
     )
@@ -159,7 +263,18 @@ def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
 
 
 def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Every base parameter of a model, as text, by its full expression."""
+    """Rows of every base parameter of a model, named by its full expression.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+
+    Returns
+    -------
+    list of tuples
+        A row a parameter, as :func:`parameter_cells` makes it.
+    """
     listed = estimate.details.get("base_parameters", [])
     known = {entry["name"]: (entry["source"], entry["nominal"]) for entry in listed}
     rows = []
@@ -171,7 +286,18 @@ def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
 
 
 def certificate_table(models: Mapping[str, Estimate]) -> Table:
-    """What is certified of each model: a row a figure."""
+    """Table of what is certified of each model.
+
+    Parameters
+    ----------
+    models : mapping of str to Estimate
+        The models by name.
+
+    Returns
+    -------
+    Table
+        A row a figure, a column a model.
+    """
     summaries = [dict(model.certificate.summary()) for model in models.values()]
     names = dict.fromkeys(name for summary in summaries for name in summary)
     rows = [
@@ -182,7 +308,20 @@ def certificate_table(models: Mapping[str, Estimate]) -> Table:
 
 
 def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Table:
-    """Gains by name: value, half the 95 % interval in words, unit."""
+    """Table of gains of a servo loop or a motor.
+
+    Parameters
+    ----------
+    title : str
+        Title of the table.
+    gains : sequence of tuples
+        Name, value, half the 95 % interval in words, and unit of each gain.
+
+    Returns
+    -------
+    Table
+        A row a gain.
+    """
     rows = [
         (name, number(value, 4), spread, plain_unit(unit))
         for name, value, spread, unit in gains

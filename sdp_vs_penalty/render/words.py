@@ -74,6 +74,18 @@ class FindingWords:
 def plain_name(effect: str) -> str:
     """An effect's name as words.
 
+    Parameters
+    ----------
+    effect : str
+        Name of the plug-in.
+
+    Returns
+    -------
+    str
+        The name as it stands in a sentence.
+
+    Examples
+    --------
     >>> plain_name("presliding_hysteresis")
     'Presliding hysteresis'
     """

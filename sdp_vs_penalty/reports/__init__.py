@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
-from sdp_vs_penalty.diagnosis.comparison import compare, predicted
+from sdp_vs_penalty.diagnosis.comparison import compare
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, load_diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
 from sdp_vs_penalty.errors import InputError, missing_extra
@@ -19,7 +19,7 @@ from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.files import read_text, write_text
 from sdp_vs_penalty.render.pieces import LOOK, packed
-from sdp_vs_penalty.reports.sections import SECTIONS, ReportData
+from sdp_vs_penalty.reports.sections import SECTIONS, JudgedRun, ReportData
 from sdp_vs_penalty.results.templates import render
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.simulation.follow import Drive, Following, follow
@@ -96,10 +96,10 @@ def report(
     progress("comparing")
     filtered = FilteredRuns.of(driven(first, runs)[1], first.preprocessing)
     comparisons = compare(named, filtered, noise_from=all_runs)
-    judged = {}
-    for c in comparisons:
-        rows = (run.all_rows(c.estimate.model) for run in filtered.runs)
-        judged[c.name] = [(row, predicted(row, c.estimate.theta)) for row in rows]
+    judged = {
+        c.name: [JudgedRun.of(run, c.estimate) for run in filtered.runs]
+        for c in comparisons
+    }
     drive: Drive = "torque" if runs.torque_logged else "servo"
     steps = None if forward else 100  # of the free runs together: a fifth of a second
     try:

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import Comparison, still_missing
+from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted, still_missing
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -25,10 +27,67 @@ from sdp_vs_penalty.render.arms import link_ellipsoid
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
-from sdp_vs_penalty.signals.filtered import Rows
+from sdp_vs_penalty.signals.filtered import FilteredRun, Rows, joined
 from sdp_vs_penalty.simulation.follow import Following
 
 Context = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class JudgedRun:
+    """One run behind its filters, as a model explains it.
+
+    motion : at M instants; torque, modelled (M, n) : measured and modelled [N m, N];
+    shown (m,) : the instants at which the model's band is drawn, and the columns there.
+    """
+
+    motion: Motion
+    torque: Array
+    modelled: Array
+    shown: NDArray[np.intp]
+    columns: list[JointColumns]
+
+    @classmethod
+    def of(cls, run: FilteredRun, estimate: Estimate) -> JudgedRun:
+        """Judge a run piece by piece: its columns are kept at few instants only.
+
+        Parameters
+        ----------
+        run : FilteredRun
+            To judge on.
+        estimate : Estimate
+            The model.
+
+        Returns
+        -------
+        JudgedRun
+            With modelled torque and columns.
+        """
+        count = sum(len(states.t) for states in run.states())
+        shown = charts.spread_rows(count)
+        pieces_of_run = list[Rows]()
+        modelled = list[Array]()
+        first = 0
+        for rows in run.rows(estimate.model):
+            last = first + len(rows.torque)
+            inside = shown[(shown >= first) & (shown < last)] - first
+            columns = [JointColumns(c.indices, c.columns[inside]) for c in rows.columns]
+            modelled.append(predicted(rows, estimate.theta))
+            pieces_of_run.append(replace(rows, columns=columns))
+            first = last
+        by_joint = zip(*(piece.columns for piece in pieces_of_run), strict=True)
+        return cls(
+            motion=joined(piece.motion for piece in pieces_of_run),
+            torque=np.concatenate([piece.torque for piece in pieces_of_run]),
+            modelled=np.concatenate(modelled),
+            shown=shown,
+            columns=[
+                JointColumns(
+                    parts[0].indices, np.concatenate([p.columns for p in parts])
+                )
+                for parts in by_joint
+            ],
+        )
 
 
 @dataclass(frozen=True)
@@ -36,8 +95,8 @@ class ReportData:
     """Everything that the sections show, computed once.
 
     models : by name, in the order in which effects were added; the last one is looked
-    at closely; judged : of each model the filtered rows of each run, and their modelled
-    torque (M, n); failures : of the first model and of the last; checks : of each run,
+    at closely; judged : of each model the runs behind their filters; failures : of the
+    first model and of the last; checks : of each run,
     what Issue.to_dict() says; forward : the last model run forward, or the sentence why
     it cannot; commands : that made this report; diagnosis : of one of the models, where
     there is one.
@@ -46,7 +105,7 @@ class ReportData:
     models: Mapping[str, Estimate]
     measurements: Measurements
     comparisons: Sequence[Comparison]
-    judged: Mapping[str, Sequence[tuple[Rows, Array]]]
+    judged: Mapping[str, Sequence[JudgedRun]]
     failures: Mapping[str, Failures]
     checks: Mapping[str, Sequence[Mapping[str, Any]]]
     forward: Following | str
@@ -150,7 +209,7 @@ def torques(data: ReportData) -> Context:
     """Measured and modelled torque of each joint, and the error."""
     first = data.comparisons[0].name
     failing = data.failures[first]
-    moved = charts.shifts([rows.motion.t for rows, _ in data.judged[first]])
+    moved = charts.shifts([run.motion.t for run in data.judged[first]])
     runs = _torque_curves(data, moved)
     bands = _bands(data, moved)
     figures = []
@@ -172,10 +231,10 @@ def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curv
     """Measured torque of each run and that of every model, on the figures' axis."""
     first = data.judged[data.comparisons[0].name]
     curves = []
-    for k, ((rows, _), shift) in enumerate(zip(first, moved, strict=True)):
-        modelled = {name: of_runs[k][1] for name, of_runs in data.judged.items()}
-        t = rows.motion.t + shift
-        curves.append(charts.Curves(t, rows.torque, modelled))
+    for k, (run, shift) in enumerate(zip(first, moved, strict=True)):
+        modelled = {name: runs[k].modelled for name, runs in data.judged.items()}
+        t = run.motion.t + shift
+        curves.append(charts.Curves(t, run.torque, modelled))
     return curves
 
 
@@ -200,12 +259,10 @@ def _bands(data: ReportData, moved: Sequence[float]) -> list[tuple[Array, Array]
     plant = data.comparisons[-1].estimate  # without its drives
     known = plant.uncertainty
     bands = []
-    for (rows, _), shift in zip(data.judged[data.name], moved, strict=True):
-        t = rows.motion.t + shift
-        keep = charts.spread_rows(len(t))
-        columns = [JointColumns(c.indices, c.columns[keep]) for c in rows.columns]
-        half = known.band(plant.theta, columns)[1]
-        bands.append((t[keep], NORMAL_95 * np.hypot(half, known.torque_noise)))
+    for run, shift in zip(data.judged[data.name], moved, strict=True):
+        t = run.motion.t[run.shown] + shift
+        half = known.band(plant.theta, run.columns)[1]
+        bands.append((t, NORMAL_95 * np.hypot(half, known.torque_noise)))
     return bands
 
 
@@ -308,8 +365,7 @@ def findings(data: ReportData) -> Context:
             what="Error on data left out",
         )
     motions = [
-        replace(rows.motion, torque=modelled)
-        for rows, modelled in data.judged[data.name]
+        replace(run.motion, torque=run.modelled) for run in data.judged[data.name]
     ]
     curves = []
     for curve, sentence in zip(diagnosis.curves, said.curves, strict=True):

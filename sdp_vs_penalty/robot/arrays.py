@@ -12,18 +12,53 @@ Array = NDArray[np.float64]
 
 
 def nonzero_or_one(size: ArrayLike) -> Any:
-    """A size by which to divide: one where it is zero, as what it is the size of then
-    is."""
+    """A scale to divide by: zeros are replaced by one.
+
+    Parameters
+    ----------
+    size : array
+        Scales of quantities. Where a scale is zero, the quantity is zero too.
+
+    Returns
+    -------
+    array
+        Scales that are not zero.
+    """
     return np.where(np.asarray(size) > 0.0, size, 1.0)[()]
 
 
 def at_least_tiny(x: ArrayLike) -> Any:
-    """Something to take the logarithm of, or to divide by: at least the least normal
-    number."""
+    """Raise values to the smallest normal number, to take a logarithm or to divide.
+
+    Parameters
+    ----------
+    x : array
+        Values.
+
+    Returns
+    -------
+    array
+        Positive values.
+    """
     return np.maximum(x, np.finfo(float).tiny)
 
 
 def check_finite(what: str, value: Array, shape: tuple[int, ...]) -> None:
-    """InputError where an array has another shape, or an entry that is not finite."""
+    """Refuse an array of another shape, or with entries that are not finite.
+
+    Parameters
+    ----------
+    what : str
+        Name of the array, for the error's sentence.
+    value : array
+        The array.
+    shape : tuple of int
+        The shape that it must have.
+
+    Raises
+    ------
+    InputError
+        Where the shape differs or an entry is not finite.
+    """
     if np.shape(value) != shape or not np.all(np.isfinite(value)):
         raise InputError(f"{what} does not fit", f"give {shape} finite numbers")

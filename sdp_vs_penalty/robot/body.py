@@ -2,6 +2,7 @@
 known from."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +15,8 @@ from sdp_vs_penalty.robot.arrays import Array, check_finite
 SOURCES = ("geometry", "bounds", "inertial", "kinematics")
 #: Relative excess of the squared distances from an enclosing ellipsoid's centre.
 _EXCESS = 1e-2
+#: Beyond this excess the inverse is rounding.
+_LARGEST_EXCESS = 1.0 / float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
@@ -63,40 +66,36 @@ def around(
     layer: float = 0.0,
     volume: float | None = None,
 ) -> Body:
-    """The ellipsoid of about least volume that holds points (k, 3), enlarged.
+    """The ellipsoid of about least volume that holds points, enlarged.
 
-    Its half axes are multiplied by ``margin``, then ``layer`` [m] longer.
+    Parameters
+    ----------
+    points : (k, 3) array
+        In the link frame [m].
+    source : str
+        What they are known from, one of :data:`SOURCES`.
+    margin : float
+        What the half axes are multiplied by.
+    layer : float
+        What is added to the half axes after that [m].
+    volume : float, optional
+        Of the link's geometry itself [m^3].
 
+    Returns
+    -------
+    Body
+        Which holds all points.
+
+    Notes
+    -----
     Khachiyan's ascent on the weights of the lifted points (Todd, Minimum-Volume
     Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then enlarged until
     all points are inside.
     """
     cloud = np.asarray(points, float)
-    chunk = np.array_split(directions(), 20)  # a cloud may have many points
-    extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in chunk])]
-    lifted = np.column_stack([extremes, np.ones(len(extremes))])
-    weights = np.full(len(lifted), 1.0 / len(lifted))
-    inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
-    distance = np.sum(lifted @ inverse * lifted, axis=1)
-    # Steps grow as order over excess; next to a line, rounding may eat up the inverse
-    # before that.
-    for _ in range(round(5 * 4 / _EXCESS)):
-        if (
-            not 4.0 * (1.0 + _EXCESS)
-            < (excess := distance.max())
-            < 1.0 / np.finfo(float).eps
-        ):
-            break
-        # The first of those that are alike, which are not for rounding to choose from.
-        farthest = int(np.argmax(distance > (1.0 - 1e-6) * excess))
-        step = (excess - 4.0) / (4.0 * (excess - 1.0))
-        weights *= 1.0 - step
-        weights[farthest] += step
-        # The moment changes by a matrix of rank one (Sherman, Morrison).
-        push = inverse @ lifted[farthest]
-        share = step / (1.0 - step + step * excess)
-        inverse = (inverse - (share * push)[:, None] * push) / (1.0 - step)
-        distance = (distance - share * (lifted @ push) ** 2) / (1.0 - step)
+    chunks = np.array_split(directions(), 20)  # a cloud may have many points
+    extremes = cloud[np.unique([np.argmax(cloud @ d.T, axis=0) for d in chunks])]
+    weights = _weights_of_least_ellipsoid(extremes.tobytes())
     centre = weights @ extremes
     second = (extremes * weights[:, None]).T @ extremes - np.outer(centre, centre)
     size, axes = np.linalg.eigh(3.0 * second)
@@ -108,16 +107,68 @@ def around(
     )
 
 
+@lru_cache(256)
+def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
+    """Weights (k,) of points (k, 3), given as their bytes, whose moments are those of
+    the ellipsoid of least volume around them, to ``_EXCESS``. Kept, because a robot is
+    read many times."""
+    points = np.frombuffer(point_bytes).reshape(-1, 3)
+    lifted = np.column_stack([points, np.ones(len(points))])
+    weights = np.full(len(lifted), 1.0 / len(lifted))
+    inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
+    distance = np.sum(lifted @ inverse * lifted, axis=1)
+    # Steps grow as order over excess; next to a line, rounding may eat up the inverse
+    # before that.
+    for _ in range(round(5 * 4 / _EXCESS)):
+        excess = distance.max()
+        if not 4.0 * (1.0 + _EXCESS) < excess < _LARGEST_EXCESS:
+            break
+        # The first of those that are alike, which are not for rounding to choose from.
+        farthest = int(np.argmax(distance > (1.0 - 1e-6) * excess))
+        step = (excess - 4.0) / (4.0 * (excess - 1.0))
+        weights *= 1.0 - step
+        weights[farthest] += step
+        # The moment changes by a matrix of rank one (Sherman, Morrison).
+        push = inverse @ lifted[farthest]
+        share = step / (1.0 - step + step * excess)
+        inverse = (inverse - (share * push)[:, None] * push) / (1.0 - step)
+        distance = (distance - share * (lifted @ push) ** 2) / (1.0 - step)
+    weights.setflags(write=False)
+    return weights
+
+
 def balls(centres: ArrayLike, radius: float) -> Array:
-    """(6 k, 3) the ends of the axes of balls around centres (k, 3): points that stand
-    for them."""
+    """Extreme points of balls along the coordinate axes, which stand for the balls.
+
+    Parameters
+    ----------
+    centres : (k, 3) array
+        Centres [m].
+    radius : float
+        Radius [m].
+
+    Returns
+    -------
+    (6 k, 3) array
+        Points [m].
+    """
     ends = radius * np.concatenate([np.eye(3), -np.eye(3)])
     return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
 
 
 def directions(count: int = 400) -> Array:
-    """(count, 3) unit vectors, spread over the sphere by the golden angle; by default
-    enough to find the extremes of a cloud to 1 % of its size."""
+    """Unit vectors spread evenly over the sphere, by the golden angle.
+
+    Parameters
+    ----------
+    count : int
+        Number of vectors. The default finds the extremes of a cloud to 1 % of its size.
+
+    Returns
+    -------
+    (count, 3) array
+        Unit vectors.
+    """
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     turn = np.pi * (1.0 + 5.0**0.5) * k

@@ -23,9 +23,25 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 
 def cone_margin(cone: str, values: Array) -> Array:
-    """Smallest eigenvalue (psd), s - |u| (soc) or smallest entry (nonnegative), of one
-    or a batch.
+    """Margin of a point in a cone: positive inside, zero on the boundary, negative outside.
 
+    The margin is the smallest eigenvalue (psd), s - |u| for the point (s, u) (soc), or the
+    smallest entry (nonnegative).
+
+    Parameters
+    ----------
+    cone : str
+        "psd", "soc" or "nonnegative".
+    values : array
+        One point, or a batch (g, ...) of them.
+
+    Returns
+    -------
+    array
+        One margin a point.
+
+    Examples
+    --------
     >>> float(cone_margin("soc", np.array([6.0, 3.0, 4.0])))
     1.0
     """
@@ -37,13 +53,25 @@ def cone_margin(cone: str, values: Array) -> Array:
 
 
 def cone_depths(cone: str, values: Array, terms: Array) -> Array:
-    """(g,) margins of equal cones (g, ...) relative to the terms that were summed: free
-    of units.
+    """Margins of points in cones relative to the terms that were summed: free of units.
 
-    terms (g, ...) : |F_0| + sum |theta_i F_i|, entry by entry. A matrix F is seen as D
-    F D with D = diag(terms)^-1/2, so that rounding in F is of size eps whatever
-    cancelled on the way: a depth above :func:`safe_depth` is a positive margin in any
-    order of summation.
+    A matrix F is judged as D F D with D = diag(terms)^-1/2. Rounding errors in F are then of
+    the size of eps, whatever cancelled in the sum. A depth above :func:`safe_depth` is a
+    positive margin in any order of summation.
+
+    Parameters
+    ----------
+    cone : str
+        "psd", "soc" or "nonnegative".
+    values : (g, ...) array
+        The points F(theta) of g equal cones.
+    terms : (g, ...) array
+        |F_0| + sum |theta_i F_i|, entry by entry.
+
+    Returns
+    -------
+    (g,) array
+        Depths.
     """
     if cone == "psd":
         size = np.sqrt(nonzero_or_one(np.diagonal(terms, axis1=1, axis2=2)))
@@ -56,18 +84,38 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
 
 
 def safe_depth(size: int) -> float:
-    """The depth that rounding cannot turn into a violation, for cones of this order."""
+    """Largest depth that rounding errors can make of a violated cone.
+
+    Parameters
+    ----------
+    size : int
+        Order of the cone.
+
+    Returns
+    -------
+    float
+        A depth of :func:`cone_depths` above this one is certain.
+    """
     return 32.0 * size * float(np.finfo(float).eps)
 
 
 def smallest_eigenvalue(values: Array) -> Array:
-    """The smallest eigenvalue of symmetric matrices (..., d, d), its sign right in any
-    system of units.
+    """Smallest eigenvalue of symmetric matrices, with the right sign in any system of units.
 
-    A matrix of a link holds its mass in one corner and, in kilometres, moments of 1e-9
-    in the others: rounding relative to the corner would decide on them. The sign is
-    therefore taken from T F T with diagonals of size one (Sylvester), T of powers of
-    two, which round nothing.
+    A link's matrix holds its mass in one corner and, in kilometres, moments of 1e-9 in the
+    others: rounding errors of the size of the corner would decide on the sign. The sign is
+    therefore that of T F T with unit diagonal (Sylvester's law of inertia). T holds powers
+    of two, which do not round.
+
+    Parameters
+    ----------
+    values : (..., d, d) array
+        Symmetric matrices.
+
+    Returns
+    -------
+    (...) array
+        Smallest eigenvalues.
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
     diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
@@ -82,8 +130,20 @@ def smallest_eigenvalue(values: Array) -> Array:
 
 
 def project(cone: str, value: Array) -> Array:
-    """The nearest point of the cone (all three are their own duals); one value or a
-    batch (g, ...)."""
+    """Project onto a cone: its nearest point. All three cones are their own duals.
+
+    Parameters
+    ----------
+    cone : str
+        "psd", "soc" or "nonnegative".
+    value : array
+        One point, or a batch (g, ...) of them.
+
+    Returns
+    -------
+    array
+        The nearest points, of the same shape.
+    """
     if cone == "psd":
         symmetric = 0.5 * (value + np.swapaxes(value, -1, -2))
         eigenvalues, vectors = np.linalg.eigh(symmetric)
@@ -209,13 +269,34 @@ class Constraint:
     coefficients: Array
 
     def value(self, theta: ArrayLike) -> Array:
-        """F(theta)."""
+        """The constrained quantity F(theta) = F_0 + sum theta_i F_i.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        array
+            F(theta), which has to lie in the cone.
+        """
         part = np.asarray(theta, float)[self.indices]
         return self.constant + np.tensordot(part, self.coefficients, axes=(0, 0))
 
     def margin(self, theta: ArrayLike) -> float:
-        """Distance to the cone's boundary, in the cone's units: negative exactly if
-        violated."""
+        """Margin of F(theta) in the cone; negative exactly where the constraint is violated.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        float
+            Margin, in the unit of F.
+        """
         return float(cone_margin(self.cone, self.value(theta)))
 
     @property
@@ -250,8 +331,18 @@ class BarycentricBound:
     family: str = "barycentric inertia"
 
     def margin(self, theta: ArrayLike) -> float:
-        """How far it lies inside its bounds [kg m^2]; negative outside, 0 without a
-        mass."""
+        """Margin of a link's barycentric inertia to its bounds.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        float
+            Margin [kg m^2]: negative outside; 0 for a link without mass.
+        """
         part = np.asarray(theta, float)[self.indices]
         x = float(inertia.barycentric_from_standard(part)[4 + self.entry])
         if not np.isfinite(x):  # a massless link: no inertia about a centre of mass
@@ -267,7 +358,18 @@ class ConstraintSet:
     nonconvex: tuple[BarycentricBound, ...] = ()
 
     def worst(self, theta: ArrayLike) -> dict[str, float]:
-        """Worst violation of each family, max(0, -margin), in the family's own units."""
+        """Largest violation of each family of constraints.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        dict of str to float
+            max(0, -margin) by family, each in its own unit.
+        """
         out: dict[str, float] = {}
         families = [c.family for c in self.convex] + [b.family for b in self.nonconvex]
         worst_by_family = [
@@ -279,13 +381,33 @@ class ConstraintSet:
         return out
 
     def margin(self, theta: ArrayLike) -> float:
-        """Smallest margin of the convex constraints: >= 0 exactly if theta is feasible
-        for the SDP."""
+        """Smallest margin of the convex constraints; not negative exactly where all are met.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        float
+            Margin, in the unit of its constraint.
+        """
         return float(self.entries.margins(theta)[0].min(initial=np.inf))
 
     def depths(self, theta: ArrayLike) -> list[float]:
-        """How far inside each group of constraints theta lies, free of units: at most
-        about one."""
+        """Depth of theta in each group of constraints, free of units.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        list of float
+            Smallest result of :func:`cone_depths` in each group; at most about one.
+        """
         x = np.asarray(theta, float)
         both = zip(
             self.groups, *map(self.entries.split, self.entries.at(x)), strict=True
@@ -295,11 +417,33 @@ class ConstraintSet:
         ]
 
     def depth(self, theta: ArrayLike) -> float:
-        """The least of the depths."""
+        """Depth of theta in the feasible set: the smallest of :meth:`depths`.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        float
+            Depth, free of units.
+        """
         return min(self.depths(theta), default=np.inf)
 
     def with_families(self, keep: Callable[[str], bool]) -> ConstraintSet:
-        """Only the families for which ``keep`` is true."""
+        """The subset of constraints whose family is to be kept.
+
+        Parameters
+        ----------
+        keep : callable
+            Whether to keep a family, by its name.
+
+        Returns
+        -------
+        ConstraintSet
+            The subset.
+        """
         return ConstraintSet(
             tuple(c for c in self.convex if keep(c.family)),
             tuple(c for c in self.nonconvex if keep(c.family)),
@@ -317,8 +461,18 @@ class ConstraintSet:
         )
 
     def stack_multipliers(self, multipliers: Mapping[Constraint, Array]) -> Array:
-        """(e,) multipliers of the convex ones as ``entries`` has them; zero for those
-        left out."""
+        """Stack the multipliers of the convex constraints into one vector.
+
+        Parameters
+        ----------
+        multipliers : mapping of Constraint to array
+            Multipliers of some constraints; all others are zero.
+
+        Returns
+        -------
+        (e,) array
+            Entries in the order of ``entries``.
+        """
         constraints = (
             self.convex[k] for group in self.groups for k in group.places.tolist()
         )
@@ -329,7 +483,18 @@ class ConstraintSet:
         return np.concatenate([np.zeros(0), *(x.ravel() for x in values)])
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
-        """These and further ones."""
+        """These constraints and further ones.
+
+        Parameters
+        ----------
+        more : sequence of Constraint
+            Constraints to append.
+
+        Returns
+        -------
+        ConstraintSet
+            The union.
+        """
         return ConstraintSet(self.convex + tuple(more), self.nonconvex)
 
     @cached_property
@@ -369,14 +534,35 @@ class ConeGroup:
         return out.reshape(-1, out.shape[2])
 
     def values(self, theta: Array) -> Array:
-        """(g, ...) all F(theta)."""
+        """Points F(theta) of all constraints of the group.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        (g, ...) array
+            One point a constraint.
+        """
         flat = self.matrix @ theta[: self.matrix.shape[1]]
         return self.constant + flat.reshape(self.constant.shape)
 
 
 def group_cones(constraints: Sequence[Constraint]) -> list[ConeGroup]:
-    """Constraints side by side, to be worked on at once, in the order in which each
-    kind comes first."""
+    """Group constraints of equal cone and size, so that they are evaluated together.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        The constraints.
+
+    Returns
+    -------
+    list of ConeGroup
+        Groups, in the order in which each kind comes first.
+    """
     groups: dict[tuple[str, tuple[int, ...]], list[int]] = {}
     for place, c in enumerate(constraints):
         groups.setdefault((c.cone, c.coefficients.shape), []).append(place)
@@ -405,6 +591,18 @@ class StackedCones:
 
     @classmethod
     def from_groups(cls, groups: Sequence[ConeGroup]) -> StackedCones:
+        """Stack the coefficients of all groups into one sparse map.
+
+        Parameters
+        ----------
+        groups : sequence of ConeGroup
+            The groups.
+
+        Returns
+        -------
+        StackedCones
+            The stack.
+        """
         start = 0
         none = np.zeros(0, np.intp)
         rows = [none]
@@ -425,8 +623,18 @@ class StackedCones:
         return cls(tuple(groups), constant, row, column, np.concatenate(values))
 
     def at(self, theta: Array) -> tuple[Array, Array]:
-        """(e,) F(theta) of all, and |F_0| + sum |theta_i F_i|: the size of what was
-        summed."""
+        """Evaluate all constraints at a point.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        tuple of (e,) arrays
+            F(theta), and |F_0| + sum |theta_i F_i|: the size of the terms that were summed.
+        """
         terms = self.value * theta[self.column]
         count = len(self.constant)
         size = np.abs(self.constant) + np.bincount(self.row, np.abs(terms), count)
@@ -435,8 +643,18 @@ class StackedCones:
         ), np.asarray(size)
 
     def margins(self, theta: ArrayLike) -> tuple[Array, Array]:
-        """Of each constraint (m,) its margin, and the size of the largest terms that
-        were summed."""
+        """Margins of all constraints at a point.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            All parameters of the model.
+
+        Returns
+        -------
+        tuple of (m,) arrays
+            The margin of each constraint, and the size of its largest summed term.
+        """
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
         both = map(self.split, self.at(np.asarray(theta, float)))
         for group, values, terms in zip(self.groups, *both, strict=True):
@@ -445,11 +663,35 @@ class StackedCones:
         return margin, size
 
     def adjoint(self, flat: Array, p: int) -> Array:
-        """(p,) inner products of every dF / dtheta_k with multipliers (e,)."""
+        """Adjoint of the linear part of F: inner products of multipliers with dF / dtheta_k.
+
+        Parameters
+        ----------
+        flat : (e,) array
+            Multipliers.
+        p : int
+            Number of parameters.
+
+        Returns
+        -------
+        (p,) array
+            <dF / dtheta_k, flat> for each parameter.
+        """
         return np.asarray(np.bincount(self.column, self.value * flat[self.row], p))
 
     def split(self, flat: Any) -> list[Any]:
-        """Of each group (g, ...) its part of (e,)."""
+        """Split a stacked vector by groups.
+
+        Parameters
+        ----------
+        flat : (e,) array
+            A vector over all entries.
+
+        Returns
+        -------
+        list of arrays
+            One array (g, ...) a group.
+        """
         out = []
         start = 0
         for group in self.groups:
@@ -459,7 +701,18 @@ class StackedCones:
         return out
 
     def each(self, flat: Array) -> list[Array]:
-        """Of each constraint its part of (e,)."""
+        """Split a stacked vector by constraints.
+
+        Parameters
+        ----------
+        flat : (e,) array
+            A vector over all entries.
+
+        Returns
+        -------
+        list of arrays
+            One array a constraint.
+        """
         parts = zip(self.groups, self.split(flat), strict=True)
         by_place = {
             k: x
@@ -470,11 +723,31 @@ class StackedCones:
 
 
 def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constraint:
-    """P(theta) >= 0: contains m >= 0, positive definiteness and the triangle
-    inequalities.
+    """Physical consistency of a link: its pseudo-inertia matrix P(theta) is positive definite.
 
-    radius [m] : with one, Sigma_c >= m r^2 1, as [[Sigma - m r^2 1, m c], [(m c)^T, m]]
-    >= 0 (Schur complement): keeps the SDP from answering with rods of zero thickness.
+    P >= 0 contains m >= 0, positive definiteness of the inertia and the triangle
+    inequalities. With a radius r, Sigma_c >= m r^2 1 is demanded as well, as
+    [[Sigma - m r^2 1, m c], [(m c)^T, m]] >= 0 (Schur complement). It keeps the optimum from
+    being a rod of zero thickness.
+
+    Parameters
+    ----------
+    name : str
+        Name of the link.
+    indices : (10,) array of int
+        Places of the link's parameters in theta.
+    radius : float
+        Smallest radius of gyration [m].
+
+    Returns
+    -------
+    Constraint
+        A psd constraint of order four.
+
+    References
+    ----------
+    Wensing, Kim, Slotine, "Linear matrix inequalities for physically consistent inertial
+    parameter identification", RA-L 2018.
     """
     coefficients = inertia.PSEUDO_INERTIA_BASIS.copy()
     coefficients[0, :3, :3] -= radius**2 * np.eye(3)
@@ -485,13 +758,30 @@ def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constr
 def density_in_ellipsoid(
     family: str, name: str, indices: ArrayLike, quadric: ArrayLike
 ) -> Constraint:
-    """The mass lies inside an ellipsoid: tr(P Q) >= 0 (Wensing, Kim, Slotine 2018, eq.
-    20).
+    """The link's mass lies inside an ellipsoid: tr(P Q) >= 0.
 
-    quadric Q (4, 4) : (x, 1)^T Q (x, 1) is 1 at the ellipsoid's centre, 0 on its
-    surface (:attr:`Body.quadric`). Its mean over the density is non-negative: linear in
-    theta. With P >= 0 it holds exactly if some density inside has these parameters, and
-    it bounds all of P by the mass.
+    (x, 1)^T Q (x, 1) is 1 at the centre of the ellipsoid and 0 on its surface. Its mean over
+    the density is not negative, and it is linear in theta. With P >= 0 the constraint holds
+    exactly where some density inside the ellipsoid has these parameters, and it bounds all
+    of P by the mass.
+
+    Parameters
+    ----------
+    family, name : str
+        Family of the constraint and name of the link.
+    indices : (10,) array of int
+        Places of the link's parameters in theta.
+    quadric : (4, 4) array
+        Q, as :attr:`Body.quadric` has it.
+
+    Returns
+    -------
+    Constraint
+        A linear constraint.
+
+    References
+    ----------
+    Wensing, Kim, Slotine, RA-L 2018, equation 20.
     """
     row = np.einsum(
         "kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, np.asarray(quadric, float)
@@ -507,10 +797,27 @@ def linear(
     constant: ArrayLike,
     cone: str = "nonnegative",
 ) -> Constraint:
-    """constant + coefficients^T theta >= 0, entry by entry, or in another cone;
-    coefficients (k, d).
+    """Linear constraint: constant + coefficients^T theta lies in a cone.
 
-    Of a second-order cone, |u| <= s, these are (s, u); of a matrix its entries."""
+    Parameters
+    ----------
+    family, name : str
+        Family of the constraint and name of what it is about.
+    indices : (k,) array of int
+        Places of the parameters in theta.
+    coefficients : (k, d) array
+        A column an entry.
+    constant : (d,) array
+        Constant part.
+    cone : str
+        "nonnegative" (entry by entry), "soc" with the entries (s, u) of |u| <= s, or "psd"
+        with a matrix's entries.
+
+    Returns
+    -------
+    Constraint
+        The constraint.
+    """
     places = np.asarray(indices, np.intp)
     return Constraint(
         family,

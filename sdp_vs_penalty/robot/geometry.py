@@ -45,10 +45,24 @@ class Geometry:
 def link_geometry(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Geometry | None]:
-    """Of each moving link of a URDF, with what is fixed to it; None where it is not
-    known whole; held : joints that count as fixed where they stand [rad, m].
+    """Shapes of the moving links of a URDF, each with what is fixed to it.
 
-    Raises InputError for a file that is not a URDF of a tree of joints.
+    Parameters
+    ----------
+    path : path
+        A URDF file.
+    held : mapping or None
+        Positions [rad, m] of joints that count as fixed.
+
+    Returns
+    -------
+    list of Geometry or None
+        One entry a link; None where a link's shape is not fully known.
+
+    Raises
+    ------
+    InputError
+        Where the file is no URDF of a tree of joints.
     """
     out: list[Geometry | None] = []
     for parts in placed_links(path, held):

@@ -68,8 +68,20 @@ class Joint(JsonRecordSkippingNone):
 
 
 def check_pose(where: str, pose: Array) -> None:
-    """InputError where a (4, 4) matrix is no pose: a rotation and a shift in lengths of
-    a robot [m]."""
+    """Refuse a matrix that is no pose: a rotation and a translation within a robot's size.
+
+    Parameters
+    ----------
+    where : str
+        Where the matrix stands, for the error's sentence.
+    pose : (4, 4) array
+        Homogeneous matrix, translation in metres.
+
+    Raises
+    ------
+    InputError
+        Where it is no pose.
+    """
     turn = pose[:3, :3]
     tolerance = 1e-6
     far = 1e9
@@ -147,11 +159,27 @@ Follower = tuple[str, float, float]
 def resolve_mimic_joints(
     tree: Sequence[Joint], followers: dict[str, Follower], massless: Sequence[int]
 ) -> tuple[tuple[Joint, ...], Mechanism | None]:
-    """The joints that move by themselves, and how the tree follows them; None where
-    nothing does.
+    """Independent joints of a tree with mimic joints, and how the tree follows them.
 
-    Raises InputError for a joint that follows itself, through others or not, or none of
-    the tree.
+    Parameters
+    ----------
+    tree : sequence of Joint
+        All joints.
+    followers : dict
+        Whom each mimic joint follows, by name.
+    massless : sequence of int
+        Links without mass, by number in the tree.
+
+    Returns
+    -------
+    tuple
+        The independent joints, and the mechanism; None where no joint follows another.
+
+    Raises
+    ------
+    InputError
+        Where a joint follows itself, directly or through others, or a joint that does not
+        exist.
     """
     names = [joint.name for joint in tree]
     free = [k for k, name in enumerate(names) if name not in followers]
@@ -188,7 +216,20 @@ def resolve_mimic_joints(
 def hold_followers(
     held: Mapping[str, float], followers: Mapping[str, Follower]
 ) -> dict[str, float]:
-    """Where held joints, and all that follow them, stand [rad, m]."""
+    """Positions of held joints and of all mimic joints that follow them.
+
+    Parameters
+    ----------
+    held : mapping
+        Positions [rad, m] of held joints.
+    followers : mapping
+        Whom each mimic joint follows, by name.
+
+    Returns
+    -------
+    dict
+        Positions [rad, m] by name.
+    """
     still = dict(held)
     for _ in followers:  # a follower may follow a follower
         for name, (leader, ratio, offset) in followers.items():
@@ -198,8 +239,25 @@ def hold_followers(
 
 
 def parse_held(text: str | Sequence[str]) -> dict[str, float]:
-    """Where joints are held, "finger_joint=0,wheel=0.1"; InputError for another text.
+    """Parse the positions of held joints, such as "finger_joint=0,wheel=0.1".
 
+    Parameters
+    ----------
+    text : str or sequence of str
+        Names and positions [rad, m].
+
+    Returns
+    -------
+    dict
+        Positions by name.
+
+    Raises
+    ------
+    InputError
+        Where the text is another one.
+
+    Examples
+    --------
     >>> parse_held("finger_joint=0")
     {'finger_joint': 0.0}
     """
@@ -220,11 +278,26 @@ def parse_held(text: str | Sequence[str]) -> dict[str, float]:
 def parse_mechanism(
     tree: Sequence[Joint], formulas: Sequence[str], massless: Sequence[int] = ()
 ) -> tuple[tuple[Joint, ...], Mechanism]:
-    """Each tree joint's position as a formula of those that move by themselves: "q1",
-    "-q2 + 0.1".
+    """Parse each tree joint's position as a formula of the independent joints.
 
-    massless : links without mass, by their number in the tree from 1. Raises
-    InputError.
+    Parameters
+    ----------
+    tree : sequence of Joint
+        All joints of the tree.
+    formulas : sequence of str
+        A formula a joint, such as "q1" or "-q2 + 0.1".
+    massless : sequence of int
+        Links without mass, by number in the tree, from 1.
+
+    Returns
+    -------
+    tuple
+        The independent joints, and the mechanism.
+
+    Raises
+    ------
+    InputError
+        Where a formula is another one.
     """
     if len(formulas) != len(tree):
         what = f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints"
@@ -298,8 +371,20 @@ class Transmission(JsonRecord):
         )
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
-        """(N, n) joint positions from logged channels (N, n); rates : these are
-        velocities, so that no offset counts."""
+        """Joint positions from logged motor or joint channels.
+
+        Parameters
+        ----------
+        channels : (N, n) array
+            Logged positions, or velocities.
+        rates : bool
+            Whether the channels are velocities; offsets are left out then.
+
+        Returns
+        -------
+        (N, n) array
+            Joint positions [rad, m] or velocities.
+        """
         at_motor = np.array(self.positions) == "motor"
         offset = np.where(at_motor & (not rates), self.offset, 0.0)
         return np.asarray(
@@ -307,7 +392,18 @@ class Transmission(JsonRecord):
         )
 
     def joint_torques(self, channels: ArrayLike) -> Array:
-        """(N, n) joint torques from logged channels (N, n)."""
+        """Joint torques from logged motor or joint torques.
+
+        Parameters
+        ----------
+        channels : (N, n) array
+            Logged torques.
+
+        Returns
+        -------
+        (N, n) array
+            Joint torques [N m, N].
+        """
         motors = np.linalg.solve(self._rows[1], np.asarray(channels, float).T)
         return np.asarray((self.matrix.T @ motors).T)
 
@@ -317,12 +413,27 @@ def parse_transmission(
     positions: Sequence[str] = ("motor",),
     torques: Sequence[str] = ("motor",),
 ) -> Transmission:
-    """A transmission from each motor's position as a formula of the joints': "32 q5 +
-    32 q6 - 0.1".
+    """Parse a transmission from each motor's position as a formula of the joints' positions.
 
-    positions, torques : the side of each channel, or one word for all of them. Raises
-    InputError.
+    Parameters
+    ----------
+    motors : sequence of str
+        A formula a motor, such as "32 q5 + 32 q6 - 0.1".
+    positions, torques : sequence of str
+        "motor" or "joint" for each logged channel, or one word for all.
 
+    Returns
+    -------
+    Transmission
+        Its matrix, offsets and sides.
+
+    Raises
+    ------
+    InputError
+        Where a formula is another one.
+
+    Examples
+    --------
     >>> parse_transmission(["50q1", "q1 - 2*q2 + 0.5"]).matrix
     array([[50.,  0.],
            [ 1., -2.]])
@@ -335,8 +446,25 @@ def parse_transmission(
 
 
 def parse_formula(text: str, n: int) -> Array:
-    """(n + 1,) ratios and the constant of a sum like "32 q5 + 32 q6 - 0.1". Raises
-    InputError."""
+    """Parse a linear formula such as "32 q5 + 32 q6 - 0.1".
+
+    Parameters
+    ----------
+    text : str
+        The formula.
+    n : int
+        Number of joints.
+
+    Returns
+    -------
+    (n + 1,) array
+        The joints' factors, then the constant.
+
+    Raises
+    ------
+    InputError
+        Where the text is another one.
+    """
     out = np.zeros(n + 1)
     place = 0
     while place < len(text.rstrip()):

@@ -14,15 +14,39 @@ from sdp_vs_penalty.files import read_bytes
 
 
 def is_mjcf(path: str | Path) -> bool:
-    """Whether the outermost element of a file is MuJoCo's."""
+    """Whether a file is a MuJoCo model, by its outermost element.
+
+    Parameters
+    ----------
+    path : path
+        An XML file.
+
+    Returns
+    -------
+    bool
+        True for MJCF.
+    """
     return re.search(rb"<mujoco[\s>/]", read_bytes(path)) is not None
 
 
 @contextmanager
 def expanded_robot(path: Path) -> Iterator[Path]:
-    """The file itself, or what a xacro file expands to, while this runs.
+    """Expand a xacro file into a URDF for the length of a block; a URDF stays as it is.
 
-    Raises InputError where the package xacro is not installed, or refuses the file.
+    Parameters
+    ----------
+    path : Path
+        A URDF or xacro file.
+
+    Yields
+    ------
+    Path
+        The URDF.
+
+    Raises
+    ------
+    InputError
+        Where the package xacro is not installed, or refuses the file.
     """
     if not re.search(rb"<xacro:[a-z]", read_bytes(path)):
         yield path
@@ -49,9 +73,23 @@ def expanded_robot(path: Path) -> Iterator[Path]:
 
 
 def described_robot(name: str) -> Path:
-    """The file of a name like panda_description, of the package robot_descriptions,
-    which downloads it once. Raises InputError where that is not installed, or has no
-    such robot."""
+    """URDF of a robot of the package robot_descriptions, downloaded once.
+
+    Parameters
+    ----------
+    name : str
+        Such as "panda_description".
+
+    Returns
+    -------
+    Path
+        The URDF.
+
+    Raises
+    ------
+    InputError
+        Where the package is not installed, or has no such robot.
+    """
     try:
         importlib.import_module("robot_descriptions")
     except ImportError as error:

@@ -110,11 +110,25 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def with_constant_joints(self, held: Mapping[str, float]) -> "Robot":
-        """The same with driven joints that stand still at these positions [rad, m].
+        """The same robot with driven joints that stand still.
 
-        Their links stay links of their own, so that bounds keep their numbers; a URDF's
-        are merged into their parents where it is read. Raises InputError for names of
-        no joint, or of all.
+        Their links stay links of their own, so that bounds keep their numbers. Where a URDF is
+        read, held links are merged into their parents instead.
+
+        Parameters
+        ----------
+        held : mapping
+            Positions [rad, m] by joint.
+
+        Returns
+        -------
+        Robot
+            The robot with fewer driven joints.
+
+        Raises
+        ------
+        InputError
+            Where a name is no joint, or every joint is held.
         """
         if not held:
             return self
@@ -136,8 +150,23 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def leader(self, place: int) -> tuple[str, float, float]:
-        """Whom a joint of the tree follows, by what multiplier and offset. InputError
-        for several."""
+        """The joint that a joint of the tree follows.
+
+        Parameters
+        ----------
+        place : int
+            Index of the joint in the tree.
+
+        Returns
+        -------
+        tuple
+            Name of the leading joint, multiplier and offset.
+
+        Raises
+        ------
+        InputError
+            Where it follows several.
+        """
         assert self.mechanism is not None
         row = self.mechanism.matrix[place]
         leaders = np.flatnonzero(row)
@@ -160,10 +189,17 @@ class Robot(JsonRecordSkippingNone):
         ]
 
     def poses(self, state: Array) -> Array:
-        """(N, L, 4, 4) poses in the base of all joint frames of the tree, moved by
-        their joints.
+        """Poses of all joint frames in the base frame.
 
-        state : (N, L) as :meth:`tree_state` makes it.
+        Parameters
+        ----------
+        state : (N, L) array
+            Positions of the tree's joints, as :meth:`tree_state` makes them.
+
+        Returns
+        -------
+        (N, L, 4, 4) array
+            Homogeneous matrices of the frames, moved by their joints.
         """
         out = np.empty((*state.shape, 4, 4))
         for i, joint in enumerate(self.tree):
@@ -214,7 +250,20 @@ class Robot(JsonRecordSkippingNone):
         return tuple(links_by_channel)
 
     def random_configurations(self, count: int, seed: int) -> Array:
-        """(count, n) positions, uniform inside the joint range of :func:`joint_limits`."""
+        """Random configurations, uniform inside the range of :func:`joint_limits`.
+
+        Parameters
+        ----------
+        count : int
+            Number of configurations.
+        seed : int
+            Seed of the random numbers.
+
+        Returns
+        -------
+        (count, n) array
+            Joint positions [rad, m].
+        """
         low, high, _ = joint_limits(self)
         return np.random.default_rng(seed).uniform(low, high, (count, self.n))
 
@@ -232,23 +281,29 @@ class Robot(JsonRecordSkippingNone):
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
     def link_reach(self) -> Array:
-        """(links,) distance [m] from each link frame's origin to the farthest joint
-        that the link bears.
+        """Compute how far each link bears the next joints.
 
-        A length scale for links of which nothing else is known; the last link gets that
-        of its parent.
+        Returns
+        -------
+        (links,) array
+            Distance [m] from each link frame's origin to the farthest joint that the
+            link bears: a length scale for links of which nothing else is known. The
+            last link gets that of its parent.
         """
+        return self._link_reach.copy()
+
+    @cached_property
+    def _link_reach(self) -> Array:
+        """(links,) the lengths [m] of :meth:`link_reach`."""
         reach = np.array(
             [np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree]
         )
         for joint in self.tree:
             if joint.parent >= 0:
-                offset = (
-                    np.linalg.inv(self.tree[joint.parent].link_frame) @ joint.placement
-                )
-                reach[joint.parent] = max(
-                    reach[joint.parent], np.linalg.norm(offset[:3, 3])
-                )
+                parent_frame = self.tree[joint.parent].link_frame
+                offset = np.linalg.inv(parent_frame) @ joint.placement
+                distance = np.linalg.norm(offset[:3, 3])
+                reach[joint.parent] = max(reach[joint.parent], distance)
         for i, joint in enumerate(self.tree):
             if reach[i] == 0.0 and joint.parent >= 0:
                 reach[i] = reach[joint.parent]
@@ -265,12 +320,31 @@ class Robot(JsonRecordSkippingNone):
         gravity: Sequence[float] = STANDARD_GRAVITY,
         limits: Sequence[Mapping[str, float]] = (),
     ) -> Self:
-        """A chain of revolute joints from a DH table without joint offsets.
+        """Chain of revolute joints from a Denavit-Hartenberg table without joint offsets.
 
-        a, d [m], alpha [rad] : one a joint; limits : further fields of each
-        :class:`Joint`. convention "modified" (Craig): Rx(alpha) Tx(a) Rz(q) Tz(d), the
-        link frame on its own joint axis; "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the
-        link frame at the link's far end; InputError for another.
+        Parameters
+        ----------
+        name : str
+            Name of the robot.
+        a, alpha, d : sequence of float
+            Lengths [m], twists [rad] and offsets [m], one a joint.
+        convention : str
+            "modified" (Craig): Rx(alpha) Tx(a) Rz(q) Tz(d), the link frame on its own joint
+            axis. "standard": Rz(q) Tz(d) Tx(a) Rx(alpha), the link frame at the far end.
+        gravity : (3,) sequence
+            Gravity in the base frame [m/s^2].
+        limits : sequence of mappings
+            Further fields of each :class:`Joint`.
+
+        Returns
+        -------
+        Robot
+            The chain.
+
+        Raises
+        ------
+        InputError
+            For another convention.
         """
         if convention not in ("modified", "standard"):
             raise InputError(
@@ -349,9 +423,21 @@ class Robot(JsonRecordSkippingNone):
         return np.stack([inertia.transform(frame) for frame in frames])
 
     def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
-        """Y with tau = Y theta, shape (N, n, 10 links), for states of shape (N, n).
+        """Regressor Y of rigid-body dynamics: tau = Y theta.
 
-        Atkeson, An, Hollerbach (IJRR 1986), by Pinocchio's joint torque regressor.
+        Parameters
+        ----------
+        q, dq, ddq : (N, n) array
+            Joint positions, velocities and accelerations.
+
+        Returns
+        -------
+        (N, n, 10 links) array
+            Columns of the standard parameters, link by link.
+
+        References
+        ----------
+        Atkeson, An, Hollerbach, IJRR 1986; computed by Pinocchio's joint torque regressor.
         """
         states = self.tree_state(q, dq, ddq)
         out = np.empty((len(states[0]), len(self.tree), 10 * len(self.tree)))
@@ -389,9 +475,24 @@ class Robot(JsonRecordSkippingNone):
         damping: ArrayLike,
         friction: ArrayLike,
     ) -> Any:
-        """A Pinocchio Model: links (links, 10) about their joints' frames, armature
-        [kg m^2, kg], viscous friction [N m s/rad, N s/m] and dry friction [N m, N],
-        each (n,)."""
+        """Pinocchio model of this robot.
+
+        Parameters
+        ----------
+        links : (links, 10) array
+            Standard parameters about the joint frames.
+        armature : (n,) array
+            Rotor inertia [kg m^2, kg].
+        damping : (n,) array
+            Viscous friction [N m s/rad, N s/m].
+        friction : (n,) array
+            Dry friction [N m, N].
+
+        Returns
+        -------
+        pinocchio.Model
+            The model.
+        """
         pin, model = self._pin, self._model.copy()
         rows = np.asarray(links, float).reshape(self.links, 10)
         for joint, row in zip(self.link_joints, rows, strict=True):
@@ -405,8 +506,20 @@ class Robot(JsonRecordSkippingNone):
     def inverse_dynamics(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
-        """Joint torques (N, n) of rigid links by recursive Newton-Euler; theta has 10 a
-        link."""
+        """Joint torques of rigid links, by recursive Newton-Euler.
+
+        Parameters
+        ----------
+        theta : (10 links,) array
+            Standard parameters.
+        q, dq, ddq : (N, n) array
+            Joint positions, velocities and accelerations.
+
+        Returns
+        -------
+        (N, n) array
+            Torques [N m, N].
+        """
         model = self._with_inertias(theta)
         rnea = self._pin.rnea
         data = model.createData()
@@ -416,11 +529,23 @@ class Robot(JsonRecordSkippingNone):
     def inverse_dynamics_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> tuple[Array, Array, Array]:
-        """Partial derivatives of the joint torques, each (N, n, n): [k, i, j] = d tau_i
-        / d x_j.
+        """Partial derivatives of the joint torques by position, velocity and acceleration.
 
-        With respect to q, dq and ddq, of rigid links; theta has 10 a link (Carpentier,
-        Mansard, RSS 2018).
+        Parameters
+        ----------
+        theta : (10 links,) array
+            Standard parameters.
+        q, dq, ddq : (N, n) array
+            Joint positions, velocities and accelerations.
+
+        Returns
+        -------
+        tuple of (N, n, n) arrays
+            d tau_i / d x_j at [k, i, j], for x = q, dq and ddq.
+
+        References
+        ----------
+        Carpentier, Mansard, RSS 2018.
         """
         states = self.tree_state(q, dq, ddq)
         derive = self._pin.computeRNEADerivatives
@@ -440,12 +565,25 @@ class Robot(JsonRecordSkippingNone):
     def placement_derivatives(
         self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
     ) -> Array:
-        """(N, n, joints of the tree, 6) derivatives of the joint torques by where each
-        joint is placed: its displacement [m] and its rotation [rad], along and about
-        the axes of its own frame.
+        """Derivatives of the joint torques by the placement of each joint.
 
-        Six virtual joints that rest stand before each, and it is by their positions
-        that Pinocchio derives (Carpentier, Mansard, RSS 2018).
+        Six virtual joints at rest stand before each joint; Pinocchio derives by their positions.
+
+        Parameters
+        ----------
+        theta : (10 links,) array
+            Standard parameters.
+        q, dq, ddq : (N, n) array
+            Joint positions, velocities and accelerations.
+
+        Returns
+        -------
+        (N, n, joints of the tree, 6) array
+            By displacement [m] along, and rotation [rad] about, the axes of each joint's frame.
+
+        References
+        ----------
+        Carpentier, Mansard, RSS 2018.
         """
         pin = self._pin
         state = np.array(self.tree_state(q, dq, ddq))
@@ -480,8 +618,20 @@ class Robot(JsonRecordSkippingNone):
         return self._projected(out).reshape(len(out), self.n, len(rows), 6)
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
-        """(N, 6, n) of a tree joint's frame: linear, then angular velocity, in world
-        axes."""
+        """Jacobians of a joint frame, in world axes.
+
+        Parameters
+        ----------
+        q : (N, n) array
+            Joint positions.
+        link : int
+            Index of the joint in the tree.
+
+        Returns
+        -------
+        (N, 6, n) array
+            Linear, then angular velocity by joint velocity.
+        """
         pin = self._pin
         model = self._model
         data = self._model.createData()
@@ -497,18 +647,43 @@ class Robot(JsonRecordSkippingNone):
         return out if self.mechanism is None else out @ self.mechanism.matrix
 
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:
-        """Joint-space inertia matrices M(q), shape (N, n, n)."""
+        """Joint-space inertia matrices M(q).
+
+        Parameters
+        ----------
+        theta : (10 links,) array
+            Standard parameters.
+        q : (N, n) array
+            Joint positions.
+
+        Returns
+        -------
+        (N, n, n) array
+            Inertia matrices.
+        """
         q = np.atleast_2d(np.asarray(q, float))
         return self.mass_and_bias(theta)(q, np.zeros_like(q))[0]
 
     def mass_and_bias(
         self, theta: ArrayLike
     ) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """The function from q, dq (N, n) to M(q) (N, n, n) and C(q, dq) dq + g(q) (N,
-        n) of these links.
+        """Function that evaluates M(q) and C(q, dq) dq + g(q) of given links.
 
-        By the composite rigid body and recursive Newton-Euler algorithms (Featherstone
-        2008, ch. 5-6).
+        Computed by the composite rigid body and the recursive Newton-Euler algorithm.
+
+        Parameters
+        ----------
+        theta : (10 links,) array
+            Standard parameters.
+
+        Returns
+        -------
+        callable
+            Of q and dq (N, n); returns M(q) (N, n, n) and C(q, dq) dq + g(q) (N, n).
+
+        References
+        ----------
+        Featherstone, "Rigid body dynamics algorithms", 2008, chapters 5 and 6.
         """
         pin = self._pin
         models = [(x, m, m.createData()) for x, m in self._signed(theta)]
@@ -545,8 +720,25 @@ class Robot(JsonRecordSkippingNone):
 
 
 def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ...]:
-    """The places of held joints among the driven ones; InputError for names of no joint,
-    or of all."""
+    """Indices of held joints among the driven joints.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the driven joints.
+    held : mapping
+        Positions [rad, m] by joint.
+
+    Returns
+    -------
+    tuple of int
+        Indices, from 0.
+
+    Raises
+    ------
+    InputError
+        Where a name is no driven joint, or every joint is held.
+    """
     for name in held:
         require_known("joint", name, names, "--hold")
     if len(held) == len(names):
@@ -556,8 +748,21 @@ def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ..
 
 
 def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
-    """(n,) lower, upper [rad or m] and velocity limits [rad/s or m/s]; where a robot
-    states none, half a turn or half a metre to each side, 2 rad/s or .5 m/s."""
+    """Limits of position and velocity of each joint.
+
+    Where a robot states none: half a turn or half a metre to each side, and 2 rad/s or
+    0.5 m/s.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+
+    Returns
+    -------
+    tuple of (n,) arrays
+        Lower and upper position [rad, m], and velocity [rad/s, m/s].
+    """
     span, rate = np.where(
         [j.kind == "revolute" for j in robot.joints], [[np.pi], [2.0]], 0.5
     )

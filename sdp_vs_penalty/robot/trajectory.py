@@ -59,10 +59,19 @@ class FourierTrajectory:
             )
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q, dq, ddq, each (N, n), at the instants t (N,) [s]; at rest outside [0,
-        duration].
+        """Positions, velocities and accelerations at given instants; at rest outside the duration.
 
-        ddq jumps where a blend meets the series, as it does in the authors' generator.
+        The acceleration jumps where a blend meets the series, as in the authors' generator.
+
+        Parameters
+        ----------
+        t : (N,) array
+            Instants [s].
+
+        Returns
+        -------
+        tuple of (N, n) arrays
+            q, dq, ddq.
         """
         t = np.asarray(t, float)[:, None]
         end = self.duration - self.blend
@@ -111,11 +120,30 @@ def random_trajectory(
     frequency: float = 0.15 * np.pi,
     blend: float = 0.5,
 ) -> FourierTrajectory:
-    """A random Fourier trajectory inside the robot's joint range and velocity limits.
+    """Random Fourier trajectory within the limits of a robot.
 
-    Amplitudes are uniform in [-1, 1], then scaled joint by joint to fill at most 80 %
-    of the range and 60 % of the velocity limit; the centre is placed at random where
-    the motion still fits.
+    Amplitudes are uniform in [-1, 1] and then scaled joint by joint to fill at most 80 % of
+    the range and 60 % of the velocity limit. The centre is random where the motion fits.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    seed : int
+        Seed of the random numbers.
+    duration : float
+        Duration [s].
+    harmonics : int
+        Number of harmonics.
+    frequency : float
+        Fundamental frequency [rad/s].
+    blend : float
+        Duration of the blends from and to rest [s].
+
+    Returns
+    -------
+    FourierTrajectory
+        The trajectory.
     """
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(-1.0, 1.0, (2, robot.n, harmonics))
@@ -154,7 +182,18 @@ class PointTrajectory:
         return float(self.moves.sum() + self.pauses.sum())
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """q, dq, ddq, each (N, n), at the instants t (N,) [s]."""
+        """Positions, velocities and accelerations at given instants.
+
+        Parameters
+        ----------
+        t : (N,) array
+            Instants [s].
+
+        Returns
+        -------
+        tuple of (N, n) arrays
+            q, dq, ddq.
+        """
         at = np.asarray(t, float)
         k = np.clip(
             np.searchsorted(self._starts, at, side="right") - 1, 0, len(self.moves) - 1
@@ -170,7 +209,20 @@ class PointTrajectory:
 def shortest_moves(
     points: Array, velocity: Array, acceleration: Array, jerk: Array
 ) -> Array:
-    """(W - 1,) the shortest moves between points (W, n) within limits (n,) [s]."""
+    """Shortest durations of moves between points, within limits.
+
+    Parameters
+    ----------
+    points : (W, n) array
+        Positions [rad, m].
+    velocity, acceleration, jerk : (n,) array
+        Limits of each joint.
+
+    Returns
+    -------
+    (W - 1,) array
+        Durations [s].
+    """
     d = np.abs(np.diff(points, axis=0))
     # Extremes of the smooth step's derivatives, one to three.
     extremes = (35.0 / 16.0, velocity), (7.5132, acceleration), (52.5, jerk)
@@ -181,8 +233,20 @@ def shortest_moves(
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
-    """A ROS trajectory_msgs/JointTrajectory as text: JSON, which YAML readers read as
-    well."""
+    """ROS message trajectory_msgs/JointTrajectory as text, in JSON, which is YAML too.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the joints.
+    trajectory : PointTrajectory
+        The trajectory.
+
+    Returns
+    -------
+    str
+        The message.
+    """
     rate = 50.0  # Hz
     t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
     fields = ("positions", "velocities", "accelerations")

@@ -46,7 +46,13 @@ Parts = list[tuple[Any, Array]]
 
 @contextmanager
 def errors_located_in(path: str | Path) -> Iterator[None]:
-    """What is wrong inside is said to be so in this file."""
+    """Put a file's name before every error of the block.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    """
     try:
         yield
     except InputError as error:
@@ -54,7 +60,20 @@ def errors_located_in(path: str | Path) -> Iterator[None]:
 
 
 def numbers_of(text: str, count: int) -> Array:
-    """(count,) numbers, NaN where the text does not hold as many."""
+    """Parse numbers separated by spaces.
+
+    Parameters
+    ----------
+    text : str
+        An attribute's text.
+    count : int
+        How many numbers it must hold.
+
+    Returns
+    -------
+    (count,) array
+        The numbers; NaN where the text does not hold as many.
+    """
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
@@ -83,10 +102,22 @@ def _numbers(
 
 
 def pose_of(element: Any) -> Array:
-    """The pose (4, 4) of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll); the
-    identity without.
+    """Pose of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll); without one, the identity.
 
-    Raises InputError for what are no numbers.
+    Parameters
+    ----------
+    element : XML element
+        A <joint>, <inertial> or <collision>.
+
+    Returns
+    -------
+    (4, 4) array
+        Homogeneous matrix.
+
+    Raises
+    ------
+    InputError
+        Where its attributes are no numbers.
     """
     origin = element.find("origin")
     out = np.eye(4)
@@ -100,10 +131,22 @@ def pose_of(element: Any) -> Array:
 
 
 def read_inertial(link: Any) -> Array:
-    """Standard parameters (10,), about the link frame, of a <link> element; zeros where
-    it gives none.
+    """Standard parameters of a <link> element, about the link frame.
 
-    Raises InputError for what are no numbers.
+    Parameters
+    ----------
+    link : XML element
+        The link.
+
+    Returns
+    -------
+    (10,) array
+        m [kg], m c [kg m], inertia [kg m^2]; zeros without an <inertial>.
+
+    Raises
+    ------
+    InputError
+        Where its attributes are no numbers.
     """
     element = link.find("inertial")
     if element is None:
@@ -129,18 +172,34 @@ def load_urdf(
     gravity: Sequence[float] = STANDARD_GRAVITY,
     held: Mapping[str, float] | None = None,
 ) -> tuple[Robot, Array]:
-    """The robot of a URDF file and its nominal standard parameters, shape (links, 10).
+    """Read the robot of a URDF file and its nominal inertial parameters.
 
-    Joints come in the order of the file, depth first; continuous joints count as
-    revolute without limits; a link behind a fixed joint is merged into the link that
-    carries it, and one fixed to the base is dropped. A link without an inertial has
-    zeros. Mimic joints follow the joints that they name; a link whose inertials say
-    mass 0 is massless and gets no parameters; <transmission> elements say how motors
-    turn. held : joints that stand still at these positions [rad, m]; they and what
-    mimics them count as fixed.
+    Joints come in the order of the file, depth first. Continuous joints count as revolute
+    joints without limits. A link behind a fixed joint is merged into the link that carries
+    it; one fixed to the base is dropped. Mimic joints follow the joints that they name. A
+    link whose inertials say mass 0 is massless and gets no parameters. <transmission>
+    elements say how motors turn.
 
-    Raises InputError for a file that is not a URDF, a floating or planar joint, a loop,
-    or no moving joint at all.
+    Parameters
+    ----------
+    path : path
+        The file.
+    gravity : (3,) sequence
+        Gravity in the base frame [m/s^2].
+    held : mapping or None
+        Positions [rad, m] of joints that count as fixed, with the joints that mimic them.
+
+    Returns
+    -------
+    tuple
+        The robot, and standard parameters (links, 10); zeros for a link without an
+        <inertial>.
+
+    Raises
+    ------
+    InputError
+        Where the file is no URDF, has a floating or planar joint or a loop, or no joint
+        moves.
     """
     still = tuple[HeldJoint, ...]()
     if held:
@@ -176,8 +235,25 @@ def _followers(root: Any) -> dict[str, Follower]:
 def placed_links(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Parts]:
-    """What each moving link that has a mass is made of. Raises InputError as
-    :func:`load_urdf` does."""
+    """Inertials that make up each moving link with a mass.
+
+    Parameters
+    ----------
+    path : path
+        A URDF file.
+    held : mapping or None
+        Positions [rad, m] of joints that count as fixed.
+
+    Returns
+    -------
+    list of Parts
+        One entry a link.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_urdf` does.
+    """
     parts = _read(path, held)[2]
     with errors_located_in(path):
         massless = _weighed(parts)[1]
@@ -200,8 +276,23 @@ def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
 
 
 def parse_urdf(path: str | Path) -> Any:
-    """The outermost element of a file; entities are never expanded, nothing is loaded
-    from elsewhere. Raises InputError for what is no XML."""
+    """Outermost element of an XML file. Entities are not expanded, no other file is read.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Returns
+    -------
+    XML element
+        The element.
+
+    Raises
+    ------
+    InputError
+        Where the file is no XML.
+    """
     safe: dict[str, Any] = {"resolve_entities": False, "no_network": True}
     parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
     content = read_bytes(path)
@@ -354,7 +445,20 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
 
 
 def joint_motion(joint: Joint, value: float) -> Array:
-    """(4, 4) the pose that a joint's position [rad, m] puts its link to."""
+    """Pose of a link relative to its joint frame at a joint position.
+
+    Parameters
+    ----------
+    joint : Joint
+        The joint.
+    value : float
+        Its position [rad, m].
+
+    Returns
+    -------
+    (4, 4) array
+        Homogeneous matrix.
+    """
     out = np.eye(4)
     if joint.kind == "prismatic":
         out[:3, 3] = value * joint.axis

@@ -21,41 +21,40 @@ def highest_harmonic(run: Measurements) -> float:
     """Highest frequency [Hz] at which some joint's position has 1 % of its largest
     amplitude.
 
+    The largest amplitude is that of the whole run: in a short stretch between two gaps,
+    in which a joint hardly moves, its noise is no motion.
+
     Raises InputError for a run without motion, or with gaps everywhere.
     """
     moving = moving_joints(run)
     if not moving.any():
         raise no_motion(run)
-    harmonics = [
-        _last_harmonic(part, part.q[:, moving])
-        for part in split_at_gaps(run)
-        if part.count >= 16
-    ]
-    highest = max(harmonics, default=0.0)
+    parts = [part for part in split_at_gaps(run) if part.count >= 16]
+    highest = 0.0
+    if parts:
+        highest = _last_harmonic(parts, [part.q[:, moving] for part in parts])
     if highest == 0.0:
         what = f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time"
         raise InputError(what, "record longer", run.names[0])
     return highest
 
 
-def _last_harmonic(part: Stretch, values: Array) -> float:
-    """Find the highest frequency at which one of some signals is strong.
-
-    Parameters
-    ----------
-    part
-        The stretch that the signals are from.
-    values
-        (N, n) signals.
-
-    Returns
-    -------
-    float
-        Frequency [Hz] at which a signal has 1 % of its largest amplitude.
-    """
-    power, frequency = _power(part, values)
-    is_strong = np.any(power > 1e-4 * power.max(axis=0), axis=1)
-    return float(frequency[is_strong].max(initial=0.0))
+def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
+    """Highest frequency [Hz] at which one of n signals, (N, n) in each stretch, has 1 %
+    of its largest amplitude in any stretch."""
+    spectra = []
+    frequencies = []
+    for part, signal in zip(parts, signals, strict=True):
+        power, frequency = _power(part, signal)
+        # Of a sine, the power grows with the length of its stretch.
+        spectra.append(power / min(part.count, c.SAMPLES))
+        frequencies.append(frequency)
+    largest = np.max([spectrum.max(axis=0) for spectrum in spectra], axis=0)
+    highest = 0.0
+    for spectrum, frequency in zip(spectra, frequencies, strict=True):
+        is_strong = np.any(spectrum > 1e-4 * largest, axis=1)
+        highest = max(highest, float(frequency[is_strong].max(initial=0.0)))
+    return highest
 
 
 def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
@@ -304,5 +303,5 @@ def smoothed_cutoff(runs: Sequence[Measurements], cutoff: float) -> float:
         if noise is None or not noise.is_smoothed:
             return cutoff
         longest = max(parts, key=lambda p: p.count)
-        last = max(last, _last_harmonic(longest, longest.tau))
+        last = max(last, _last_harmonic([longest], [longest.tau]))
     return min(cutoff, max(last, 0.25 * cutoff))

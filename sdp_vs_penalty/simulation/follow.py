@@ -32,6 +32,7 @@ from sdp_vs_penalty.results.facts import fact
 from sdp_vs_penalty.results.record import Record, Summary
 from sdp_vs_penalty.results.table import Table
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
+from sdp_vs_penalty.signals.segments import window_subsample
 
 if TYPE_CHECKING:
     import pandas
@@ -344,7 +345,8 @@ def follow(
     seed : int
         Of the draws.
     steps : int, optional
-        Of the free runs, together, at most.
+        Of the free runs, together, at most. Of a long recording windows are followed
+        then, as many as show its noise.
     progress : callable
         Hears where the computation stands, a short text each time.
     horizon : float
@@ -390,15 +392,12 @@ def follow(
         )
         remedy = "identify with a method that imposes consistency (lmi-sdp, penalty)"
         raise InputError(what, remedy, f"model {estimate.problem.name}")
+    if steps is not None:
+        runs = window_subsample(runs, estimate.preprocessing.resolve(runs))
     courses = [
-        c
+        course
         for run in runs.runs()
-        for c in courses_of(
-            run,
-            estimate,
-            plant,
-            2.0 * horizon,
-        )
+        for course in courses_of(run, estimate, plant, 2.0 * horizon)
     ]
     loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None

@@ -54,6 +54,7 @@ class Slice:
     def __init__(
         self, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array
     ) -> None:
+        self.solver = solver("clarabel")
         rows = equalities / np.linalg.norm(
             equalities,
             axis=1,
@@ -146,7 +147,7 @@ class Slice:
         """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that
         minimum."""
         problem = replace(self.sdp.conic, q=g)
-        solution = solver("clarabel").solve(problem, 1e-10)
+        solution = self.solver.solve(problem, 1e-10)
         objective = Objective.without_data(len(g), g)
         multipliers = self.reduced.stack_multipliers(self.sdp.multipliers(solution))
         fit = Fit(

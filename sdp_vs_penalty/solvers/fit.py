@@ -12,7 +12,6 @@ so that any multipliers, projected onto their cones, give a lower bound on the o
 good ones give a tight one. Nothing a solver says about itself enters.
 """
 
-from bisect import bisect_left
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -292,10 +291,13 @@ def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
     if feasible(0.0):
         return theta
     # Convex: feasible steps are an interval that ends at 1. A solver's violation asks
-    # for a tiny one, so that its logarithm is looked for, to a millionth of the step.
-    steps = 3_000_000
-    first = bisect_left(
-        range(14 * steps), True, key=lambda k: feasible(10.0 ** (k / steps - 14.0))
-    )
-    share = 10.0 ** (first / steps - 14.0)
-    return np.asarray(theta + share * (interior - theta))
+    # for a tiny one, so that its logarithm is bisected.
+    too_short = -14.0
+    long_enough = 0.0
+    while 10.0**long_enough - 10.0**too_short > max(1e-6 * 10.0**long_enough, 1e-11):
+        middle = 0.5 * (too_short + long_enough)
+        if feasible(10.0**middle):
+            long_enough = middle
+        else:
+            too_short = middle
+    return np.asarray(theta + 10.0**long_enough * (interior - theta))

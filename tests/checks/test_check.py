@@ -283,9 +283,9 @@ def test_the_verb(tmp_path, two_link, capsys):
     save(run, good)
     save(spiked(run), bad)
     before = bad.read_bytes()
-    two = ("--problem", "two_link")
-    assert run_cli("check", good, *two) == 0
-    assert run_cli("check", bad, *two, "--fix", mended) == 1
+    two = ("check", "two_link", "--data")
+    assert run_cli(*two, good) == 0
+    assert run_cli(*two, bad, "--fix", mended) == 1
     shown = capsys.readouterr().out
     assert "How sure: certain" in shown
     assert "What to do: delete these rows (--fix does it)" in shown
@@ -293,9 +293,9 @@ def test_the_verb(tmp_path, two_link, capsys):
     assert len(load_measurements(mended).t) == len(run.t) - len(SPIKES)
     note = (tmp_path / "mended_changes.txt").read_text()
     assert "Done: delete these rows" in note
-    assert run_cli("check", mended, *two) == 0
-    assert run_cli("check", bad, *two, "--fix", bad) == 2
-    assert run_cli("check", good, bad, *two, "--fix", tmp_path / "all") == 1
+    assert run_cli(*two, mended) == 0
+    assert run_cli(*two, bad, "--fix", bad) == 2
+    assert run_cli(*two, good, bad, "--fix", tmp_path / "all") == 1
     assert sorted(p.name for p in (tmp_path / "all").iterdir()) == [
         "bad.csv",
         "bad_changes.txt",
@@ -320,8 +320,8 @@ def test_an_explanation_is_a_warning_and_no_repair(tmp_path, two_link, capsys):
     out = tmp_path / "out.json"
     run = experiment(two_link).training_run(0)
     save(FLIPPED(run), bad)
-    two = "--problem", "two_link"
-    assert run_cli("check", bad, *two, "--json", out, "--fix", mended) == 0
+    two = "check", "two_link", "--data"
+    assert run_cli(*two, bad, "--json", out, "--fix", mended) == 0
     assert "flip the sign of tau2" in capsys.readouterr().out
     report = json.loads(out.read_text())["runs"][0]
     assert report["meaningless"] is False
@@ -387,7 +387,7 @@ def test_identify_refuses_meaningless_data_by_itself(tmp_path, two_link, capsys)
 def test_a_run_without_rows_is_named_once(spoil, tmp_path, two_link, capsys):
     path = tmp_path / "lame.csv"
     save(spoil(experiment(two_link).training_run(0)), path)
-    assert run_cli("check", path, "--problem", "two_link") == 1
+    assert run_cli("check", "two_link", "--data", path) == 1
     assert capsys.readouterr().out.count("lame.csv") == 1
     assert (
         run_cli(

@@ -189,6 +189,17 @@ def test_a_repair_that_raises_the_error_is_not_written():
         fix_runs(PROBLEM, [RUN], [replace(report, issues=(wrong,))], ["sign:tau2"])
 
 
+def test_a_short_freeze_is_repaired():
+    """Both errors are those behind the same filters: rows that go change no band."""
+    tau = RUN.tau.copy()
+    is_frozen = (RUN.t > 4.0) & (RUN.t < 4.7)
+    tau[is_frozen, 1] = tau[np.argmax(is_frozen), 1]
+    log = replace(RUN, tau=tau)
+    repaired = fix_runs(PROBLEM, [log], check(PROBLEM, log, thorough=False))
+    assert [f.kind for f in repaired.issues[0]] == ["frozen torque"]
+    assert len(repaired.runs[0].t) == pytest.approx(len(RUN.t) - is_frozen.sum(), abs=2)
+
+
 def test_a_repair_drops_no_more_than_a_tenth():
     q, tau = RUN.q.copy(), RUN.tau.copy()
     some = slice(300, 300 + len(q) // 4)
@@ -245,6 +256,24 @@ def test_what_a_subtracted_model_leaves_is_external_torque():
     assert "external torque" in [f.kind for f in report.errors_and_warnings]
 
 
+@pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (9.81, 0.0, 0.0)])
+@pytest.mark.parametrize("share", [0.97, 1.02])
+def test_what_is_left_of_a_model_that_fits_nearly_is_external_torque(gravity, share):
+    """It resembles the arm's weight; of signs and mounting nothing is said."""
+    problem = PROBLEM.with_gravity(gravity)
+    run = small_run(problem, seconds=8.0)
+    ddq = np.gradient(run.dq, run.t, axis=0)
+    links = problem.nominal_links.ravel()
+    of_the_arm = problem.robot.inverse_dynamics(links, run.q, run.dq, ddq)
+    left = (1.0 - share) * of_the_arm
+    drift = np.cumsum(np.random.default_rng(3).normal(size=left.shape), axis=0)
+    error = 0.4 * left.std() * drift / drift.std(axis=0)
+    log = replace(run, tau=left + error - 0.005 * np.sign(run.dq), dq=None)
+    (report,) = check(problem, log, thorough=False)
+    explanations = [f.kind for f in report.issues if f.nature == "explanation"]
+    assert explanations == ["external torque"]
+
+
 def test_positions_out_of_reach_end_the_judging_of_torques():
     """Nothing is said of the torques beside the error about positions."""
     joints = [replace(x, lower=-3.0, upper=3.0) for x in PROBLEM.robot.joints]
@@ -261,6 +290,17 @@ def test_a_torque_that_touches_zero_smoothly_is_no_magnitude():
     """As one that a spring or the weight makes: it turns back without a corner."""
     tau = RUN.tau.copy()
     tau[:, 1] = 5.0 * (1.0 - np.cos(2.0 * RUN.t)) + 1e-4
+    issues = torques(summary(replace(RUN, tau=tau)))
+    assert "torque magnitude" not in [issue.kind for issue in issues]
+
+
+@pytest.mark.parametrize("n_levels", [6, 9])
+def test_a_coarse_torque_that_rests_near_zero_is_no_magnitude(n_levels):
+    """A current in few steps flickers between two of them while its joint rests."""
+    tau = RUN.tau.copy()
+    level = np.where(RUN.t < 3.0, 1.2, n_levels * np.sin(RUN.t) ** 2)
+    flicker = np.random.default_rng(2).choice([0.0, 1.0], len(RUN.t), p=[0.9, 0.1])
+    tau[:, 1] = 0.15 * np.round(level + flicker)
     issues = torques(summary(replace(RUN, tau=tau)))
     assert "torque magnitude" not in [issue.kind for issue in issues]
 

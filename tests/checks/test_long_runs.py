@@ -68,7 +68,7 @@ def test_fix_of_a_long_run_says_what_to_do(two_link, long_run, tmp_path, capsys)
     file = tmp_path / "long.npz"
     save(long_run, file)
     fix = ["--fix", tmp_path / "fixed.csv"]
-    assert run_cli("check", file, "--problem", "two_link", *fix) == 2
+    assert run_cli("check", "two_link", "--data", file, *fix) == 2
     said = capsys.readouterr().err
     assert "long.npz: --fix: too long to be repaired: cut it into files" in said
 

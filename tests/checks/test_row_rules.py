@@ -313,6 +313,21 @@ def test_a_position_is_frozen_where_the_logged_velocity_goes_on():
     assert found("frozen position", replace(clean, q=q, dq=None)) is None
 
 
+@pytest.mark.parametrize("rows", [12, 40])
+def test_positions_and_torques_that_wait_while_the_velocity_goes_on_are_frozen(rows):
+    """A velocity of the controller is no measurement: it comes all the same."""
+    clean = motion()
+    held = slice(1000, 1000 + rows)
+    q = clean.q.copy()
+    tau = clean.tau.copy()
+    q[held] = q[held.start]
+    tau[held] = tau[held.start]
+    issue = found("frozen packets", replace(clean, q=q, tau=tau))
+    assert issue is not None
+    assert issue.figures["rows"] == rows - 1
+    assert issue.what.startswith("positions and torques")
+
+
 def test_a_torque_is_not_frozen_while_the_arm_rests():
     """The controller's model of gravity is constant then."""
     clean = motion()

@@ -20,6 +20,12 @@ def runs(two_link: Problem) -> tuple[Measurements, Measurements]:
     return replace(first, names=("first",)), replace(second, names=("second",))
 
 
+@pytest.fixture(scope="module")
+def three_runs(two_link, runs) -> list[Measurements]:
+    third = replace(experiment(two_link).training_run(2), names=("third",))
+    return [*runs, third]
+
+
 def scaled(run: Measurements, joint: int, factor: float) -> Measurements:
     """The run with the torque of one joint (from 1) so many times as large."""
     tau = run.tau.copy()
@@ -108,14 +114,49 @@ def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
 
 
 def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
-    two_link, runs
+    two_link, three_runs
 ):
-    third = replace(experiment(two_link).training_run(2), names=("third",))
-    flipped = [scaled(run, 2, -1.0) for run in runs]
+    *others, third = three_runs
+    flipped = [scaled(run, 2, -1.0) for run in others]
     bad, also_bad, good = judged(two_link, *flipped, third)
     assert [issue.apply for issue in explanations(bad)] == ["sign:tau2"]
     assert [issue.apply for issue in explanations(also_bad)] == ["sign:tau2"]
     assert not explanations(good)
+
+
+def late(run: Measurements, seconds: float) -> Measurements:
+    """The run whose torques come so much later than its positions."""
+    tau = np.stack([np.interp(run.t - seconds, run.t, x) for x in run.tau.T], axis=1)
+    return replace(run, tau=tau)
+
+
+@pytest.mark.parametrize("place", [0, 2])
+@pytest.mark.parametrize(("joint", "factor"), [(1, 0.5), (2, 0.5), (2, 2.0)])
+def test_a_gain_in_one_of_three_runs_is_claimed_of_that_run(
+    place, joint, factor, two_link, three_runs
+):
+    """Its joints contradict each other: no arm of its own explains the run either."""
+    log = [*three_runs]
+    log[place] = scaled(log[place], joint, factor)
+    reports = judged(two_link, *log)
+    (issue,) = explanations(reports[place])
+    assert issue.kind == "torque gain"
+    assert issue.figures["joints"] == [joint]
+    assert 1.0 + issue.figures["size"] == pytest.approx(factor, rel=0.05)
+    assert not [x for k, r in enumerate(reports) if k != place for x in explanations(r)]
+
+
+def test_a_delay_in_one_of_three_runs_is_claimed_of_that_run(two_link, three_runs):
+    first, second, third = three_runs
+    reports = judged(two_link, first, late(second, 0.04), third)
+    (issue,) = explanations(reports[1])
+    assert issue.kind == "delay"
+    assert issue.apply == "delay:tau1+tau2"
+    assert not explanations(reports[0]) + explanations(reports[2])
+
+
+def test_three_runs_of_one_arm_have_no_differences(two_link, three_runs):
+    assert not [x for r in judged(two_link, *three_runs) for x in explanations(r)]
 
 
 def test_of_a_clipped_channel_nothing_else_is_said(two_link, runs):

@@ -17,7 +17,7 @@ from sdp_vs_penalty import (
     identify,
     load_problem,
 )
-from sdp_vs_penalty.checks.faults.gain import Gain
+from sdp_vs_penalty.checks.faults import Gain
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects.bristles import dahl

@@ -23,10 +23,10 @@ from sdp_vs_penalty.errors import command_line
 
 #: Verbs that are given a file of a hostile name for @, and write to the name ~.
 FILES = {
-    "check": "check @.csv --problem two_link --json ~.json",
+    "check": "check two_link --data @.csv --json ~.json",
     "convert": "convert @.csv --out ~.npz",
     "foreign": "convert foreign@.csv --out ~.csv",
-    "refused": "check refused@.csv --problem two_link",
+    "refused": "check two_link --data refused@.csv",
     "identify": "identify two_link --data @.csv --method ols --out ~.json",
     "compare": "compare @.json --data run.csv --json ~.json",
     "export": "export @.json --out ~.h",
@@ -131,7 +131,7 @@ def test_names_inside_of_files_are_clean(
         model["robot"]["name"] = name
         (tmp_path / "model.json").write_text(json.dumps(model))
         for command in (
-            "check named.npz --problem two_link",
+            "check two_link --data named.npz",
             "check-urdf arm.urdf",
             "export model.json --out a.h",
             "export model.json --out a.xml",
@@ -172,8 +172,8 @@ def test_any_name_in_any_locale(name, suffix, two_link, tmp_path):
     for extra in ({}, plain):
         done = subprocess.run(
             [
-                *(sys.executable, "-m", "sdp_vs_penalty", "check"),
-                *(f"{name}{suffix}", "--problem", "two_link", "--json", f"{name}.json"),
+                *(sys.executable, "-m", "sdp_vs_penalty", "check", "two_link"),
+                *("--data", f"{name}{suffix}", "--json", f"{name}.json"),
             ],
             env={**os.environ, **extra, "PYTHONPATH": HOME},
             capture_output=True,

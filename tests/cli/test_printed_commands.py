@@ -134,7 +134,7 @@ def test_from_simulated_runs_to_a_model_with_what_was_missing(
         f"{PROGRAM} simulate {quoted} --hide joint_spring:2 --seed 7 --out 'my runs'"
     )
     assert len(printed(out)) == 1
-    run(f"{PROGRAM} check 'my runs/run1.csv' --problem {quoted}")
+    run(f"{PROGRAM} check {quoted} --data 'my runs/run1.csv'")
     run(f"{PROGRAM} compare model.json --data 'my runs/test.csv'")
     data = "--data 'my runs/run1.csv' 'my runs/run2.csv' --test 'my runs/test.csv'"
     *tell, as_text = printed(out := run(f"{PROGRAM} diagnose model.json {data}"))
@@ -171,13 +171,13 @@ def test_the_check_repairs_what_it_says(kind, run, tmp_path):
         made = small_run(problem, 20.0, k)
         signs = np.where(np.arange(made.n) == 1, -1.0, 1.0)
         save(replace(made, tau=made.tau * signs), tmp_path / f"my run{k}.csv")
-    robot_words = f"--problem {shlex.quote(source)} --gravity 0,0,-9.81"
-    (one,) = printed(run(f"{PROGRAM} check 'my run1.csv' {robot_words}"))
-    (both,) = printed(run(f"{PROGRAM} check 'my run1.csv' 'my run2.csv' {robot_words}"))
+    check = f"{PROGRAM} check {shlex.quote(source)} --gravity 0,0,-9.81 --data"
+    (one,) = printed(run(f"{check} 'my run1.csv'"))
+    (both,) = printed(run(f"{check} 'my run1.csv' 'my run2.csv'"))
     assert " --gravity 0,0,-9.81 --fix " in one
     assert " --gravity 0,0,-9.81 --fix " in both
     for copies in ("'my run1_fixed.csv'", "'fixed/my run1.csv' 'fixed/my run2.csv'"):
-        (then,) = printed(run(f"{PROGRAM} check {copies} {robot_words}"))
+        (then,) = printed(run(f"{check} {copies}"))
         assert (
             then
             == f"{PROGRAM} identify {shlex.quote(source)} --data {copies} "

@@ -84,7 +84,7 @@ def test_every_sample_goes_from_convert_through_check_to_identify(
     for name in SAMPLES:
         convert_ = ("convert", HOME / name, "--problem", "two_link", "--out", "a.csv")
         assert run_cli(*convert_) == 0, name
-        assert run_cli("check", "a.csv", "--problem", "two_link") == 0, name
+        assert run_cli("check", "two_link", "--data", "a.csv") == 0, name
         options = ("--method", "ols", "--out", "m.json")
         assert run_cli("identify", "two_link", "--data", "a.csv", *options) == 0, name
 
@@ -95,7 +95,7 @@ def test_a_bag_goes_from_convert_through_check_to_identify(mcap, tmp_path, monke
     write_bag(tmp_path / "bag", RUN, mcap=mcap, names=["joint2", "joint1"])
     assert run_cli("convert", "bag", "--problem", "two_link", "--out", "a.csv") == 0
     np.testing.assert_allclose(load_measurements("a.csv").tau, RUN.tau)
-    assert run_cli("check", "a.csv", "--problem", "two_link") == 0
+    assert run_cli("check", "two_link", "--data", "a.csv") == 0
     options = ("--method", "ols", "--out", "m.json")
     assert run_cli("identify", "two_link", "--data", "bag", *options) == 0
 

@@ -343,7 +343,7 @@ def test_what_the_check_repairs_is_refused_with_its_command(tmp_path, capsys):
     words = ("identify", "two_link", "--data", path, "--out", tmp_path / "m.json")
     assert run_cli(*words) == 2
     said = capsys.readouterr().err
-    assert f"check {path} --problem two_link --fix fixed.csv" in said
+    assert f"check two_link --data {path} --fix fixed.csv" in said
 
 
 def test_the_command_that_a_refusal_prints_repairs_milliseconds(

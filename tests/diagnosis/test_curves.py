@@ -26,8 +26,12 @@ from sdp_vs_penalty.diagnosis import (
     whiten_rows,
 )
 from sdp_vs_penalty.diagnosis.curves.measure import _instead
-from sdp_vs_penalty.effects import Motion, effect_from_dict, parse_effects
-from sdp_vs_penalty.effects.measured_curve import MeasuredCurve
+from sdp_vs_penalty.effects import (
+    MeasuredCurve,
+    Motion,
+    effect_from_dict,
+    parse_effects,
+)
 from sdp_vs_penalty.robot import Array
 from sdp_vs_penalty.simulation import TrueMotion, at_joint
 

@@ -12,6 +12,7 @@ from scipy import interpolate
 
 from sdp_vs_penalty.effects import Model, Motion, effect_types, parse_effects
 from sdp_vs_penalty.effects.measured_curve import Variable
+from sdp_vs_penalty.problem import load_problem
 
 
 def test_a_model_computes_its_current_torque_from_its_own_reference():
@@ -187,3 +188,20 @@ def test_what_is_smoothed_is_the_motion_without_what_is_faster():
     fast = 0.1 * np.sin(2.0 * np.pi * 80.0 * t)
     left = Motion(t, *[slow[:, None]] * 3).smoothed(slow + fast, 20.0) - slow
     assert np.abs(left).max() < 5e-4
+
+
+def test_a_model_takes_names_and_effects_beside_each_other():
+    problem = load_problem("two_link")
+    (spring,) = parse_effects("joint_spring:2", problem.robot)
+    model = problem.model(["rigid_body", spring, "viscous_friction"])
+    assert [effect.text for effect in model.effects] == [
+        "rigid_body",
+        "joint_spring:2",
+        "viscous_friction",
+    ]
+
+
+@pytest.mark.parametrize("item", [3, None, b"viscous_friction"])
+def test_what_is_neither_a_name_nor_an_effect_is_refused(item):
+    problem = load_problem("two_link")
+    refusal(lambda: problem.model(["rigid_body", item]), "neither a name nor an Effect")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.research.tables.table import Table
+from sdp_vs_penalty.research.tables import Table
 
 RESULTS = Path(__file__).parents[2] / "results"
 TABLES = RESULTS / "tables"
@@ -53,7 +53,7 @@ def keyed(name: str, rows: Iterable[Row]) -> dict[tuple[str, ...], Row]:
     """Rows by their names; an engine without its version."""
 
     def clean(key: str, row: Row) -> str:
-        ours = key == "engine" and "published" not in row["status"]
+        ours = key == "engine" and "published" not in row["motion"]
         return row[key].split()[0] if ours else row[key]
 
     return {tuple(clean(key, row) for key in KEYS[name]): row for row in rows}

@@ -36,8 +36,7 @@ from sdp_vs_penalty.regression import compress
 from sdp_vs_penalty.research.shootout import instance, reference
 from sdp_vs_penalty.research.shootout.contestants import contestants
 from sdp_vs_penalty.research.shootout.judge import judge
-from sdp_vs_penalty.research.tables import build_tables
-from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables import Study, build_tables
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs

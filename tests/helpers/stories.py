@@ -18,7 +18,7 @@ from sdp_vs_penalty import Measurements, load_measurements, load_problem
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import load_diagnosis
 from sdp_vs_penalty.page import Sessions
-from sdp_vs_penalty.problem.published import measured_runs
+from sdp_vs_penalty.problem import measured_runs
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 NAMES = ("a.csv", "b.csv", "test.csv")
@@ -203,8 +203,8 @@ def by_commands(story: Story) -> None:
         story.said[name] = " ".join(out.getvalue().split())
         return code == 0
 
-    checked = ["--problem", story.problem, "--json", folder / "check.json"]
-    run("check", "check", *files, *checked)
+    checked = ["--data", *files, "--json", folder / "check.json"]
+    run("check", "check", story.problem, *checked)
     if not run("identify", "identify", story.problem, *data, "--out", model):
         return
     run("diagnose", "diagnose", model, *data, "--test", test, "--json", found)

@@ -178,7 +178,7 @@ def test_terminal_page_and_report_say_the_same_is_missing(diagnosed):
 
 
 def test_each_finding_has_one_title_size_and_gain_everywhere(diagnosed):
-    from sdp_vs_penalty.render.words import describe_diagnosis
+    from sdp_vs_penalty.render import describe_diagnosis
 
     diagnosis = diagnosed.diagnosis
     units = load_estimate(diagnosed.folder / "model.json").robot.torque_units

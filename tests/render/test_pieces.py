@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from sdp_vs_penalty.render import bars, heat_map
 from sdp_vs_penalty.render.charts import mean_curve, since_reversal, spread_rows
-from sdp_vs_penalty.render.pieces import bars, heat_map
 
 UNITS = ["N*m"] * 4
 

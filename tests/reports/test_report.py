@@ -21,8 +21,8 @@ from unchecked import identify
 from sdp_vs_penalty import Estimate, Measurements, Problem, report
 from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
+from sdp_vs_penalty.render import bars
 from sdp_vs_penalty.render.arms import link_ellipsoid
-from sdp_vs_penalty.render.pieces import bars
 from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")

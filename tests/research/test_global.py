@@ -6,19 +6,17 @@ import pytest
 from random_robots import posed_task
 
 from sdp_vs_penalty import Problem, load_problem
-from sdp_vs_penalty.estimators import Task
-from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.estimators import Penalty, Task
 from sdp_vs_penalty.research import memo, penalised_optimum
 from sdp_vs_penalty.research.annealing import SearchPlan, search_runs
 from sdp_vs_penalty.research.penalised_box import BoxedProblem
 from sdp_vs_penalty.research.penalised_optimum import PenalisedProblem, cvxpy_optima
-from sdp_vs_penalty.research.tables import build_tables
+from sdp_vs_penalty.research.tables import Study, build_tables
 from sdp_vs_penalty.research.tables.global_optimum import (
     penalised_optima,
     search_table,
 )
 from sdp_vs_penalty.research.tables.routes import SameConstraints
-from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation import experiment
 

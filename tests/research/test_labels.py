@@ -11,10 +11,8 @@ from committed import RESULTS, TABLES
 from random_robots import repeating_run
 
 from sdp_vs_penalty import Measurements, load_problem
-from sdp_vs_penalty.research.tables import build_tables, study
+from sdp_vs_penalty.research.tables import Study, Table, build_tables, study
 from sdp_vs_penalty.research.tables.folds import interval_of
-from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Table
 
 HELD_OUT = re.compile(r"held[- ]out", re.IGNORECASE)
 NOTES = Path(study.__file__).with_name("notes")

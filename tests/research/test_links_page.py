@@ -9,8 +9,7 @@ import pytest
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.research.links_page import links_page, outline, view
-from sdp_vs_penalty.research.tables import build_tables, study
-from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.research.tables import Study, build_tables, study
 from sdp_vs_penalty.robot import inertia
 
 

@@ -24,6 +24,8 @@ from sdp_vs_penalty.research import figures
 from sdp_vs_penalty.research.figures import FIGURES, make_figures, save
 from sdp_vs_penalty.research.tables import (
     DEFAULT_TABLES,
+    Study,
+    Table,
     build_tables,
     emps,
     make_tables,
@@ -31,8 +33,6 @@ from sdp_vs_penalty.research.tables import (
     table_v,
     wrenches,
 )
-from sdp_vs_penalty.research.tables.study import Study
-from sdp_vs_penalty.research.tables.table import Table
 from sdp_vs_penalty.research.tables.table_i import exact_rows, fit_sigmoid, residual_rms
 from sdp_vs_penalty.robot._pinocchio import pin
 from sdp_vs_penalty.simulation import engine_types, experiment

@@ -88,6 +88,14 @@ def test_the_highest_harmonic_has_a_hundredth_of_the_largest_amplitude(share, la
     )
 
 
+def test_noise_of_a_short_stretch_in_which_a_joint_rests_is_no_harmonic():
+    """Behind a gap: what is large there is small beside the motion before."""
+    t = np.concatenate([np.arange(0.0, 30.0, 0.01), np.arange(32.0, 34.0, 0.01)])
+    noise = 1e-4 * np.random.default_rng(1).normal(size=len(t))
+    q = np.where(t < 31.0, np.sin(2.0 * np.pi * t), 0.5) + noise
+    assert spectrum.highest_harmonic(log(t, q[:, None])) == pytest.approx(1.0, abs=0.1)
+
+
 def coloured(
     seed: int, ar: float, count: int, dt: float = 4e-3
 ) -> tuple[Measurements, np.ndarray]:

@@ -14,6 +14,7 @@ def verb(
     only: str | None = None,
     test: Path | None = None,
     frozen: bool = False,
+    gravity: str | None = None,
     window: str | None = None,
     test_window: str | None = None,
     seed: int = 0,
@@ -32,13 +33,12 @@ def verb(
     """
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import runs_for, words
+    from sdp_vs_penalty.cli.runs import model_from_options, runs_for, words
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
-    from sdp_vs_penalty.estimation.estimate import load_estimate
 
     effects = _effects(effect, from_, confident, only)
-    estimate = load_estimate(model)
+    estimate = model_from_options(model, gravity)
     how: dict[str, Any] = {
         "frozen": frozen,
         "seed": seed,
@@ -66,7 +66,9 @@ def verb(
     _say_sizes(effects, bigger)
     printing.certificate(bigger)
     console.written(out)
-    console.next_step(["report", model, out, "--data", *judge, "--out", "report.html"])
+    mounting = [] if gravity is None else ["--gravity", gravity]
+    options = [*judge, *mounting, "--out", "report.html"]
+    console.next_step(["report", model, out, "--data", *options])
 
 
 def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:

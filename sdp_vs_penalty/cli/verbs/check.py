@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 
 def verb(
-    data: list[Path],
     problem: str,
+    data: list[Path],
     gravity: str | None = None,
     hold: str | None = None,
     json_: Path | None = None,
@@ -24,11 +24,9 @@ def verb(
     """Check measurements before identification: units, signs, order, gravity, clock, noise, excitation.
 
     Exit code 1 where nothing sensible can be identified: a fact of the file says so.
-    Example: sdp-vs-penalty check run.csv --problem panda --fix mended.csv
+    Example: sdp-vs-penalty check panda --data run.csv --fix fixed.csv
 
     --json out.json: JSON file for the findings.
-    data RUN.csv ...: Runs to check.
-    --problem: Built-in name, folder with a problem.toml, or URDF file.
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
     --apply sign:tau3 ...: Explanations to repair as well, by their words.
     """
@@ -45,12 +43,12 @@ def verb(
     meaningless = any(report.meaningless for report in reports)
     if fix is not None:
         copies = _write_copies(robot, files, runs, reports, fix, apply or [])
-        console.next_step(["check", *copies, "--problem", problem, *mounting])
+        console.next_step(["check", problem, "--data", *copies, *mounting])
     elif (repair := _repair_words(reports)) is not None:
         name = f"{files[0].stem}_fixed.csv" if len(files) == 1 else "fixed"
-        words = [*files, "--problem", problem, *mounting]
+        words = ["check", problem, "--data", *files, *mounting]
         fixed = files[0].with_name(name)
-        console.next_step(["check", *words, "--fix", fixed, *repair])
+        console.next_step([*words, "--fix", fixed, *repair])
     elif not meaningless:
         _say_identify(files, problem, mounting)
     if meaningless:

@@ -15,6 +15,7 @@ def verb(
     data: list[Path],
     json_: Path | None = None,
     window: str | None = None,
+    gravity: str | None = None,
     verbose: bool = False,
 ) -> None:
     """Compare models with runs: each joint's error beside the noise, and where the last model fails.
@@ -22,12 +23,11 @@ def verb(
     Example: sdp-vs-penalty compare model.json --data test.csv --json out.json
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import next_diagnosis, runs_for
+    from sdp_vs_penalty.cli.runs import model_from_options, next_diagnosis, runs_for
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.diagnosis.where_it_fails import where_it_fails
-    from sdp_vs_penalty.estimation.estimate import load_estimate
 
-    estimates = {str(path): load_estimate(path) for path in models}
+    estimates = {str(path): model_from_options(path, gravity) for path in models}
     newest, estimate = list(estimates.items())[-1]
     runs_given = runs_for(estimate, data, window)
     runs = runs_given.train
@@ -55,7 +55,7 @@ def verb(
             "loops": {name: loop.to_dict() for name, loop in loops.items()},
         },
     )
-    next_diagnosis(newest, estimate, data, window)
+    next_diagnosis(newest, estimate, data, window, gravity)
 
 
 def _simulated_loops(

@@ -13,6 +13,7 @@ def verb(
     test: Path | None = None,
     frozen: bool = False,
     json_: Path | None = None,
+    gravity: str | None = None,
     window: str | None = None,
     test_window: str | None = None,
     seed: int = 0,
@@ -30,9 +31,8 @@ def verb(
     from sdp_vs_penalty.api import diagnose as find_missing_effects
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing, runs
-    from sdp_vs_penalty.estimation.estimate import load_estimate
 
-    estimate = load_estimate(model)
+    estimate = runs.model_from_options(model, gravity)
     with console.progress("reading the measurements") as progress:
         runs_given = runs.runs_for(estimate, data, window, test, test_window)
         if consented(estimate, runs_given.train):
@@ -58,6 +58,7 @@ def verb(
         {
             "--test": test,
             "--test-window": test_window,
+            "--gravity": gravity,
             "--gain-uncertainty": gain_uncertainty,
         }
     )

@@ -20,13 +20,8 @@ def verb(names: list[str] | None = None, folder: Path | None = None) -> None:
             paths = fetch_dataset(name, folder)
         for path in paths:
             console.say(str(path))
-        words = [
-            "sdp-vs-penalty",
-            "check",
-            str(paths[0]),
-            "--problem",
-            dataset(name).problem,
-        ]
+        robot = dataset(name).problem
+        words = ["sdp-vs-penalty", "check", robot, "--data", str(paths[0])]
         console.warn(f"Next: {command_line(words)}")
     target = folder or cache_folder()
     variable = command_line([f"SDP_VS_PENALTY_DATA={target}"])

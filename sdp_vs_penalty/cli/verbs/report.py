@@ -10,6 +10,7 @@ def verb(
     data: list[Path],
     out: Path,
     window: str | None = None,
+    gravity: str | None = None,
     findings: Path | None = None,
     forward: bool = False,
 ) -> None:
@@ -24,14 +25,14 @@ def verb(
     --forward: Forward simulation of whole runs, however long it takes.
     """
     from sdp_vs_penalty.cli import console, printing
-    from sdp_vs_penalty.cli.runs import runs_for
-    from sdp_vs_penalty.estimation.estimate import load_estimate
+    from sdp_vs_penalty.cli.runs import model_from_options, runs_for
     from sdp_vs_penalty.reports import check_name, report
 
     check_name(out)  # before the minutes that a report may take
     short = len({path.name for path in models}) == len(models)
     estimates = {
-        path.name if short else str(path): load_estimate(path) for path in models
+        path.name if short else str(path): model_from_options(path, gravity)
+        for path in models
     }
     how: dict[str, Any] = {"findings": findings, "forward": forward}
     how["commands"] = [command_line(["sdp-vs-penalty", *sys.argv[1:]])]

@@ -81,9 +81,26 @@ def make_figures(
 
 
 def save(figure: Any, base: Path) -> list[Path]:
-    """Write a matplotlib figure as base.png and base.pdf, each whole or not at all."""
-    import matplotlib.pyplot as plt
+    """Write a figure as PNG and PDF, each whole or not at all.
 
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Closed afterwards.
+    base : Path
+        The files' name without its ending.
+
+    Returns
+    -------
+    list of Path
+        base.png and base.pdf.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    # Once for both files: a figure that has a layout engine is laid out and drawn twice
+    # by each savefig.
+    ConstrainedLayoutEngine().execute(figure)
     paths = []
     # Without a date the same numbers make the same file.
     for suffix, metadata in (

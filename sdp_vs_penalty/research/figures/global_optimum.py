@@ -21,6 +21,7 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
         for axis in column:
             axis.set_xscale("symlog", linthresh=0.1)
             axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
+            axis.set_xlim(-0.02, 1500.0)  # room for the dots at both ends
             axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
             axis.axvline(
                 problem.exact_by_theory,
@@ -31,7 +32,7 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
         column[1].set_xlabel("weight xi (grey: the paper's)")
     axes[0, 0].set_ylabel("objective over feasible\noptimum [%]")
     axes[1, 0].set_ylabel("worst violation\n[kg m$^2$, kg or m]")
-    legend_below(figure, axes[0, 0])
+    legend_below(figure, axes[0, 0], n_columns=2)
     figure.suptitle(title)
     return figure
 
@@ -52,6 +53,7 @@ def _draw_objective(axis: Any, problem: Searched) -> None:
     above = [100.0 * (point.objective / base - 1.0) for point in problem.annealed]
     _dots(axis, problem, above)
     axis.set_yscale("symlog", linthresh=1.0)
+    axis.yaxis.set_major_formatter("{x:g}")
     axis.axhline(0.0, color=style.GREY, linewidth=0.6)
 
 
@@ -75,7 +77,11 @@ def _draw_violation(axis: Any, problem: Searched) -> None:
 
 
 def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
-    """A dot for every run of annealing at every weight."""
+    """Draw a dot for every run of annealing at every weight."""
+    n_runs = max(point.run for point in problem.annealed)
+    most = max(point.evaluations for point in problem.annealed)
+    # Three digits: a search may take a few evaluations more than its budget.
+    n_evaluations = int(float(f"{most:.3g}"))
     axis.plot(
         [point.xi for point in problem.annealed],
         values,
@@ -83,6 +89,6 @@ def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
         marker="o",
         markersize=3.5,
         color=style.ORANGE,
-        alpha=0.8,
-        label="a run of annealing",
+        alpha=0.6,
+        label=f"annealing: {n_runs} runs, {n_evaluations} evaluations a weight",
     )

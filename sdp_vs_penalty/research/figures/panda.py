@@ -12,26 +12,29 @@ from sdp_vs_penalty.estimators.estimator import Estimator
 from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.research.figures import style
 from sdp_vs_penalty.research.figures.style import (
+    PAGE_WIDTH,
     draw_torques,
     label_joints,
     legend_below,
     new_figure,
 )
 from sdp_vs_penalty.research.tables import table_v
-from sdp_vs_penalty.research.tables.routes import SameConstraints
-from sdp_vs_penalty.research.tables.study import CUT, Frozen, Study
+from sdp_vs_penalty.research.tables.routes import routes_of
+from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.signals.filtered import FilteredRun
 
 PROBLEM = "panda"
 
-
-#: Both routes beside ``penalty`` in Fig. 1.
-_TWO_ROUTES: Mapping[str, str | Estimator] = {
-    "penalty, two-step": "penalty-two-step",
-    "SDP": SameConstraints(),
-}
+#: The rows of ``table_routes`` that Fig. 1 draws, the uppermost line last.
+_COMPARED = (
+    "p_hat (published links)",
+    "delta (published links)",
+    "penalty, two-step",
+    "SDP",
+    "penalty, one-step",
+)
 
 
 def _on_unseen_folds(
@@ -88,46 +91,63 @@ def _on_all_runs(
 
 
 def _draw_unseen(
-    axes: Any,
-    study: Study,
-    methods: Mapping[str, str | Estimator],
-    measured: bool,
+    axes: Any, study: Study, methods: Mapping[str, str | Estimator], source: str
 ) -> dict[str, float]:
-    """Torques and errors on unseen motion, a line where another model predicts; each
-    method's 100 |tau - tau_hat| / |tau| over all joints [%]."""
-    torques_of = _on_unseen_folds if measured else _on_all_runs
+    """Draw torques and errors on unseen motion; a grey line where a fold or run begins.
+
+    Parameters
+    ----------
+    axes : (n, 2) array of Axes
+        Torque on the left, error on the right.
+    study : Study
+        Data and estimates.
+    methods : mapping
+        What is drawn, by the names of the lines.
+    source : str
+        "measured" for the folds of the real run, "simulated" for the validation runs.
+
+    Returns
+    -------
+    dict
+        Relative error over all joints [%] by method, as in ``table_routes``.
+    """
+    is_measured = source == "measured"
+    torques_of = _on_unseen_folds if is_measured else _on_all_runs
     t, torque, predictions, starts = torques_of(study, methods)
-    draw_torques(axes, t, torque, "measured" if measured else "recorded", predictions)
+    draw_torques(
+        axes, t, torque, "measured" if is_measured else "recorded", predictions
+    )
     for axis in axes.flat:
         for start in starts[1:]:
             axis.axvline(start, color=style.GREY, linewidth=0.5)
-    size = np.linalg.norm(torque)
+    if is_measured:
+        return {
+            name: study.unseen(method).relative_error_percent
+            for name, method in methods.items()
+        }
     return {
-        name: 100.0 * float(np.linalg.norm(torque - x) / size)
-        for name, x in predictions.items()
+        name: study.simulated.errors(study.theta(method, study.simulated))[1]
+        for name, method in methods.items()
     }
-
-
-def _both_routes(study: Study) -> dict[str, str | Estimator]:
-    """The published links, the penalty in both forms and the SDP, on the same
-    constraints, by the names of the lines."""
-    published = {name: Frozen(x) for name, x in study.published_links.items()}
-    return {**published, **_TWO_ROUTES, "penalty": "penalty"}
 
 
 def figure_1(study: Study) -> Any:
     """Measured torques of unseen motion, and those of p_hat, delta and both routes."""
-    measured = study.run is not None
+    source = "simulated" if study.run is None else "measured"
+    routes = routes_of(study)
     n = study.problem.robot.n
     figure, axes = new_figure(n, 2, 1.35 * n + 0.8, sharex=True, width_ratios=(3, 2))
-    curves = _draw_unseen(axes, study, _both_routes(study), measured)
+    methods = {name: routes[name] for name in _COMPARED if name in routes}
+    errors = _draw_unseen(axes, study, methods, source)
     label_joints(axes, study.problem.robot.torque_units, "torque")
-    source = "measured" if measured else "simulated"
     axes[0, 0].set_title(f"torque ({source}, unseen motion)")
     axes[0, 1].set_title(f"error: estimated less {source}")
-    legend_below(figure, axes[0, 0])
-    errors = ", ".join(f"{method} {error:.2f} %" for method, error in curves.items())
-    figure.suptitle(f"Unseen motion: relative error {errors}", wrap=True)
+    legend_below(figure, axes[0, 0], n_columns=3)
+    in_words = ", ".join(
+        f"{name.removesuffix(' (published links)')} {error:.2f} %"
+        for name, error in errors.items()
+    )
+    figure.suptitle(f"Relative error on unseen motion:\n{in_words}")
     return figure
 
 
@@ -135,8 +155,9 @@ def figure_2(study: Study) -> Any:
     """The validation motions: all simulated ones, and the real run's."""
     assert study.simulated.test is not None
     runs_by_source = {"simulated": list(study.simulated.test.runs())}
+    folds = [] if study.run is None else study.unseen("lmi-sdp").folds
     if study.run is not None:
-        runs_by_source["measured"] = [study.run.window(0.0, CUT[0])]
+        runs_by_source["measured"] = [study.run.window(0.0, folds[-1].stop)]
     n = study.problem.robot.n
     columns = len(runs_by_source)
     figure, axes = new_figure(n, columns, 1.15 * n + 0.6, sharex="col", sharey="row")
@@ -145,8 +166,7 @@ def figure_2(study: Study) -> Any:
         _draw_limits(column, study.problem.robot.joints)
         about = f"all {len(runs)} runs" if source == "simulated" else "one motion"
         column[0].set_title(f"{source}, unseen: {about}")
-    if study.run is not None:
-        _mark_folds(axes[:, -1], [x.start for x in study.unseen("lmi-sdp").folds])
+    _mark_folds(axes[:, -1], [fold.start for fold in folds])
     label_joints(axes, study.problem.robot.position_units, "position")
     legend_below(figure, axes[0, -1])
     figure.suptitle("Validation motions (the paper's own are not public)")
@@ -195,23 +215,32 @@ def _mark_folds(axes: Any, starts: Sequence[float]) -> None:
 
 def figure_3(study: Study) -> Any:
     """Torques along all validation motions, all of it unseen."""
-    sources = [False] if study.run is None else [False, True]
+    sources = ["simulated"] if study.run is None else ["simulated", "measured"]
     n = study.problem.robot.n
-    figure, axes = new_figure(n, 2 * len(sources), 1.25 * n + 0.6, sharex="col")
+    # The ten simulated runs last 100 s, the real motion 13 s.
+    ratios = (5, 4, 3, 2)[: 2 * len(sources)]
+    figure, axes = new_figure(
+        n,
+        len(ratios),
+        1.25 * n + 0.6,
+        width=1.7 * PAGE_WIDTH,
+        sharex="col",
+        width_ratios=ratios,
+    )
     methods: dict[str, str | Estimator] = {"lmi-sdp": "lmi-sdp", "penalty": "penalty"}
-    noted = []
-    for k, measured in enumerate(sources):
+    errors = []
+    for k, source in enumerate(sources):
         axes_of_data = axes[:, 2 * k : 2 * k + 2]
-        curves = _draw_unseen(axes_of_data, study, methods, measured)
-        source = "measured" if measured else "simulated"
-        axes_of_data[0, 0].set_title(f"{source}, unseen: torque")
+        error_by_method = _draw_unseen(axes_of_data, study, methods, source)
+        about = "10 runs" if source == "simulated" else "five folds"
+        axes_of_data[0, 0].set_title(f"{source}, unseen, {about}: torque")
         axes_of_data[0, 1].set_title(f"{source}, unseen: error")
-        noted.append(f"{source} {curves['lmi-sdp']:.2f} %")
+        errors.append(f"{source} {error_by_method['lmi-sdp']:.2f} %")
     label_joints(axes, study.problem.robot.torque_units, "torque")
     legend_below(figure, axes[0, 0])
     figure.suptitle(
         "Torques of unseen motion, every validation run; relative error of lmi-sdp: "
-        + ", ".join(noted)
+        + ", ".join(errors)
     )
     return figure
 
@@ -339,7 +368,7 @@ def figure_7(study: Study) -> Any:
         axes[1, k].set_xlabel("time [s]")
     axes[0, 0].set_ylabel("position error [mm]")
     axes[1, 0].set_ylabel("orientation error [mrad]")
-    legend_below(figure, axes[0, 0])
+    legend_below(figure, axes[0, 0], handle_length=5)
     _engines_title(
         figure, "Last joint's frame from where the commands put it", groups.popitem()[1]
     )

@@ -12,6 +12,11 @@ from sdp_vs_penalty.robot.arrays import Array
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, RED, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#999999"
 
+#: Full width of a two-column page [inch].
+PAGE_WIDTH = 7.16
+_PENALTY_LOOK = {"color": RED, "linewidth": 0.9, "linestyle": (0, (4, 3))}
+_P_HAT_LOOK = {"color": GREEN, "linewidth": 0.9, "linestyle": (0, (1, 1))}
+_DELTA_LOOK = {"color": PURPLE, "linewidth": 0.9, "linestyle": (0, (6, 2, 1, 2))}
 #: One look a role, the same in every figure. What is drawn first is thick, what comes
 #: on top is thin or has gaps, each in another place, so that lines that coincide all
 #: stay visible.
@@ -20,9 +25,10 @@ LOOKS: dict[str, dict[str, Any]] = {
     "model": {"color": "#bbbbbb", "linewidth": 3.5},
     "ols": {"color": ORANGE, "linewidth": 1.2},
     "lmi-sdp": {"color": SKY, "linewidth": 1.0},
-    "penalty": {"color": RED, "linewidth": 0.9, "linestyle": (0, (4, 3))},
-    "p_hat": {"color": GREEN, "linewidth": 0.9, "linestyle": (0, (1, 1))},
-    "delta": {"color": PURPLE, "linewidth": 0.9, "linestyle": (0, (6, 2, 1, 2))},
+    "penalty": _PENALTY_LOOK,
+    "p_hat (published links)": _P_HAT_LOOK,
+    "delta (published links)": _DELTA_LOOK,
+    "penalty, one-step": _PENALTY_LOOK,
     "penalty, two-step": {"color": ORANGE, "linewidth": 0.9, "linestyle": (2, (4, 3))},
     "SDP": {"color": SKY, "linewidth": 1.2},
     "MuJoCo": {"color": BLUE, "linewidth": 1.3, "linestyle": (0, (5, 10))},
@@ -33,15 +39,31 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 
 def new_figure(
-    rows: int, columns: int, height: float, **options: Any
+    rows: int, columns: int, height: float, width: float = PAGE_WIDTH, **options: Any
 ) -> tuple[Any, Any]:
-    """A figure of page width and its axes (rows, columns), with this package's
-    settings."""
+    """A figure with this package's settings.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Of the axes.
+    height, width : float
+        Of the figure [inch].
+    **options : Any
+        For matplotlib.pyplot.subplots.
+
+    Returns
+    -------
+    figure : Figure
+        Empty.
+    axes : (rows, columns) array of Axes
+        Empty.
+    """
     import matplotlib.pyplot as plt
 
     plt.style.use(Path(__file__).with_name("paper.mplstyle"))
-    # Full width of a two-column page [inch].
-    return plt.subplots(rows, columns, figsize=(7.16, height), squeeze=False, **options)
+    size = (width, height)
+    return plt.subplots(rows, columns, figsize=size, squeeze=False, **options)
 
 
 def draw_torques(
@@ -52,17 +74,44 @@ def draw_torques(
     estimates: Mapping[str, Array],
     scale: float = 1.0,
 ) -> None:
-    """A known torque (M, n) of each joint and estimates of it by method on the left
-    axes (n, 2), what these are off, times ``scale``, on the right."""
+    """Draw torques on the left axes and their errors on the right ones.
+
+    Parameters
+    ----------
+    axes : (n, 2) array of Axes
+        A row a joint.
+    t : (M,) array
+        Instants [s].
+    known : (M, n) array
+        The torque that is estimated [N m, N].
+    name : str
+        How the legend calls it.
+    estimates : mapping of str to (M, n) array
+        Estimated torques by method [N m, N].
+    scale : float
+        What errors are multiplied by.
+    """
     for j, (left, right) in enumerate(axes):
         left.plot(t, known[:, j], label=name, **LOOKS["measured"])
         for method, torque in estimates.items():
-            left.plot(t, torque[:, j], label=method, **LOOKS[method])
-            right.plot(t, scale * (torque - known)[:, j], label=method, **LOOKS[method])
+            look = LOOKS[method]
+            error = scale * (torque - known)[:, j]
+            left.plot(t, torque[:, j], label=method, **look)
+            right.plot(t, error, label=method, **look)
 
 
 def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
-    """Joint number and unit on the left of each row; time below the last row."""
+    """Write joint number and unit left of each row, and time below the last row.
+
+    Parameters
+    ----------
+    axes : (n, k) array of Axes
+        A row a joint.
+    units : sequence of str
+        Of each joint's quantity.
+    what : str
+        The quantity.
+    """
     for j, unit in enumerate(units):
         axes[j, 0].set_ylabel(f"joint {j + 1}\n{what} [{plain_unit(unit)}]")
     for axis in axes[-1]:
@@ -70,13 +119,28 @@ def label_joints(axes: Any, units: Sequence[str], what: str) -> None:
     axes[0, 0].figure.align_ylabels(axes[:, 0])
 
 
-def legend_below(figure: Any, axis: Any) -> None:
-    """One legend for the whole figure, under the axes, each label once."""
+def legend_below(
+    figure: Any, axis: Any, n_columns: int = 5, handle_length: float = 2.5
+) -> None:
+    """Put one legend for the whole figure under the axes, each label once.
+
+    Parameters
+    ----------
+    figure : Figure
+        Which gets it.
+    axis : Axes
+        Whose lines it names.
+    n_columns : int
+        At most so many labels side by side.
+    handle_length : float
+        Length of the lines in the legend [font sizes].
+    """
     handles, labels = axis.get_legend_handles_labels()
     handle_by_label = dict(zip(labels, handles, strict=True))
     figure.legend(
         handle_by_label.values(),
         handle_by_label,
         loc="outside lower center",
-        ncols=min(len(handle_by_label), 5),
+        ncols=min(len(handle_by_label), n_columns),
+        handlelength=handle_length,
     )

@@ -225,7 +225,7 @@ def figure_10(study: Study) -> Any:
     worst = max((float(np.abs(v).max()) for v in unfeasible), default=0.0)
     figure.suptitle(
         "Internal wrenches of the 2R in the joint frames; unfeasible parameters make"
-        f" the same torques and leave the\npanels (worst here {worst:.1e}; without"
+        f" the same torques and leave the\npanels (largest here {worst:.0f} N or N m; without"
         " bounds there is no largest)"
     )
     return figure

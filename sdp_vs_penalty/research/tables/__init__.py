@@ -15,6 +15,7 @@ from sdp_vs_penalty.parallel import ALONE, Workers
 from sdp_vs_penalty.plugins import by_word, modules
 from sdp_vs_penalty.problem.load import as_problem
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.research.tables.kept import table_once
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.table import Table, TableSpec
 
@@ -95,7 +96,9 @@ def make_tables(
     """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
 
     Without the real run, a folder's measured tables are not overwritten: those without
-    it are written to its subfolder ``simulated``.
+    it are written to its subfolder ``simulated``. A table is kept on the disk with all
+    that it depends on, and made again only where some of that has changed
+    ($SDP_VS_PENALTY_CACHE names the folder; empty: nothing is kept).
 
     Parameters
     ----------
@@ -144,7 +147,7 @@ def make_tables(
     for name, specs in groups.items():
         made_here = []
         for spec in specs:
-            table = spec.made(studies[name])
+            table = table_once(spec, studies[name])
             paths = table.write(_folder(table, Path(out)))
             report(table, paths)
             made_here.append((table, paths))

@@ -79,13 +79,6 @@ def link_table(
     rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
         nominal=by_name(study.problem.nominal_links)
     )
-    sentences = []
-    for data in study.whole:
-        decided = sources(study, data).reindex(rows.index)
-        n_determined = int((decided == DATA).sum())
-        sentences.append(
-            f"the {data.label} data decide {n_determined} of {len(rows)} entries"
-        )
     rows["true_simulated"] = by_name(study.experiment.links)
     for data in study.whole:
         for method_name, method in study.methods.items():
@@ -103,11 +96,28 @@ def link_table(
         f"Table {name}: {title} of {study.problem.title}",
         rows,
         notes_text,
-        f"At {DEFAULT_METHOD}'s estimate {' and '.join(sentences)}; the rest comes from the"
-        " nominal robot.",
+        _headline(study, rows.index),
     )
     columns = [*(printed[0] if printed else bounds), *study.compared_columns]
     return table.shortened([*columns, "true_simulated"])
+
+
+def _headline(study: Study, names: pandas.Index) -> str:
+    """How many of the entries of these names the torque determines by itself."""
+    n_by_data = {
+        data.label: int((sources(study, data).reindex(names) == DATA).sum())
+        for data in study.whole
+    }
+    if not any(n_by_data.values()):
+        return (
+            f"Torque determines none of these {len(names)} entries by itself, only the"
+            " sums of Table III: each column is one of many robots with equal torques."
+        )
+    counts = ", ".join(f"{label} {count}" for label, count in n_by_data.items())
+    return (
+        f"Of these {len(names)} entries torque determines so many at {DEFAULT_METHOD}'s"
+        f" estimate: {counts}. The others come from the nominal robot."
+    )
 
 
 def sources(study: Study, data: Data) -> pandas.Series:

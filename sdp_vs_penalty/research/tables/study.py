@@ -282,7 +282,7 @@ class Study:
     def unseen(
         self,
         method: str | Estimator,
-        effects: Sequence[str] | Sequence[Effect] | None = None,
+        effects: Sequence[str | Effect] | None = None,
         n_folds: int = FOLDS,
     ) -> CrossValidation:
         """Errors of a method on motion of the real run that it has not seen, by folds

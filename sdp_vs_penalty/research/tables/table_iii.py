@@ -1,7 +1,7 @@
 """Table III: base parameters and friction, published and ours."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas
@@ -9,8 +9,11 @@ import pandas
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
 from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
 from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
+from sdp_vs_penalty.regression.black_box import compress_black_box
+from sdp_vs_penalty.regression.linalg import deviations
 from sdp_vs_penalty.research.tables.study import Data, Study, torque_errors
 from sdp_vs_penalty.research.tables.table import Table, notes, register_table
+from sdp_vs_penalty.robot.arrays import Array
 
 _CONDITION = "condition number"
 _ERROR = "relative error [%]"
@@ -18,7 +21,7 @@ _DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
 #: Figures of the paper's two fits that are in its text: condition number, relative
 #: error [%].
 _PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
-#: Where the published cells were read that are easily misread.
+#: Where published cells are from that are easily taken for misread ones.
 _SOURCES = (
     "Published cells are those of the supplementary material, revised October 15th, 2019."
     " Rows 2 (its symbol) and 17 (pi_p_hat) are as printed there, though errata 5 and 2"
@@ -26,6 +29,77 @@ _SOURCES = (
     " condition numbers and relative errors are not of that table but of the paper's"
     " text (secs. III and IV)."
 )
+
+
+@dataclass(frozen=True)
+class PrintedDeviations:
+    """How the standard deviations that Table III prints of the reverse engineering
+    agree with those of its design.
+
+    n_rows : rows of the table; n_agreeing : those whose printed digits allow the common
+    factor; factor : residual standard deviation that all deviations share [N m, kg m^2].
+    """
+
+    n_rows: int
+    n_agreeing: int
+    factor: float
+
+
+def printed_deviations(
+    printed: Sequence[Mapping[str, str]], design: Array
+) -> PrintedDeviations:
+    """Compare |pi_RE| sigma_pct_RE with the standard deviations of a design.
+
+    Parameters
+    ----------
+    printed : sequence of mapping
+        The table's rows as printed, one a base parameter.
+    design : (b,) array
+        sqrt(diag((W^T W)^-1)) of the regressor W in the base parameters.
+
+    Returns
+    -------
+    PrintedDeviations
+        With the factor that most rows allow.
+    """
+    values = np.array([_digits_range(row["pi_RE"]) for row in printed])
+    percent = np.array([_digits_range(row["sigma_pct_RE"]) for row in printed])
+    low, high = (values * percent / 100.0).T / design
+    # The number of intervals around a point changes at their lower ends only.
+    agreeing = [int(((low <= x) & (x <= high)).sum()) for x in low]
+    best = int(np.argmax(agreeing))
+    allowed = high[(low <= low[best]) & (low[best] <= high)]
+    factor = 0.5 * float(low[best] + allowed.min())
+    return PrintedDeviations(len(design), agreeing[best], factor)
+
+
+def _digits_range(text: str) -> tuple[float, float]:
+    """The smallest and the largest size of a number that is printed like this."""
+    mantissa, _, exponent = text.lower().partition("e")
+    n_decimals = len(mantissa.partition(".")[2])
+    half = 0.5 * 10.0 ** (int(exponent or 0) - n_decimals)
+    size = abs(float(text))
+    return max(size - half, 0.0), size + half
+
+
+def _published_checks(study: Study, printed: Sequence[Mapping[str, str]]) -> str:
+    """Whether the printed figures of the reverse engineering agree with each other;
+    empty where the authors' configurations are not at hand."""
+    box, has_authors_file = study.black_box
+    if not has_authors_file:
+        return ""
+    data = compress_black_box(box, study.problem.model("rigid_body")).least_squares()
+    design = deviations(data.R @ np.linalg.pinv(study.base))
+    found = printed_deviations(printed[: len(design)], design)
+    return (
+        "pi_RE and sigma_pct_RE check each other. Their product is the standard deviation"
+        " that least squares have at the authors' 1010 configurations, times one factor"
+        f" ({found.factor:.4g}), within the printed digits in {found.n_agreeing} of"
+        f" {found.n_rows} rows. So rows 8 and 24, whose figures (30.3622 %, 218.6430 %)"
+        " look misread, are as printed. This checks sizes, not signs. pi_p_hat is checked"
+        " by Tables VIII and IX (table errata); pi_CLS and pi_OSI cannot be: their filters"
+        " are not public."
+    )
 
 
 @register_table("III")
@@ -81,6 +155,7 @@ def base_parameter_table(study: Study) -> Table:
             where=where,
             priors=study.about_priors,
             published="" if printed is None else _SOURCES,
+            checks="" if printed is None else _published_checks(study, printed),
         ),
         f"Relative error on the training data: {', '.join(errors)}.",
     )

@@ -8,6 +8,7 @@ those at hand.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import scipy
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.research.memo import program_version, remembered_arrays
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import (
     Row,
@@ -99,16 +101,34 @@ def play(
     steps = np.arange(round(duration / step) + 1)
     q = motion(steps * step)[0]
     t = np.asarray((steps[:-1] + 0.5) * step, float)
-    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    content = (program_version(), kind.name, kind.version(), robot.to_dict(), links, q)
+    followed = remembered_arrays(
+        "engine", (*content, step), partial(_follow, kind, robot, links, q, step)
+    )
+    torque = followed["torque"]
     model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
+    return EngineRun(
+        engine=kind.name,
+        t=t,
+        torque=torque,
+        model=model,
+        error=torque - model,
+        position=followed["position"],
+        angle=followed["angle"],
+    )
+
+
+def _follow(
+    kind: type[Engine], robot: Robot, links: Array, q: Array, step: float
+) -> dict[str, Array]:
+    """An engine's torque (N, n), and its errors of position and angle (N,), on the way
+    through q (N + 1, n), a step of ``step`` [s] each."""
+    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
     there = robot.poses(q[1:])[:, robot.n - 1]
     distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
-    turned = scipy.spatial.transform.Rotation.from_matrix(
-        np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
-    )
-    return EngineRun(
-        kind.name, t, torque, model, torque - model, distance, turned.magnitude()
-    )
+    relative = np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
+    turned = scipy.spatial.transform.Rotation.from_matrix(relative)
+    return {"torque": torque, "position": distance, "angle": turned.magnitude()}
 
 
 def inverse_dynamics_error(
@@ -213,23 +233,26 @@ def engines(study: Study) -> Table:
     formulations = "; ".join(
         f"{name}: {kind.formulation}" for name, kind in engine_types().items()
     )
-    return Table(
+    table = Table(
         f"Table V: physics engines with the identified {study.problem.title}",
         rows,
         notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),
         digits=3,
     )
+    columns = ["engine", *by_joint([None] * n), "motion", *_POSE_FIGURES]
+    if any(row["status"] not in ("run", "published") for row in rows):
+        columns.append("status")
+    return table.shortened(columns)
 
 
-_NO_RUN: Row = dict.fromkeys(
-    (
-        "position_mean_mm",
-        "position_worst_mm",
-        "angle_mean_deg",
-        "angle_worst_deg",
-        "inverse_dynamics_error",
-    )
+#: Distance and rotation of the last joint's frame, mean and largest.
+_POSE_FIGURES = (
+    "position_mean_mm",
+    "position_worst_mm",
+    "angle_mean_deg",
+    "angle_worst_deg",
 )
+_NO_RUN: Row = dict.fromkeys((*_POSE_FIGURES, "inverse_dynamics_error"))
 #: Figures of the pose that stand in the paper's text, of all its engines and of ODE.
 _PUBLISHED_POSE = {
     "all four": ("< 15", "91.3", "< 3", "180 (3.14 rad)"),

@@ -135,6 +135,13 @@ class Ode(Engine):
                 )
             self.masses.append(mass)
             self.centres[k] = p[1:4]
+        # A motor's torque is axis . (moment + centre x force), its force axis . force,
+        # as products with vectors that are fixed in the link.
+        axes = np.array([joint.axis for joint in self.robot.joints])
+        revolute = np.array([joint.kind == "revolute" for joint in self.robot.joints])
+        by_moment = np.where(revolute[:, None], axes, 0.0)
+        by_force = np.where(revolute[:, None], np.cross(axes, self.centres), axes)
+        self.by_wrench = np.stack([by_force, by_moment], axis=2)
 
     def follow(
         self, start: Array, velocities: Array, step: float
@@ -150,7 +157,8 @@ class Ode(Engine):
         self.world = world = c_void_p(ode.dWorldCreate())
         ode.dWorldSetGravity(world, *self.robot.gravity)
         self.bodies: list[c_void_p] = []
-        self.motors, self.feedback = [], [_Feedback() for _ in range(self.robot.n)]
+        self.motors = []
+        self.feedback = (_Feedback * self.robot.n)()
         placed = zip(self.robot.joints, self.robot.poses(start[None])[0], strict=True)
         for k, (joint, frame) in enumerate(placed):
             self.bodies.append(body := c_void_p(ode.dBodyCreate(world)))
@@ -177,35 +185,30 @@ class Ode(Engine):
             )  # dParamFMax and dParamVel of ode/common.h
             self.motors.append(partial(set_parameter, joint_made, 2))
             ode.dJointSetFeedback(joint_made, byref(self.feedback[k]))
+        # Views of ODE's own memory, which stays where it is while the world lives.
+        self.rotations = [self._rotation(body) for body in self.bodies]
+        last = self.bodies[-1]
+        self.last_position = np.ctypeslib.as_array(ode.dBodyGetPosition(last), (3,))
+        n_numbers = ctypes.sizeof(_Feedback) // ctypes.sizeof(c_double)
+        numbers = np.frombuffer(memoryview(self.feedback)).reshape(
+            self.robot.n, n_numbers
+        )
+        self.forces = numbers[:, 0:3]  # f1
+        self.moments = numbers[:, 4:7]  # t1
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         # ODE forms the constraints of a step at the configuration before it.
-        before = [self._frame(k, body) for k, body in enumerate(self.bodies)]
+        before = np.array(self.rotations)
         for motor, speed in zip(self.motors, velocity, strict=True):
             motor(speed)
         self.ode.dWorldStep(self.world, self.step)
-        wrenches = enumerate(zip(self.feedback, before, strict=True))
-        torque = np.array([self._torque(k, *x) for k, x in wrenches])
-        last = self._frame(self.robot.n - 1, self.bodies[-1])
-        return torque, last[:3, :3], last[:3, 3]
+        by_wrench = before @ self.by_wrench
+        torque = (by_wrench[:, :, 0] * self.forces).sum(axis=1)
+        torque += (by_wrench[:, :, 1] * self.moments).sum(axis=1)
+        rotation = self.rotations[-1].copy()
+        return torque, rotation, self.last_position - rotation @ self.centres[-1]
 
-    def _frame(self, k: int, body: c_void_p) -> Array:
-        """(4, 4) of a joint's frame from its body's pose."""
-        frame = np.eye(4)
-        rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,)).reshape(
-            3, 4
-        )
-        frame[:3, :3] = rows[:, :3]
-        position = np.ctypeslib.as_array(self.ode.dBodyGetPosition(body), (3,))
-        frame[:3, 3] = position - frame[:3, :3] @ self.centres[k]
-        return frame
-
-    def _torque(self, k: int, wrench: _Feedback, frame: Array) -> float:
-        """The part along the joint's axis of what its constraint does to the link."""
-        joint = self.robot.joints[k]
-        axis = frame[:3, :3] @ joint.axis
-        force = np.array(wrench.f1[:3])
-        moment = np.array(wrench.t1[:3])
-        if joint.kind == "prismatic":
-            return float(axis @ force)
-        return float(axis @ (moment + np.cross(frame[:3, :3] @ self.centres[k], force)))
+    def _rotation(self, body: c_void_p) -> Array:
+        """(3, 3) view of a body's rotation matrix."""
+        rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,))
+        return rows.reshape(3, 4)[:, :3]
