@@ -189,7 +189,7 @@ class Likelihood:
     ) -> Array:
         """(n, M, s) those that say all that the others do."""
         columns = self.columns(repair.of_arm, speed, push)
-        return columns[:, :, list(self.data.independent)]
+        return np.take(columns, self.data.independent, axis=2)
 
     def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
         """(M, n) torque of a plausible arm on the repaired motion, of its weight what

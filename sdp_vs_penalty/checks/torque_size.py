@@ -20,6 +20,7 @@ from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.checks.residual import leaves_more_than_usual
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.regression.normal_equations import solve
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 
 _BY_SIZE = "likely: judged by size alone"
@@ -250,7 +251,8 @@ def _left_by_weight(log: Likelihood) -> Array:
     columns = np.concatenate([weight, offsets], axis=2) / size[:, :, None]
     columns = columns.reshape(log.n * log.data.count, -1)
     torque = (score.channels / size).reshape(-1)
-    left = torque - columns @ np.linalg.lstsq(columns, torque, rcond=1e-9)[0]
+    fitted = solve(columns.T @ columns, columns.T @ torque[:, None])[:, 0]
+    left = torque - columns @ fitted
     return np.asarray(np.sum(left.reshape(log.n, -1) ** 2, axis=1))
 
 

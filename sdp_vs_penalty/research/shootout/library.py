@@ -60,7 +60,22 @@ def write_library(
 
 
 def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
-    """The files of one instance; returns its row of the index."""
+    """Write the files of an instance.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the library.
+    item : Entry
+        Its name and group.
+    instance : Instance
+        The problem.
+
+    Returns
+    -------
+    dict
+        Its row of the index.
+    """
     status, proof = proved(instance)
     sdp = instance.sdp
     interval = None

@@ -56,7 +56,24 @@ COMPONENTS = {
 def wrench_regressor(
     robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
 ) -> Array:
-    """Y with w_j = Y[:, j] theta, shape (N, n, 6, 10 n), for states of shape (N, n)."""
+    """Regressor of the joints' wrenches in the links' parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its kinematics.
+    q : (N, n) array
+        Positions [rad, m].
+    dq : (N, n) array
+        Velocities.
+    ddq : (N, n) array
+        Accelerations.
+
+    Returns
+    -------
+    (N, n, 6, 10 n) array
+        Y with w_j = Y[:, j] theta.
+    """
     q, dq, ddq = map(_states, (q, dq, ddq))
     n = robot.n
     model = robot._model
@@ -110,11 +127,23 @@ class WrenchIntervals:
 def wrench_intervals(
     feasible: Slice, regressor: Array, progress: Progress = no_progress
 ) -> WrenchIntervals:
-    """The smallest and largest value of every wrench component, of regressor (M, n, 6,
-    10 n), over the parameters of a slice (:class:`Slice` with the base parameters for
-    equalities: equal torques).
+    """Smallest and largest value of every wrench component over feasible parameters.
 
     Two SDPs a component, each certified.
+
+    Parameters
+    ----------
+    feasible : Slice
+        Parameters with equal torques.
+    regressor : (M, n, 6, 10 n) array
+        Of the wrenches.
+    progress : callable
+        Hears which instant is at work.
+
+    Returns
+    -------
+    WrenchIntervals
+        (M, n, 6) each [N, N m].
     """
     ends = np.empty((4, *regressor.shape[:3]))
     for index in np.ndindex(*regressor.shape[:3]):
@@ -279,11 +308,21 @@ def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
 
 
 def penalty_links(study: Study) -> list[Array]:
-    """Links (n, 10) that the exact penalty finds from scattered feasible starts, as
-    many as the paper's runs, one run each.
+    """Links that the exact penalty finds from scattered feasible starts, as many as the
+    paper's runs.
 
     A start lies near the boundary of the feasible set, where a random linear function
     is least.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    list of (n, 10) array
+        A run each.
     """
     task = study.task(study.simulated)
     links_found = []
@@ -308,6 +347,16 @@ def wrench_table(study: Study) -> Table:
     """How far internal wrenches differ between parameters that make the same torques.
 
     Rows: joint and component; largest true value, then largest deviations from it.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     w = study.once(wrench_study)
     components = [
