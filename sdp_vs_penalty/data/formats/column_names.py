@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.formats.units import (
     units_of_name,
 )
 
-_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text())
+_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text("utf-8"))
 #: The words of each quantity, the best first.
 WORDS: dict[str, tuple[str, ...]] = {
     name: tuple(words) for name, words in _TABLE["quantities"].items()
