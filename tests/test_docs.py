@@ -343,8 +343,12 @@ def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, caps
 def test_the_table_equals_the_generated_one():
     tool = runpy.run_path(str(ROOT / "tools" / "update_readme.py"))
     assert tool["with_results"](README, tool["headline"]()) == README
-    for picture in re.findall(r"\]\(([^):]*)\)", README):
-        assert (ROOT / picture).exists(), picture
+    headings = re.findall(r"^#+ (.*)$", README, re.MULTILINE)
+    anchors = [heading.lower().replace(" ", "-") for heading in headings]
+    for link in re.findall(r"\]\(([^):]*)\)", README):
+        path, _, anchor = link.partition("#")
+        assert (ROOT / path).exists(), link
+        assert path or anchor in anchors, link
 
 
 def test_constraints_pin_exact_versions_and_name_no_host():

@@ -252,14 +252,16 @@ def _naming_the_repair(
     data = arguments.get("data")
     if not problem or not data:
         return error
-    fixed = "fixed.csv" if len(data) == 1 else "fixed"
-    words = ["sdp-vs-penalty", "check", problem, "--data", *data]
-    for option in ("hold", "gravity"):
-        if value := arguments.get(option):
-            words.append(f"--{option}={value}")
-    words += ["--fix", fixed]
-    if error.apply:
-        words += ["--apply", *error.apply]
+    from sdp_vs_penalty.checks.check_command import CheckCommand
+
+    command = CheckCommand(
+        problem=problem,
+        runs=data,
+        hold=arguments.get("hold"),
+        gravity=arguments.get("gravity"),
+        apply=error.apply,
+    )
+    words = ["sdp-vs-penalty", *command.repair_words]
     remedy = f"{error.remedy}; `{command_line(words)}` writes a repaired copy"
     return InputError(error.what, remedy, error.where)
 

@@ -22,7 +22,8 @@ SHARED = """
 problem: Built-in name, folder with a problem.toml, or URDF file.
 model model.json: Model written by `identify` or `add`.
 models model.json ...: Models written by `identify` or `add`.
---data RUN.csv ...: Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag; a folder or pattern of these.
+--data RUN.csv ...: Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag; a folder or pattern of these;
+    a.csv+b.csv is one run.
 --test TEST.csv: Run for the held-out error only.
 --frozen: Fixed model parameters: the only way to identify a payload.
 --window START:STOP: Part of each run to use, in seconds from its start; or A:B,C:D.

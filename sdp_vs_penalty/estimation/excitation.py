@@ -446,7 +446,9 @@ def save_trajectory(
     n = trajectory.states(t[:1])[0].shape[1]
     header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
     rows = np.column_stack([t, *trajectory.states(t)])
-    lines = [",".join(header), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+    row_format = ",".join(["%.9g"] * len(header))
+    lines = [",".join(header)]
+    lines += [row_format % tuple(row) for row in rows.tolist()]
     write_text(path, "\n".join(lines) + "\n")
 
 

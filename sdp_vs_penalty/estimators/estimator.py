@@ -31,7 +31,13 @@ Progress = Callable[[str], None]
 
 
 def no_progress(_: str) -> None:
-    """The default: silence."""
+    """Report nothing: the default of progress callbacks.
+
+    Parameters
+    ----------
+    _ : str
+        A line about the progress.
+    """
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,18 @@ class Task:
         return LeastSquares(self.base, target, 0.0, float(target @ target), len(target))
 
     def minimum_thickness(self, radius: float) -> list[Constraint]:
-        """Sigma_c >= m radius^2 1 for every link; nothing for radius 0."""
+        """Constraints Sigma_c >= m r^2 1 on every link, against rods of zero thickness.
+
+        Parameters
+        ----------
+        radius : float
+            Smallest radius of gyration r [m]; 0: no constraints.
+
+        Returns
+        -------
+        list of Constraint
+            One a link.
+        """
         links = enumerate(self.links if radius > 0.0 else (), start=1)
         return [
             build.pseudo_inertia(f"link {k}", indices, radius) for k, indices in links
@@ -138,11 +155,37 @@ class Estimator(ABC):
 
     @abstractmethod
     def fit(self, task: Task) -> Fit:
-        """Estimate theta; raises InputError where the constraints admit none."""
+        """Estimate the parameters of a task.
+
+        Parameters
+        ----------
+        task : Task
+            Data, model, constraints and priors.
+
+        Returns
+        -------
+        Fit
+            The estimate with its certificate.
+
+        Raises
+        ------
+        InputError
+            Where the constraints admit no parameters.
+        """
 
     def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
-        """The fits to several data of one model, whose tasks share all but the data: to
-        the last bit those of :meth:`fit`."""
+        """Estimate the parameters of several tasks that share all but their data.
+
+        Parameters
+        ----------
+        tasks : sequence of Task
+            The tasks.
+
+        Returns
+        -------
+        list of Fit
+            Equal to the results of :meth:`fit`, bit by bit.
+        """
         return [self.fit(task) for task in tasks]
 
 
@@ -236,9 +279,25 @@ def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]
 def with_plausible(
     data: LeastSquares, model: Model, oversampling: float
 ) -> LeastSquares:
-    """The data with what the model's effects know of their parameters beforehand, each
-    an observation as good as an independent row whose noise is what least squares
-    leave."""
+    """Data with the effects' prior knowledge of their parameters as further observations.
+
+    Each observation weighs as much as an independent row whose noise is the residual of
+    least squares.
+
+    Parameters
+    ----------
+    data : LeastSquares
+        The measured data.
+    model : Model
+        The torque model, whose effects know plausible values.
+    oversampling : float
+        Rows for each independent row.
+
+    Returns
+    -------
+    LeastSquares
+        The data with the observations.
+    """
     if not np.isfinite(model.plausible).any():
         return data
     variance = data.residual_norm**2 / max(data.rows - data.R.shape[1], 1)
@@ -275,11 +334,23 @@ def _scaled_prior(
 
 
 def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.ndarray:
-    """(p,) |tau_j| / |Y_jk| for parameters that are not a link's, infinite for links
-    and idle ones.
+    """Scale |tau_j| / |Y_jk| of each joint parameter: its value if it made all the torque.
 
-    theta : of a first pass, whose drives' torque counts where it is larger than what
-    was measured."""
+    Parameters
+    ----------
+    regression : Regression
+        Columns Y and torque tau.
+    model : Model
+        The torque model.
+    theta : (p,) array
+        Result of a first pass. A drive's torque counts where it is larger than the measured
+        torque.
+
+    Returns
+    -------
+    (p,) array
+        Scales; infinite for parameters of links and parameters without a column.
+    """
     scale = np.full(regression.p, np.inf)
     gains = np.where(model.drives, theta, 0.0)
     for factor in regression.per_joint:

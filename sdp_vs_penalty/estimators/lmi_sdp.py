@@ -117,7 +117,18 @@ class LmiSdp(Estimator):
         return "prior" if self.entropy > 0.0 else "bounds"
 
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
-        """What is minimised, subject to what."""
+        """The objective and the constraints of the SDP.
+
+        Parameters
+        ----------
+        task : Task
+            The task.
+
+        Returns
+        -------
+        tuple
+            Objective and ConstraintSet.
+        """
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
         if self.body:
             constraints = constraints.plus(task.bodies)
@@ -256,7 +267,20 @@ class PosedSdp:
                 )
 
     def with_data(self, task: Task, objective: Objective) -> Self:
-        """The same constraints with other data and prior, of a task that shares them."""
+        """The same constraints with other data and another prior.
+
+        Parameters
+        ----------
+        task : Task
+            A task that shares the constraints.
+        objective : Objective
+            Its objective.
+
+        Returns
+        -------
+        PosedSdp
+            The posed problem; nothing is built anew.
+        """
         posed = copy(self)
         posed.task = task
         if self.cones is not None:
@@ -266,14 +290,29 @@ class PosedSdp:
     def fit(
         self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None
     ) -> Fit:
-        """The optimum of an objective with the same prior, inside the constraints,
-        solved until our own certificate is tight.
+        """Solve the SDP until our own certificate is tight.
 
-        A solver may stall short of what it was asked for: every answer is certified,
-        and where the gap is above ``TIGHT`` the problem is solved again as seen from
-        the answer, each cone scaled by a point a little inside of it. near : the fit to
-        similar data, from which half the steps remain. Raises InputError where nothing
-        near an optimum is found.
+        Every answer of the solver is certified. Where the gap is above ``TIGHT``, the problem is
+        solved again, relative to the answer, with each cone scaled by a point inside of it.
+
+        Parameters
+        ----------
+        objective : Objective
+            What is minimised, with the same prior.
+        accuracy : float
+            Relative accuracy that the solver is asked for.
+        near : Fit or None
+            The fit to similar data, for a warm start: it saves about half of the steps.
+
+        Returns
+        -------
+        Fit
+            The optimum with its certificate.
+
+        Raises
+        ------
+        InputError
+            Where no point near an optimum is found.
         """
         data = objective.least_squares
         solved = None
@@ -496,8 +535,20 @@ def interior_point(
 
 
 def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
-    """The families that carry the proof that nothing satisfies all: "mass (links 1, 2;
-    robot)"."""
+    """Families of constraints that prove that no parameters satisfy all of them.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        The constraints.
+    shares : (m,) array
+        Share of each constraint in the proof (Farkas multipliers).
+
+    Returns
+    -------
+    list of str
+        Such as "mass (links 1, 2; robot)".
+    """
     families: dict[str, dict[str, float]] = {}
     for constraint, share in zip(constraints, shares, strict=True):
         if share > 1e-3 * shares.max():

@@ -71,13 +71,35 @@ class QuadraticForms:
     slopes: Array
 
     def values(self, x: Array) -> Array:
-        """(K,) at x (p,)."""
+        """Values of the forms.
+
+        Parameters
+        ----------
+        x : (p,) array
+            Scaled parameters.
+
+        Returns
+        -------
+        (K,) array
+            One value a form.
+        """
         u = x[self.indices]
         quadratic = np.einsum("ki,kij,kj->k", u, self.forms, u)
         return np.asarray(quadratic + self.slopes * u[:, 0])
 
     def jacobian(self, x: Array) -> Array:
-        """(K, p) at x (p,)."""
+        """Derivatives of the forms.
+
+        Parameters
+        ----------
+        x : (p,) array
+            Scaled parameters.
+
+        Returns
+        -------
+        (K, p) array
+            A row a form.
+        """
         local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
         local[:, 0] += self.slopes
         out = np.zeros((len(self.indices), len(x)))
@@ -88,13 +110,26 @@ class QuadraticForms:
 def barycentric_part(
     bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
 ) -> PenaltyPart:
-    """m sign (I_e - limit) >= 0 for entries e of inertia about links' centres of mass,
-    with m I_e = m J_e - h^T Q_e h: quadratic in x = theta / theta_scale, without a pole
-    at m = 0.
+    """Penalty on the bounds of barycentric inertias, without a pole at m = 0.
 
-    Of each finite end, inside by as much as a gap is promised, more than the final
-    repair moves, and of about unit size at the reference (p,); without I_xx >= 0, which
-    P(theta) >= 0 contains.
+    With m I_e = m J_e - h^T Q_e h, a bound on the entry e of the inertia about the centre of
+    mass becomes m sign (I_e - limit) >= 0, which is quadratic in x = theta / theta_scale.
+    Each bound is tightened by the promised gap, which is more than the final repair moves.
+    I_xx >= 0 is left out, as P(theta) >= 0 contains it.
+
+    Parameters
+    ----------
+    bounds : sequence of BarycentricBound
+        The bounds; open ends are left out.
+    theta_scale : (p,) array
+        Scale of each parameter.
+    reference : (p,) array
+        Parameters at which each form is about one.
+
+    Returns
+    -------
+    PenaltyPart
+        The quadratic forms, each not negative.
     """
     indices = list[NDArray[np.intp]]()
     forms = list[Array]()
@@ -140,8 +175,22 @@ def _ends(bound: BarycentricBound) -> list[tuple[float, float]]:
 
 
 def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> PenaltyPart:
-    """A group of equal cones, each of about unit size at the reference: the set stays
-    the same."""
+    """Penalty on a group of equal cones.
+
+    Parameters
+    ----------
+    group : ConeGroup
+        The cones.
+    theta_scale : (p,) array
+        Scale of each parameter.
+    reference : (p,) array
+        Parameters at which each cone's value is about one. Scaling leaves the cone as it is.
+
+    Returns
+    -------
+    PenaltyPart
+        The affine maps and their cone.
+    """
     at = group.values(reference)
     matrix = np.zeros((len(group.matrix), len(theta_scale)))
     matrix[:, : group.matrix.shape[1]] = group.matrix
@@ -203,8 +252,20 @@ class ShiftedPenalty:
         self.rho = data.rho / root
 
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
-        """(e,) the shifts as dual variables of the constraints' entries, in units of
-        loss per F."""
+        """Shifts of the penalty as dual variables of the constraints.
+
+        Parameters
+        ----------
+        constraints : ConstraintSet
+            The constraints.
+        shifts : sequence of arrays
+            Shifts of each part.
+
+        Returns
+        -------
+        (e,) array
+            Multipliers, in units of loss per F.
+        """
         by_constraint: dict[Constraint, Array] = {}
         # The groups are the first of the parts, in this order.
         for group, part, shift in zip(
@@ -220,7 +281,22 @@ class ShiftedPenalty:
         return constraints.stack_multipliers(by_constraint)
 
     def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
-        """Pi_K(S - w F(x)): the next shifts."""
+        """Next shifts of the augmented Lagrangian: the projection Pi_K(S - w F(x)).
+
+        Parameters
+        ----------
+        x : (p,) array
+            Scaled parameters.
+        shifts : sequence of arrays
+            Shifts S of each part.
+        weight : float
+            Weight w of the penalty.
+
+        Returns
+        -------
+        list of arrays
+            Shifts of each part.
+        """
         moved = []
         for part, shift in zip(self.parts, shifts, strict=True):
             moved.append(project(part.cone, shift - weight * part.values(x)))
@@ -229,8 +305,24 @@ class ShiftedPenalty:
     def rows(
         self, x: Array, shifts: Sequence[Array], weight: float
     ) -> tuple[Array, Array]:
-        """r (m,) with L = |r|^2 up to a constant, and J (m, p): 2 J^T r is L's
-        gradient, and 2 J^T J an element of its generalised Hessian where F is affine.
+        """Residuals r and Jacobian J of the augmented Lagrangian L = |r|^2, up to a constant.
+
+        2 J^T r is the gradient of L. 2 J^T J is an element of its generalised Hessian where F is
+        affine.
+
+        Parameters
+        ----------
+        x : (p,) array
+            Scaled parameters.
+        shifts : sequence of arrays
+            Shifts of each part.
+        weight : float
+            Weight of the penalty.
+
+        Returns
+        -------
+        tuple
+            r (m,) and J (m, p).
         """
         residuals, slopes = self.cone_rows(x, shifts, weight)
         all_residuals = np.concatenate([self.R @ x - self.rho, residuals])
@@ -239,7 +331,22 @@ class ShiftedPenalty:
     def cone_rows(
         self, x: Array, shifts: Sequence[Array], weight: float
     ) -> tuple[Array, Array]:
-        """Those of the constraints alone."""
+        """Residuals and Jacobian of the penalty alone, without the data.
+
+        Parameters
+        ----------
+        x : (p,) array
+            Scaled parameters.
+        shifts : sequence of arrays
+            Shifts of each part.
+        weight : float
+            Weight of the penalty.
+
+        Returns
+        -------
+        tuple
+            r (m,) and J (m, p).
+        """
         residuals = [np.zeros(0)]
         slopes = [np.zeros((0, len(x)))]
         for part, shift in zip(self.parts, shifts, strict=True):
@@ -346,7 +453,18 @@ def minimise(
 
 
 def largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
-    """The largest absolute difference of two lists of arrays."""
+    """Largest absolute difference between two lists of arrays.
+
+    Parameters
+    ----------
+    new, old : sequence of arrays
+        Arrays of equal shapes, in order.
+
+    Returns
+    -------
+    float
+        The difference.
+    """
     largest = 0.0
     for a, b in zip(new, old, strict=True):
         largest = max(largest, float(np.abs(a - b).max(initial=0.0)))
@@ -381,7 +499,18 @@ class Penalty(Estimator):
     joint_prior: float = 0.0
 
     def demands(self, task: Task) -> ConstraintSet:
-        """The same arrays as the SDP's."""
+        """Constraints that are penalised: the same arrays as the SDP's.
+
+        Parameters
+        ----------
+        task : Task
+            The task.
+
+        Returns
+        -------
+        ConstraintSet
+            The constraints.
+        """
         demands = task.constraints.plus(task.minimum_thickness(self.thickness))
         return demands.plus(task.bodies) if self.body else demands
 
@@ -524,8 +653,25 @@ def _starts(
 
 
 def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """The nearest point towards the interior one at which all constraints hold; where
-    those that are not convex hold nowhere on the way, the convex ones alone do."""
+    """Move an almost feasible point towards an interior point until all constraints hold.
+
+    Where constraints that are not convex hold nowhere on the way, only the convex ones are
+    met.
+
+    Parameters
+    ----------
+    constraints : ConstraintSet
+        The constraints.
+    theta : (p,) array
+        The point.
+    interior : (p,) array
+        A point at which the convex constraints hold strictly.
+
+    Returns
+    -------
+    (p,) array
+        The nearest such point on the line between the two.
+    """
     repaired = repair(constraints, theta, interior)
     for share in (0.0, *np.logspace(-14, 0, 57)):
         point = repaired + share * (interior - repaired)
@@ -575,13 +721,37 @@ class BarycentricBox:
         return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
 
     def theta(self, p: Array) -> Array:
-        """Standard parameters of p: h = m c, J = I + m (c.c 1 - c c^T)."""
+        """Standard parameters of barycentric ones: h = m c, J = I + m (c.c 1 - c c^T).
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+
+        Returns
+        -------
+        (p,) array
+            Standard parameters.
+        """
         out = p.copy()
         out[self.links] = inertia.standard_from_barycentric(p[self.links])
         return out
 
     def pull_back(self, p: Array, gradient: Array) -> Array:
-        """(d theta / d p)^T gradient."""
+        """Chain rule: the gradient by barycentric parameters, (d theta / d p)^T gradient.
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+        gradient : (p,) array
+            Gradient by standard parameters.
+
+        Returns
+        -------
+        (p,) array
+            Gradient by p.
+        """
         masses = self.links[:, :1]
         centres = self.links[:, 1:4]
         c = p[centres]
@@ -596,7 +766,18 @@ class BarycentricBox:
         return out
 
     def p(self, theta: Array) -> Array:
-        """p of standard parameters, put inside the box (a massless link: its middle)."""
+        """Barycentric parameters of standard ones, clipped to the box.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+
+        Returns
+        -------
+        (p,) array
+            Barycentric parameters; of a massless link the middle of its box.
+        """
         out = theta.copy()
         out[self.links] = inertia.barycentric_from_standard(theta[self.links])
         middle = 0.5 * (self.lower + self.upper)

@@ -73,12 +73,35 @@ class PenaltyPaper(Estimator):
         return self.fit_with(task, anneal_and_search)
 
     def fit_with(self, task: Task, search: Search) -> Fit:
-        """The same with steps by another search than :func:`anneal_and_search`, such as
-        one that keeps them."""
+        """Fit with another search than :func:`anneal_and_search`, such as one that can be resumed.
+
+        Parameters
+        ----------
+        task : Task
+            The task.
+        search : Search
+            The search of one run.
+
+        Returns
+        -------
+        Fit
+            The best of all runs.
+        """
         return retrieve(self, task, self.loss(task), search)
 
     def loss(self, task: Task) -> PenalisedLoss:
-        """What is minimised."""
+        """The penalised objective.
+
+        Parameters
+        ----------
+        task : Task
+            The task.
+
+        Returns
+        -------
+        PenalisedLoss
+            The objective.
+        """
         return PenalisedLoss(task, task.data, np.arange(len(task.bound)))
 
 
@@ -115,8 +138,24 @@ class Search(Protocol):
 def retrieve(
     settings: PenaltyPaper, task: Task, loss: PenalisedLoss, search: Search
 ) -> Fit:
-    """The best of several annealed runs over the loss's free parameters; the others as
-    OLS has them."""
+    """Search the free parameters of the penalised objective by several annealed runs.
+
+    Parameters
+    ----------
+    settings : PenaltyPaper
+        Number of runs, weights and evaluations.
+    task : Task
+        The task. Parameters that are not searched keep their least-squares values.
+    loss : PenalisedLoss
+        The objective.
+    search : Search
+        The search of one run.
+
+    Returns
+    -------
+    Fit
+        The best of all runs.
+    """
     budget = settings.evaluations // max(len(settings.weights), 1)
     runs: list[dict[str, Any]] = []
     best_theta, best_value = task.ols, np.inf
@@ -141,12 +180,42 @@ def retrieve(
 
 
 def start_of_run(seed: int, number: int, size: int) -> Array:
-    """(size,) a random point of the unit box, whichever runs were made before."""
+    """Random start of a run in the unit box, independent of which runs were made before.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the random numbers.
+    number : int
+        Number of the run.
+    size : int
+        Number of parameters.
+
+    Returns
+    -------
+    (size,) array
+        The start.
+    """
     return np.random.default_rng([seed, number]).uniform(size=size)
 
 
 def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Generator:
-    """Those of one step of one run, so that a run can go on where it stopped."""
+    """Random numbers of one step of one run, so that a stopped run can go on.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the random numbers.
+    number : int
+        Number of the run.
+    step : int
+        Number of the step.
+
+    Returns
+    -------
+    numpy.random.Generator
+        The generator.
+    """
     # Not from 0: a zero at the end is the same seed as none.
     return np.random.default_rng([seed, number, 1 + step])
 
@@ -218,11 +287,26 @@ def anneal_and_search(
 def search_locally(
     loss: PenalisedLoss, weight: float, u: Array, budget: int
 ) -> tuple[Array, int]:
-    """SLSQP from u, again and again while that helps; the best point and how many
-    evaluations it took.
+    """Local search by SLSQP, restarted while that helps.
 
-    SLSQP stops at kinks of the penalty, and its tolerances want values of size 1: it
-    starts again with the loss rescaled.
+    SLSQP stops at kinks of the penalty, and its tolerances suit values of size 1: each
+    restart rescales the objective.
+
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        The objective.
+    weight : float
+        Weight of the penalty.
+    u : (d,) array
+        Start, in the unit box.
+    budget : int
+        Largest number of evaluations.
+
+    Returns
+    -------
+    tuple
+        The best point (d,), and the number of evaluations.
     """
     best = u
     lowest = loss.value(u, weight)
@@ -280,14 +364,47 @@ class Demand(ABC):
 
     @abstractmethod
     def margins(self, p: Array) -> Array:
-        """(k,) >= 0 where the demand holds."""
+        """Margins of the demand; not negative where it holds.
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+
+        Returns
+        -------
+        (k,) array
+            Margins.
+        """
 
     @abstractmethod
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
-        """Margins, and (k, p') their slopes by the first p' parameters."""
+        """Margins of the demand, and their derivatives.
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+
+        Returns
+        -------
+        tuple
+            Margins (k,), and derivatives (k, p') by the first p' parameters.
+        """
 
     def violation(self, p: Array) -> float:
-        """The worst of all, 0 where it holds."""
+        """Largest violation of the demand.
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+
+        Returns
+        -------
+        float
+            0 where the demand holds.
+        """
         return max(0.0, -self.violation_scale * float(self.margins(p).min()))
 
 
@@ -388,23 +505,71 @@ class PenalisedLoss:
             self.demands.append(CentreCones(group, task.links[:, 0]))
 
     def p(self, u: Array) -> Array:
-        """Barycentric parameters (p,) at u (d,)."""
+        """Barycentric parameters of a point of the unit box.
+
+        Parameters
+        ----------
+        u : (d,) array
+            A point of the unit box.
+
+        Returns
+        -------
+        (p,) array
+            Barycentric parameters.
+        """
         out = self.fixed.copy()
         out[self.free] = self.lower + u * self.width
         return out
 
     def theta(self, u: Array) -> Array:
-        """Standard parameters (p,) at u (d,)."""
+        """Standard parameters of a point of the unit box.
+
+        Parameters
+        ----------
+        u : (d,) array
+            A point of the unit box.
+
+        Returns
+        -------
+        (p,) array
+            Standard parameters.
+        """
         return self.box.theta(self.p(u))
 
     def value(self, u: Array, weight: float) -> float:
-        """loss + weight g at u (d,)."""
+        """The penalised objective: loss + weight g.
+
+        Parameters
+        ----------
+        u : (d,) array
+            A point of the unit box.
+        weight : float
+            Weight of the penalty.
+
+        Returns
+        -------
+        float
+            The objective.
+        """
         p = self.p(u)
         loss = self.data.loss(self.box.theta(p))
         return loss + weight * self.penalty(p)
 
     def gradient(self, u: Array, weight: float) -> Array:
-        """(d,) of the value."""
+        """Gradient of the penalised objective.
+
+        Parameters
+        ----------
+        u : (d,) array
+            A point of the unit box.
+        weight : float
+            Weight of the penalty.
+
+        Returns
+        -------
+        (d,) array
+            The gradient.
+        """
         p = self.p(u)
         in_theta = self.data.gradient(self.box.theta(p))
         slope = self.box.pull_back(p, in_theta)
@@ -412,7 +577,18 @@ class PenalisedLoss:
         return slope[self.free] * self.width
 
     def penalty(self, p: Array) -> float:
-        """g at p (p,): the sum of what all demands are violated by."""
+        """The penalty g: the sum of the violations of all demands.
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+
+        Returns
+        -------
+        float
+            g.
+        """
         total = 0.0
         for demand in self.demands:
             violated = np.minimum(demand.margins(p), 0.0)
@@ -420,7 +596,18 @@ class PenalisedLoss:
         return total
 
     def penalty_slope(self, p: Array) -> Array:
-        """A subgradient (p,) of g."""
+        """A subgradient of the penalty g.
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+
+        Returns
+        -------
+        (p,) array
+            The subgradient.
+        """
         slope = np.zeros_like(p)
         for demand in self.demands:
             margins, rows = demand.margins_and_slopes(p)
@@ -428,8 +615,18 @@ class PenalisedLoss:
         return slope
 
     def violations(self, p: Array) -> dict[str, float]:
-        """Worst violation of each external demand: D3 - D1 - D2 [kg m^2], total mass
-        [kg], c [m]."""
+        """Largest violation of each external demand.
+
+        Parameters
+        ----------
+        p : (p,) array
+            Barycentric parameters.
+
+        Returns
+        -------
+        dict of str to float
+            Triangle inequality D3 - D1 - D2 [kg m^2], total mass [kg], centre of mass [m].
+        """
         out = {TriangleInequality.family: 0.0}
         for demand in self.demands:
             before = out.get(demand.family, 0.0)

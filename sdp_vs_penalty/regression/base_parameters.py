@@ -20,14 +20,32 @@ from sdp_vs_penalty.robot.inertia import parameter_names
 def base_parameters(
     model: Model, independent: Sequence[str] | None = None
 ) -> tuple[Array, tuple[int, ...]]:
-    """The structural base parameters of a robot: pi = B theta, with B (b, 10 n) for
-    rigid links.
+    """Structural base parameters of a robot with rigid links: pi = B theta.
 
-    Their torque regressor is theta's independent columns (Gautier, J. Robotic Systems
-    1991): with Y_d = Y_b K for the dependent ones, pi = theta_b + K theta_d.
-    ``independent`` names the parameters to keep (otherwise the pivoting of a QR of
-    random states chooses). Returns B and the indices of theta_b. Raises InputError
-    where those named are not independent.
+    The regressor of pi is the independent columns of theta's: with Y_d = Y_b K for the
+    dependent columns, pi = theta_b + K theta_d.
+
+    Parameters
+    ----------
+    model : Model
+        The torque model.
+    independent : sequence of str or None
+        Names of the parameters theta_b to keep; None: the pivoting of a QR factorisation at
+        random states chooses.
+
+    Returns
+    -------
+    tuple
+        B (b, 10 n), and the indices of theta_b.
+
+    Raises
+    ------
+    InputError
+        Where the named parameters are not independent.
+
+    References
+    ----------
+    Gautier, Journal of Robotic Systems 1991.
     """
     robot = model.robot
     stacked = robot.random_columns

@@ -150,11 +150,33 @@ class InTurn:
         self._answer = (np.zeros(0), np.zeros(0))
 
     def residual(self, x: Array) -> Array:
-        """r (m,) at x (p,)."""
+        """Residuals at a point.
+
+        Parameters
+        ----------
+        x : (p,) array
+            The point.
+
+        Returns
+        -------
+        (m,) array
+            r.
+        """
         return self._both(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """J (m, p) at x (p,)."""
+        """Derivatives of the residuals at a point.
+
+        Parameters
+        ----------
+        x : (p,) array
+            The point.
+
+        Returns
+        -------
+        (m, p) array
+            J.
+        """
         return self._both(x)[1]
 
     def _both(self, x: Array) -> tuple[Array, Array]:

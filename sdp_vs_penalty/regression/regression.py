@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,6 +43,8 @@ class Factor:
     rows: int
 
 
+#: No block of :func:`compress` is shorter [s].
+SHORTEST_BLOCK = 0.5
 #: Where a block comes from: the run's index and its first and last instant [s].
 TimeBlock: TypeAlias = tuple[int, float, float]
 
@@ -66,18 +68,32 @@ class LeastSquares:
     def stacked(
         cls, stack: Sequence[Array], rows: int, tau_squared: float | None = None
     ) -> LeastSquares:
-        """That of rows [Y, tau] given as arrays (k, p + 1) whose triangle is formed.
+        """Compress stacked rows to one triangle.
 
-        tau_squared: |tau|^2 where it is not that of these rows, as where some hold a
-        prior.
+        Parameters
+        ----------
+        stack : sequence of (k, p + 1) arrays
+            Rows [Y, tau].
+        rows : int
+            How many rows of the data they stand for.
+        tau_squared : float, optional
+            |tau|^2 [(N m)^2], where it is not that of these rows: some hold a prior.
+
+        Returns
+        -------
+        LeastSquares
+            With R (p, p).
         """
         triangle = triangular(stack)
         p = triangle.shape[1] - 1
-        residual_norm = float(triangle[p, p]) if len(triangle) > p else 0.0
+        torque = triangle[:, p]
+        residual_norm = 0.0
+        if len(triangle) > p:
+            residual_norm = float(torque[p])
         if tau_squared is None:
-            tau_squared = float(triangle[:, p] @ triangle[:, p])
+            tau_squared = float(torque @ torque)
         R = np.ascontiguousarray(triangle[:p, :p])
-        rho = triangle[:p, p].copy()
+        rho = torque[:p].copy()
         return cls(R, rho, residual_norm, tau_squared, rows)
 
     @cached_property
@@ -86,44 +102,126 @@ class LeastSquares:
         return 2.0 * (self.R.T @ self.R)
 
     def loss(self, theta: ArrayLike) -> float:
-        """|R theta - rho|^2 + residual_norm^2 [(N m)^2], weighted."""
+        """Squared torque error, joints weighted.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters [SI].
+
+        Returns
+        -------
+        float
+            |R theta - rho|^2 + residual_norm^2 [(N m)^2].
+        """
         residual = self.R @ np.asarray(theta, float) - self.rho
         return float(residual @ residual) + self.residual_norm**2
 
     def loss_scale(self, theta: ArrayLike) -> float:
-        """What a gap is relative to: the loss, and of exact data 1e-12 of |tau|^2."""
+        """What a gap is divided by.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters [SI].
+
+        Returns
+        -------
+        float
+            The loss, and of exact data 1e-12 of |tau|^2 [(N m)^2].
+        """
         return max(self.loss(theta), 1e-12 * self.tau_squared)
 
     def gap(self, upper: float, lower: float, theta: ArrayLike) -> float:
-        """From a lower bound to the objective at theta, relative to the loss there."""
+        """Relative distance of an objective from its lower bound.
+
+        Parameters
+        ----------
+        upper : float
+            The objective at theta [(N m)^2].
+        lower : float
+            Its lower bound [(N m)^2].
+        theta : (p,) array
+            Parameters [SI].
+
+        Returns
+        -------
+        float
+            As a share of the loss at theta.
+        """
         scale = self.loss_scale(theta)
         return (upper - lower) / scale if scale > 0.0 else 0.0
 
     def gradient(self, theta: ArrayLike) -> Array:
-        """(p,) of :meth:`loss`: 2 R' (R theta - rho)."""
-        return 2.0 * self.R.T @ (self.R @ np.asarray(theta, float) - self.rho)
+        """Slope of :meth:`loss`.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters [SI].
+
+        Returns
+        -------
+        (p,) array
+            2 R' (R theta - rho).
+        """
+        residual = self.R @ np.asarray(theta, float) - self.rho
+        return 2.0 * self.R.T @ residual
 
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
-        """The same plus weight |theta_k / scale_k|^2 summed over k; infinite scale: no
-        prior on k."""
+        """The data with a pull of parameters to zero.
+
+        Parameters
+        ----------
+        scale : (p,) array
+            What a parameter's size is divided by [SI]; infinite: no pull.
+        weight : float
+            Of the squares [(N m)^2].
+
+        Returns
+        -------
+        LeastSquares
+            With weight |theta_k / scale_k|^2 added, summed over k.
+        """
         size = np.asarray(scale, float)
-        rows = np.diag(1.0 / size)[np.isfinite(size)]
+        is_pulled = np.isfinite(size)
+        rows = np.diag(1.0 / size)[is_pulled]
         return self.with_observations(rows, np.zeros(len(rows)), weight)
 
     def with_observations(
         self, rows: Array, values: Array, weight: float
     ) -> LeastSquares:
-        """The same plus weight |rows theta - values|^2; rows (k, p), values (k,)."""
-        more = np.sqrt(weight) * np.column_stack([rows, values])
-        end = np.append(np.zeros(self.R.shape[1]), self.residual_norm)[None, :]
-        stack = [np.column_stack([self.R, self.rho]), end, more]
+        """The data with observations of linear functions of the parameters.
+
+        Parameters
+        ----------
+        rows : (k, p) array
+            The functions.
+        values : (k,) array
+            Their observed values.
+        weight : float
+            Of the squares [(N m)^2].
+
+        Returns
+        -------
+        LeastSquares
+            With weight |rows theta - values|^2 added.
+        """
+        p = self.R.shape[1]
+        data = np.column_stack([self.R, self.rho])
+        unexplained = np.zeros((1, p + 1))
+        unexplained[0, p] = self.residual_norm
+        observations = np.sqrt(weight) * np.column_stack([rows, values])
+        stack = [data, unexplained, observations]
         return LeastSquares.stacked(stack, self.rows, self.tau_squared)
 
     @property
     def column_norms(self) -> Array:
-        """|Y_k| of each parameter: how much torque a unit of it makes; 0 where only rounding is left."""
+        """(p,) norms |Y_k|: torque that a unit of each parameter makes; 0 where only
+        rounding is left."""
         norms = np.linalg.norm(self.R, axis=0)
-        return np.where(norms > 1e-10 * norms.max(initial=0.0), norms, 0.0)
+        rounding = 1e-10 * norms.max(initial=0.0)
+        return np.where(norms > rounding, norms, 0.0)
 
     @property
     def own_torque(self) -> Array:
@@ -134,6 +232,19 @@ class LeastSquares:
         of the diagonal of (R^T R)^-1, zero for what the data do not determine.
         """
         return 1.0 / deviations(self.R)
+
+
+class BlocksOfJoint(NamedTuple):
+    """One joint's rows, block by block.
+
+    joint : from 0; indices (k,) : its columns' parameters; blocks (B,) : which show it;
+    rows (B, r, k + 1) : [Y tau] of each.
+    """
+
+    joint: int
+    indices: NDArray[np.intp]
+    blocks: NDArray[np.intp]
+    rows: Array
 
 
 @dataclass(frozen=True)
@@ -150,114 +261,187 @@ class Regression:
 
     @property
     def p(self) -> int:
+        """Number of parameters."""
         return len(self.parameters)
 
     def select(self, blocks: Iterable[int]) -> Regression:
-        """Only these blocks, by index; one that comes k times (in a bootstrap resample)
-        counts as k: its rows times sqrt(k)."""
-        numbers, counts = np.unique(np.fromiter(blocks, np.intp), return_counts=True)
-        place = {block: k for k, block in enumerate(numbers.tolist())}
+        """Only some blocks.
+
+        Parameters
+        ----------
+        blocks : iterable of int
+            Indices into ``blocks``. One that comes k times, as in a bootstrap, counts k
+            times: its rows are multiplied by sqrt(k).
+
+        Returns
+        -------
+        Regression
+            Of these, numbered anew in ascending order.
+        """
+        asked = np.fromiter(blocks, np.intp)
+        numbers, counts = np.unique(asked, return_counts=True)
+        new_number = {int(old): new for new, old in enumerate(numbers)}
         factors = []
-        for f in self.factors:
-            if f.block not in place:
+        for factor in self.factors:
+            if factor.block not in new_number:
                 continue
-            new = place[f.block]
-            count = int(counts[new])
-            triangle = f.triangle
+            number = new_number[factor.block]
+            count = int(counts[number])
+            triangle = factor.triangle
             if count > 1:
                 triangle = float(np.sqrt(count)) * triangle
+            n_rows = count * factor.rows
             factors.append(
-                replace(f, block=new, triangle=triangle, rows=count * f.rows)
+                replace(factor, block=number, triangle=triangle, rows=n_rows)
             )
-        chosen = tuple(self.blocks[b] for b in numbers)
+        chosen = tuple(self.blocks[block] for block in numbers)
         return replace(self, blocks=chosen, factors=tuple(factors))
 
     def keeping(self, kept_columns: NDArray[np.bool_]) -> Regression:
-        """The same of only the wanted (p,) parameters; rows keep their order."""
+        """Only some parameters.
+
+        Parameters
+        ----------
+        kept_columns : (p,) array of bool
+            Which of them.
+
+        Returns
+        -------
+        Regression
+            In these; rows keep their order.
+        """
         if kept_columns.all():
             return self
-        place = np.cumsum(kept_columns) - 1
+        new_place = np.cumsum(kept_columns) - 1
         factors = []
-        for f in self.factors:
-            keep = kept_columns[f.indices]
-            rows = f.triangle[:, np.append(keep, True)]
-            factors.append(replace(f, indices=place[f.indices[keep]], triangle=rows))
-        parameters = tuple(
-            q for q, keep in zip(self.parameters, kept_columns, strict=True) if keep
-        )
+        for factor in self.factors:
+            is_kept = kept_columns[factor.indices]
+            indices = new_place[factor.indices[is_kept]]
+            triangle = factor.triangle[:, np.append(is_kept, True)]
+            factors.append(replace(factor, indices=indices, triangle=triangle))
+        kept_places = np.flatnonzero(kept_columns)
+        parameters = tuple(self.parameters[k] for k in kept_places)
         return replace(self, parameters=parameters, factors=tuple(factors))
 
     def given_first(self, fixed: Array) -> Regression:
-        """The same in the other parameters when the first ones are ``fixed``: rows keep
-        their order."""
+        """The same in the other parameters when the first ones are known.
+
+        Parameters
+        ----------
+        fixed : (k,) array
+            Values of the first k parameters [SI].
+
+        Returns
+        -------
+        Regression
+            In the other p - k, with their torque taken off; rows keep their order.
+        """
         k = len(fixed)
         factors = []
-        for f in self.factors:
-            is_fixed = f.indices < k
-            columns = f.triangle[:, :-1]
-            explained = columns[:, is_fixed] @ fixed[f.indices[is_fixed]]
-            torque = f.triangle[:, -1] - explained
-            rows = np.column_stack([columns[:, ~is_fixed], torque])
-            factors.append(replace(f, indices=f.indices[~is_fixed] - k, triangle=rows))
-        return replace(self, parameters=self.parameters[k:], factors=tuple(factors))
+        for factor in self.factors:
+            is_fixed = factor.indices < k
+            columns = factor.triangle[:, :-1]
+            values = fixed[factor.indices[is_fixed]]
+            explained = columns[:, is_fixed] @ values
+            torque = factor.triangle[:, -1] - explained
+            triangle = np.column_stack([columns[:, ~is_fixed], torque])
+            indices = factor.indices[~is_fixed] - k
+            factors.append(replace(factor, indices=indices, triangle=triangle))
+        others = self.parameters[k:]
+        return replace(self, parameters=others, factors=tuple(factors))
 
     @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
-        """All blocks of each joint merged into one factor."""
+        """All blocks of each joint merged into one factor (n,)."""
         merged = []
-        none = Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
+        empty = Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
         for joint in range(self.joints):
-            parts = [f for f in self.factors if f.joint == joint] or [none]
-            if len(parts) == 1 and len(parts[0].triangle) <= 2 * self.p:
-                merged.append(replace(parts[0], block=0))  # few rows: as they are
+            parts = [factor for factor in self.factors if factor.joint == joint]
+            parts = parts or [empty]
+            first = parts[0]
+            if len(parts) == 1 and len(first.triangle) <= 2 * self.p:
+                # Few rows: as they are.
+                merged.append(replace(first, block=0))
                 continue
-            triangle = triangular([f.triangle for f in parts])
-            n_rows = sum(f.rows for f in parts)
-            merged.append(Factor(joint, 0, parts[0].indices, triangle, n_rows))
+            triangle = triangular([part.triangle for part in parts])
+            n_rows = sum(part.rows for part in parts)
+            merged.append(Factor(joint, 0, first.indices, triangle, n_rows))
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
-        """The stack over joints, joint j's rows multiplied by weights[j] (default: all
-        1)."""
-        scale = np.ones(self.joints) if weights is None else np.asarray(weights, float)
+        """Stack the rows of all joints to one problem.
+
+        Parameters
+        ----------
+        weights : (n,) array, optional
+            What each joint's rows are multiplied by; default: 1.
+
+        Returns
+        -------
+        LeastSquares
+            In all p parameters.
+        """
+        scale = np.ones(self.joints)
+        if weights is not None:
+            scale = np.asarray(weights, float)
         stack = []
+        n_rows = 0
         for factor in self.per_joint:
             rows = np.zeros((len(factor.triangle), self.p + 1))
-            rows[:, [*factor.indices, self.p]] = scale[factor.joint] * factor.triangle
+            weighted = scale[factor.joint] * factor.triangle
+            rows[:, factor.indices] = weighted[:, :-1]
+            rows[:, self.p] = weighted[:, -1]
             stack.append(rows)
-        return LeastSquares.stacked(stack, sum(f.rows for f in self.per_joint))
+            n_rows += factor.rows
+        return LeastSquares.stacked(stack, n_rows)
 
-    def by_joint(
-        self,
-    ) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp], Array]]:
-        """Of each joint its number, its columns' parameters (k,), the blocks that show
-        it, and their rows (B, r, k + 1), of zeros where a block has fewer."""
+    def by_joint(self) -> Iterator[BlocksOfJoint]:
+        """The blocks of each joint that has rows, from the first joint on.
+
+        Returns
+        -------
+        iterator of BlocksOfJoint
+            All with as many rows: where a block has fewer, zeros follow.
+        """
         for joint in range(self.joints):
-            factors = [f for f in self.factors if f.joint == joint]
+            factors = [factor for factor in self.factors if factor.joint == joint]
             if not factors:
                 continue
-            rows = dict[int, list[Array]]()
-            for f in factors:  # several runs may show one fold
-                rows.setdefault(f.block, []).append(f.triangle)
-            stacks = [x[0] if len(x) == 1 else np.vstack(x) for x in rows.values()]
-            longest = max(map(len, stacks))
-            blocks = np.zeros((len(stacks), longest, stacks[0].shape[1]))
-            for place, stack in zip(blocks, stacks, strict=True):
+            parts = dict[int, list[Array]]()
+            for factor in factors:  # several runs may show one fold
+                parts.setdefault(factor.block, []).append(factor.triangle)
+            stacks = [np.vstack(triangles) for triangles in parts.values()]
+            longest = max(len(stack) for stack in stacks)
+            rows = np.zeros((len(stacks), longest, stacks[0].shape[1]))
+            for place, stack in zip(rows, stacks, strict=True):
                 place[: len(stack)] = stack
-            yield joint, factors[0].indices, np.array(list(rows)), blocks
+            yield BlocksOfJoint(joint, factors[0].indices, np.array(list(parts)), rows)
 
     def joint_losses(self, theta: ArrayLike) -> Array:
-        """(joints,) sum of squared torque errors [(N m)^2] of each joint."""
-        x = np.asarray(theta, float)
+        """Squared torque error of each joint.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters [SI].
+
+        Returns
+        -------
+        (n,) array
+            Sums over its rows [(N m)^2].
+        """
+        parameters = np.asarray(theta, float)
         losses = []
-        for f in self.per_joint:
-            residual = f.triangle[:, :-1] @ x[f.indices] - f.triangle[:, -1]
+        for factor in self.per_joint:
+            modelled = factor.triangle[:, :-1] @ parameters[factor.indices]
+            residual = modelled - factor.triangle[:, -1]
             losses.append(float(residual @ residual))
         return np.array(losses)
 
     def joint_rows(self) -> NDArray[np.int64]:
-        """(joints,) number of rows of each joint."""
-        return np.array([f.rows for f in self.per_joint], np.int64)
+        """(n,) number of rows of each joint."""
+        counts = [factor.rows for factor in self.per_joint]
+        return np.array(counts, np.int64)
 
 
 def triangular(parts: Sequence[Array]) -> Array:
@@ -273,16 +457,20 @@ def triangular(parts: Sequence[Array]) -> Array:
     (s, k) array
         Upper triangular, at most square.
     """
-    r: Array = np.asarray(np.linalg.qr(np.vstack(parts), mode="r"))
-    sign = np.where(np.diagonal(r) < 0, -1.0, 1.0)
-    r[: len(sign)] *= sign[:, None]
-    return r
+    stacked = np.vstack(parts)
+    triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"))
+    is_negative = np.diagonal(triangle) < 0
+    sign = np.where(is_negative, -1.0, 1.0)
+    triangle[: len(sign)] *= sign[:, None]
+    return triangle
 
 
 def _folded(rows: Array) -> Array:
     """A triangle where rows are more than twice as many as columns: fewer cost less as
     they are."""
-    return triangular([rows]) if len(rows) > 2 * rows.shape[1] else rows
+    if len(rows) <= 2 * rows.shape[1]:
+        return rows
+    return triangular([rows])
 
 
 def compress(
@@ -297,7 +485,8 @@ def compress(
     model : Model
         In whose columns.
     blocks_per_run : int
-        Each run is cut into so many blocks of equal duration, of at least 0.5 s.
+        Each run is cut into so many blocks of equal duration, of ``SHORTEST_BLOCK``
+        or more.
     workers : Workers
         Who does it, a run each. Factors are merged in the order of the runs.
 
@@ -310,10 +499,12 @@ def compress(
     for run in runs.measurements.runs():
         start = float(run.t[0])
         stop = float(run.t[-1])
-        count = max(1, min(blocks_per_run, int((stop - start) / 0.5)))
+        most = int((stop - start) / SHORTEST_BLOCK)
+        count = max(1, min(blocks_per_run, most))
         edges.append(np.linspace(start, stop, count + 1))
     regression = compress_cells(runs, model, _TimeBlocks(tuple(edges)), workers)
-    return regression.select(sorted({f.block for f in regression.factors}))
+    blocks_with_rows = {factor.block for factor in regression.factors}
+    return regression.select(sorted(blocks_with_rows))
 
 
 @dataclass(frozen=True)
@@ -324,6 +515,7 @@ class _TimeBlocks:
 
     @property
     def places(self) -> list[TimeBlock]:
+        """Run, start and stop [s] of each block."""
         return [
             (k, a, b)
             for k, edges in enumerate(self.edges)
@@ -331,6 +523,20 @@ class _TimeBlocks:
         ]
 
     def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+        """The blocks of a run's instants.
+
+        Parameters
+        ----------
+        run : int
+            Its number.
+        t : (M,) array
+            Instants [s].
+
+        Returns
+        -------
+        (M,) array of int
+            Numbers of blocks.
+        """
         n_before = sum(len(edges) - 1 for edges in self.edges[:run])
         inner_edges = self.edges[run][1:-1]
         return n_before + np.searchsorted(inner_edges, t, side="right")
@@ -388,11 +594,11 @@ def compress_cells(
 def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
     """The factors in columns that the noise of the positions is no part of."""
     parts = [(f.joint, f.indices, f.triangle) for f in factors]
-    both = zip(factors, instrumented(model, parts), strict=True)
-    return [
-        replace(f, indices=indices, triangle=_folded(rows))
-        for f, (indices, rows) in both
-    ]
+    out = []
+    rows_by_factor = instrumented(model, parts)
+    for factor, (indices, rows) in zip(factors, rows_by_factor, strict=True):
+        out.append(replace(factor, indices=indices, triangle=_folded(rows)))
+    return out
 
 
 def _cells_of_run(
@@ -407,7 +613,7 @@ def _cells_of_run(
     for rows in of_run:
         count += len(rows.torque)
         _take(cells, rows, folds.cell(index, rows.motion.t))
-    factors = [factor for _, factor in sorted(cells.items(), key=lambda item: item[0])]
+    factors = [cells[block_and_joint] for block_and_joint in sorted(cells)]
     return factors, count / run.rows_per_sample
 
 

@@ -4,7 +4,7 @@ and the sources that compute.
 What is computed again from the same content is read instead, in this run and in later
 ones, whatever was stopped in between. The folder is $SDP_VS_PENALTY_CACHE, else
 sdp-vs-penalty in the user's cache folder; an empty variable keeps nothing. Files are JSON
-with all digits; one that is damaged is computed again.
+with all digits, or .npz archives of arrays; one that is damaged is computed again.
 """
 
 import hashlib
@@ -14,12 +14,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
+from zipfile import BadZipFile
 
 import numpy as np
 
 from sdp_vs_penalty.estimators.estimator import Task
-from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.files import write_text, writing
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import group_cones
 
 #: The variable that names the folder.
@@ -54,12 +56,47 @@ def remembered(
         return _plain(compute())
     path = folder / f"{kind}-{content_key(content)}.json"
     try:
-        return json.loads(path.read_text())
+        return json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
         result = _plain(compute())
     folder.mkdir(parents=True, exist_ok=True)
     write_text(path, json.dumps(result))
     return result
+
+
+def remembered_arrays(
+    kind: str, content: Iterable[object], compute: Callable[[], Mapping[str, Array]]
+) -> dict[str, Array]:
+    """Arrays that ``compute`` returns, read from the disk where they were computed
+    before.
+
+    Parameters
+    ----------
+    kind : str
+        What is computed: the beginning of the file's name.
+    content : iterable
+        Everything that the result depends on: see :func:`content_key`.
+    compute : callable
+        Returns arrays of numbers by name.
+
+    Returns
+    -------
+    dict of str to array
+        In the order in which they were computed.
+    """
+    folder = memo_folder()
+    if folder is None:
+        return dict(compute())
+    path = folder / f"{kind}-{content_key(content)}.npz"
+    try:
+        with np.load(path, allow_pickle=False) as held:
+            return {name: held[name] for name in held.files}
+    except (OSError, ValueError, EOFError, BadZipFile):
+        arrays = dict(compute())
+    folder.mkdir(parents=True, exist_ok=True)
+    with writing(path) as file:
+        np.savez(file, **cast(Any, arrays))
+    return arrays
 
 
 def memo_folder() -> Path | None:
@@ -164,8 +201,17 @@ def task_content(task: Task) -> tuple[object, ...]:
 
 
 @cache
+def program_version() -> str:
+    """A hash of all sources of this program, and of what its tables say below
+    themselves."""
+    home = Path(__file__).parents[1]
+    paths = sorted([*home.rglob("*.py"), *home.rglob("*.md")])
+    return content_key(path.read_text(encoding="utf-8") for path in paths)
+
+
+@cache
 def source_version() -> str:
     """A hash of the sources that an estimate depends on."""
     home = Path(__file__).parents[1]
     sources = (path for name in _COMPUTING for path in (home / name).rglob("*.py"))
-    return content_key(path.read_text() for path in sorted(sources))
+    return content_key(path.read_text("utf-8") for path in sorted(sources))

@@ -60,8 +60,20 @@ class Pieces(tuple[NDArray[np.intp], ...]):
     _last: tuple[tuple[bytes, int], scipy.sparse.csr_array] | None = None
 
     def filter(self, ar: Array, count: int) -> scipy.sparse.csr_array:
-        """(count, count) what an autoregression does to a series: each predicted row
-        less what its past says of it, zero rows elsewhere; the last is kept."""
+        """Sparse map that whitens a series: each row minus its prediction by an autoregression.
+
+        Parameters
+        ----------
+        ar : array
+            Coefficients of the autoregression.
+        count : int
+            Number of rows of the series.
+
+        Returns
+        -------
+        (count, count) sparse array
+            The map; rows without enough past are zero.
+        """
         key = ar.tobytes(), count
         if self._last is None or self._last[0] != key:
             rows = self.predicted

@@ -9,8 +9,18 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 def lattice_step(values: Array) -> float:
-    """The smallest step between different values of a channel, rounding errors of the
-    file apart."""
+    """Resolution of a channel: the smallest step between different values.
+
+    Parameters
+    ----------
+    values : (N,) array
+        The channel; rounding errors of the file are ignored.
+
+    Returns
+    -------
+    float
+        The step, in the channel's unit.
+    """
     levels = np.unique(values)
     steps = np.diff(levels)
     steps = steps[steps > 1e-9 * (levels[-1] - levels[0])]

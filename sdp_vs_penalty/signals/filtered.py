@@ -316,8 +316,20 @@ class FilteredRuns:
 
     @classmethod
     def of(cls, measurements: Measurements, settings: Preprocessing) -> FilteredRuns:
-        """Behind filters whose numbers are chosen from the measurements where they are
-        not given."""
+        """Runs behind their filters.
+
+        Parameters
+        ----------
+        measurements : Measurements
+            The runs.
+        settings : Preprocessing
+            The filters' settings. Numbers that are not given are chosen from the measurements.
+
+        Returns
+        -------
+        FilteredRuns
+            The filtered runs; rows are computed when they are used.
+        """
         settings = settings.resolve(measurements)
         return cls(
             measurements,

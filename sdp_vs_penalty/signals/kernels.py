@@ -57,7 +57,18 @@ class Decimator:
         return rows.reshape(len(self.at), *shape)
 
     def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
-        """Some of the rows, and the samples that they see."""
+        """The decimator of some of its rows.
+
+        Parameters
+        ----------
+        start, stop : int
+            First row, and one past the last.
+
+        Returns
+        -------
+        tuple
+            The decimator, and the slice of samples that it reads.
+        """
         at = self.at[start:stop]
         half = self.kernel.half
         first = int(at[0]) - half
@@ -123,8 +134,18 @@ class Kernel(LowPass):
         return low + q[:1], first, second
 
     def sampled(self, stride: int) -> LowPass:
-        """The same low-pass on a grid ``stride`` times coarser: the same response below
-        its rate."""
+        """The same low-pass filter on a coarser grid, with the same response below its rate.
+
+        Parameters
+        ----------
+        stride : int
+            How many times coarser the grid is.
+
+        Returns
+        -------
+        LowPass
+            The filter.
+        """
         if stride == 1:
             return self
         offsets = np.arange(-(self.half // stride), self.half // stride + 1)
@@ -152,11 +173,22 @@ def _hann_derivatives(a: float, t: Array) -> tuple[Array, Array, Array]:
 
 
 def convolve(x: Array, *kernels: Array) -> list[Array]:
-    """x (N, n) convolved with each kernel (K,), K odd, where the two overlap fully: (N
-    - K + 1, n), each column contiguous, as they are worked on one by one.
+    """Convolve channels with several kernels, where kernel and channel overlap fully.
 
-    By one Fourier transform of x for all kernels; what wraps around lies outside.
-    (scipy.signal does the same, but its import takes longer than to identify a robot.)
+    One Fourier transform of x serves all kernels; what wraps around is cut off.
+    scipy.signal does the same, but takes longer to import than a robot to identify.
+
+    Parameters
+    ----------
+    x : (N, n) array
+        Channels.
+    *kernels : (K,) array
+        Kernels of one odd length K.
+
+    Returns
+    -------
+    list of (N - K + 1, n) arrays
+        One a kernel; their columns are contiguous in memory.
     """
     length = scipy.fft.next_fast_len(len(x), real=True)
     spectrum = scipy.fft.rfft(x.T, length)

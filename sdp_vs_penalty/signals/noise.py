@@ -93,9 +93,22 @@ class Noise:
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
     def whiten(self, values: Array, joint: int, pieces: Pieces) -> Array:
-        """(M, k) columns or (M,) a series, filtered to white noise of unit variance.
+        """Whiten columns of a joint by its noise model: noise becomes white, of unit variance.
 
-        The first ORDER rows of each piece have no past and become zero.
+        Parameters
+        ----------
+        values : (M, k) or (M,) array
+            Columns, or a series.
+        joint : int
+            Index of the joint.
+        pieces : Pieces
+            Uninterrupted pieces of rows. The first ORDER rows of each have no past and become
+            zero.
+
+        Returns
+        -------
+        array
+            Whitened values, of the same shape.
         """
         white = np.asarray(pieces.filter(self.ar[joint], len(self.scale)) @ values)
         scale = self.scale[:, joint]

@@ -58,7 +58,18 @@ class MotionClock:
 
 
 def tracks_of(measurements: Measurements) -> list[Track]:
-    """The positions of each run, at 100 Hz at most: they hold little above."""
+    """Positions of each run, thinned to 100 Hz at most; motion holds little above.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The runs.
+
+    Returns
+    -------
+    list of Track
+        One a run.
+    """
     out = []
     for run in measurements.runs():
         span = float(run.t[-1] - run.t[0])
@@ -69,8 +80,18 @@ def tracks_of(measurements: Measurements) -> list[Track]:
 
 
 def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
-    """One clock a run; runs that repeat each other share theirs, as each of them shows
-    it."""
+    """Clocks of the runs, on which repeated motion has the same time.
+
+    Parameters
+    ----------
+    tracks : sequence of Track
+        Positions of each run.
+
+    Returns
+    -------
+    tuple of MotionClock
+        One a run. Runs that repeat each other share a clock.
+    """
     clocks: list[MotionClock] = []
     for k, track in enumerate(tracks):
         t = track[0]
@@ -103,15 +124,40 @@ class PhaseFolds:
     guard: float = 0.0
 
     def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
-        """The fold that tests on instants t of a run."""
+        """Index of the fold that tests on given instants.
+
+        Parameters
+        ----------
+        run : int
+            Index of the run.
+        t : (N,) array
+            Instants [s].
+
+        Returns
+        -------
+        (N,) array of int
+            Folds.
+        """
         clock = self.clocks[run]
         phase = clock.at(t) / clock.length
         slot = np.floor(phase * self.count).astype(np.intp)
         return np.clip(slot, 0, self.count - 1)
 
     def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
-        """Index of the cell in which instants t of a run lie: between two borders of
-        folds or guards."""
+        """Index of the cell in which given instants lie, between two borders of folds or guards.
+
+        Parameters
+        ----------
+        run : int
+            Index of the run.
+        t : (N,) array
+            Instants [s].
+
+        Returns
+        -------
+        (N,) array of int
+            Cells.
+        """
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
         inner = edges[1:-1]
@@ -129,15 +175,48 @@ class PhaseFolds:
         ]
 
     def tested(self, fold: int) -> list[int]:
-        """Cells that a fold tests on."""
+        """Cells on which a fold tests.
+
+        Parameters
+        ----------
+        fold : int
+            Index of the fold.
+
+        Returns
+        -------
+        list of int
+            Cells.
+        """
         return np.flatnonzero(self._apart(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
-        """Cells that it trains on."""
+        """Cells on which a fold trains.
+
+        Parameters
+        ----------
+        fold : int
+            Index of the fold.
+
+        Returns
+        -------
+        list of int
+            Cells.
+        """
         return np.flatnonzero(self._apart(fold) >= self.guard).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
-        """Where a fold lies on the clock of the first motion [s]."""
+        """First and last instant of a fold on the clock of the first motion.
+
+        Parameters
+        ----------
+        fold : int
+            Index of the fold.
+
+        Returns
+        -------
+        tuple of float
+            Instants [s].
+        """
         length = self.clocks[0].length
         return fold * length / self.count, (fold + 1) * length / self.count
 

@@ -111,8 +111,20 @@ def _ways(run: Measurements) -> Iterator[Array]:
 
 
 def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """(K, 2) first and one past the last of each run of True.
+    """First row, and one past the last, of each run of True.
 
+    Parameters
+    ----------
+    flags : (N,) array of bool
+        Flags.
+
+    Returns
+    -------
+    (K, 2) array of int
+        A row a run.
+
+    Examples
+    --------
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """

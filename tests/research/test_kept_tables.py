@@ -35,7 +35,7 @@ def test_a_finished_table_is_read(out):
 
 
 def test_an_edited_program_makes_it_again(out, monkeypatch):
-    monkeypatch.setattr(kept, "_program_version", lambda: "another")
+    monkeypatch.setattr(kept, "program_version", lambda: "another")
     with pytest.raises(AssertionError, match="made again"):
         make_tables(["VI"], out=out)
 

@@ -100,3 +100,20 @@ def test_kept_steps_of_annealing_end_where_the_method_does(folder, task, monkeyp
     read = method.fit_with(task, estimates.AnnealingSteps().search)
     np.testing.assert_array_equal(kept.theta, fit.theta)
     np.testing.assert_array_equal(read.theta, fit.theta)
+
+
+def test_arrays_that_were_computed_are_read(folder):
+    computed = {"a": np.arange(6.0).reshape(2, 3), "b": np.array([np.nan])}
+    memo.remembered_arrays("x", (1,), lambda: computed)
+    held = memo.remembered_arrays("x", (1,), never)
+    assert list(held) == ["a", "b"]
+    for name, values in computed.items():
+        np.testing.assert_array_equal(held[name], values)
+
+
+def test_a_damaged_archive_is_computed_again(folder):
+    memo.remembered_arrays("x", (1,), lambda: {"a": np.zeros(3)})
+    (path,) = folder.iterdir()
+    path.write_bytes(path.read_bytes()[:40])
+    held = memo.remembered_arrays("x", (1,), lambda: {"a": np.ones(3)})
+    np.testing.assert_array_equal(held["a"], np.ones(3))

@@ -11,8 +11,21 @@ from sdp_vs_penalty.research.tables.global_optimum import WEIGHTS, Searched
 
 
 def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
-    """Above: the objective over the feasible optimum; below: the worst violation. One
-    column a problem; a line the certified optimum, a dot a run of annealing."""
+    """Draw the objective over the feasible optimum, and the worst violation, over the weight:
+    a line the certified optimum, a dot a run of annealing.
+
+    Parameters
+    ----------
+    searched : sequence of Searched
+        A column each.
+    title : str
+        Above all.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     figure, axes = new_figure(2, len(searched), 5.2, sharex=True)
     for column, problem in zip(axes.T, searched, strict=True):
         _draw_objective(column[0], problem)

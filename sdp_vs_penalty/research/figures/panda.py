@@ -132,7 +132,18 @@ def _draw_unseen(
 
 
 def figure_1(study: Study) -> Any:
-    """Measured torques of unseen motion, and those of p_hat, delta and both routes."""
+    """Measured torques of unseen motion, and those of p_hat, delta and both routes.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     source = "simulated" if study.run is None else "measured"
     routes = routes_of(study)
     n = study.problem.robot.n
@@ -147,12 +158,23 @@ def figure_1(study: Study) -> Any:
         f"{name.removesuffix(' (published links)')} {error:.2f} %"
         for name, error in errors.items()
     )
-    figure.suptitle(f"Relative error on unseen motion: {in_words}", wrap=True)
+    figure.suptitle(f"Relative error on unseen motion:\n{in_words}")
     return figure
 
 
 def figure_2(study: Study) -> Any:
-    """The validation motions: all simulated ones, and the real run's."""
+    """The validation motions: all simulated ones, and the real run's.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     assert study.simulated.test is not None
     runs_by_source = {"simulated": list(study.simulated.test.runs())}
     folds = [] if study.run is None else study.unseen("lmi-sdp").folds
@@ -214,7 +236,18 @@ def _mark_folds(axes: Any, starts: Sequence[float]) -> None:
 
 
 def figure_3(study: Study) -> Any:
-    """Torques along all validation motions, all of it unseen."""
+    """Torques along all validation motions, all of it unseen.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     sources = ["simulated"] if study.run is None else ["simulated", "measured"]
     n = study.problem.robot.n
     # The ten simulated runs last 100 s, the real motion 13 s.
@@ -297,7 +330,18 @@ def _engines(
 
 def figure_5(study: Study) -> Any:
     """Torques of physics engines and of the identified model, beside the measured torque
-    where there is one: along the real run, else along sinusoidal velocities."""
+    where there is one: along the real run, else along sinusoidal velocities.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     if study.measured is None:
         text = "Torques of physics engines on sinusoidal velocities (nothing measured)"
         return _engines(study, lambda run: run.torque, "torque", text, model=True)[0]
@@ -331,7 +375,18 @@ def figure_5(study: Study) -> Any:
 
 
 def figure_6(study: Study) -> Any:
-    """Torque errors of physics engines against the identified model."""
+    """Torque errors of physics engines against the identified model.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     text = "Torque of the engine less that of the identified model"
     figure, axes = _engines(study, lambda run: run.error, "torque error", text)
     runs = _present(study.once(table_v.sinusoidal_runs))
@@ -351,7 +406,18 @@ def figure_6(study: Study) -> Any:
 
 
 def figure_7(study: Study) -> Any:
-    """Where the end effector goes in physics engines: position and orientation errors."""
+    """Where the end effector goes in physics engines: position and orientation errors.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     groups = {"sinusoids (simulated)": study.once(table_v.sinusoidal_runs)}
     if study.measured is not None:
         groups["motion of the real run"] = study.once(table_v.measured_runs)

@@ -24,7 +24,18 @@ PROBLEM = "two_link"
 
 
 def figure_8(study: Study) -> Any:
-    """The 2R from its parameters: shapes, frames, centres of mass, inertia ellipsoids."""
+    """The 2R from its parameters: shapes, frames, centres of mass, inertia ellipsoids.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     problem = study.problem
     figure, axes = new_figure(1, 3, 4.2, width_ratios=(1.4, 1, 1))
     position = axes[0, 0].get_subplotspec()
@@ -54,7 +65,20 @@ def figure_8(study: Study) -> Any:
 
 
 def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
-    """Axis of a link's shape, positions along it (k,) and its radius there (k,) [m]."""
+    """Radius of a link's shape along its axis.
+
+    Parameters
+    ----------
+    problem : Problem
+        With cones for the centres of mass.
+    link : int
+        From 0.
+
+    Returns
+    -------
+    tuple of (int, (k,) array, (k,) array)
+        Axis of the link's shape, positions along it and radius there [m].
+    """
     cones = [c for c in problem.cones if c.link == link + 1]
     along = "xyz".index(cones[0].axis)
     low, high = problem.box[link, 1 + along]
@@ -150,7 +174,18 @@ def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
 
 
 def figure_9(study: Study) -> Any:
-    """Torques of the 2R, true ones and with parameters retrieved by penalty and by SDP."""
+    """Torques of the 2R, true ones and with parameters retrieved by penalty and by SDP.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     robot = study.problem.robot
     x = study.experiment
     data = study.simulated
@@ -192,7 +227,18 @@ def figure_9(study: Study) -> Any:
 
 def figure_10(study: Study) -> Any:
     """Internal wrenches of the 2R: real, feasible, unfeasible, and all that are
-    possible."""
+    possible.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
     w = study.once(wrench_study)
     n = study.problem.robot.n
     figure, axes = new_figure(len(COMPONENTS), n, 8.6, sharex=True)

@@ -33,7 +33,18 @@ _ROUNDS = 60
 
 def options(accuracy: float) -> dict[str, Any]:
     """What L-BFGS-B is told, by the names of SciPy's documentation: gtol of the scaled
-    gradient."""
+    gradient.
+
+    Parameters
+    ----------
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    dict
+        Options of L-BFGS-B by the names of SciPy's documentation.
+    """
     return {
         "maxcor": 50,
         "maxiter": 1000,
@@ -75,7 +86,18 @@ class Chart:
         self.start = np.concatenate([of_links, inside[self.others] / self.scale])
 
     def theta(self, x: Array) -> tuple[Array, Array]:
-        """theta (p,) and the factors L (links, 4, 4) of the variables (n,)."""
+        """Parameters of the variables.
+
+        Parameters
+        ----------
+        x : (n,) array
+            Variables.
+
+        Returns
+        -------
+        tuple of ((p,) array, (links, 4, 4) array)
+            Parameters, and the factors L.
+        """
         count = self.indices.size
         factors = np.zeros((len(self.indices), 4, 4))
         factors[:, *self.lower] = x[:count].reshape(-1, 10)
@@ -91,7 +113,20 @@ class Chart:
         return theta, factors
 
     def slope(self, factors: Array, gradient: Array) -> Array:
-        """(n,) the gradient in the variables, from that in theta (p,)."""
+        """Gradient in the variables.
+
+        Parameters
+        ----------
+        factors : (links, 4, 4) array
+            L of each link.
+        gradient : (p,) array
+            In the parameters.
+
+        Returns
+        -------
+        (n,) array
+            In the variables.
+        """
         of_links = np.einsum("kei,ki->ke", self.maps, gradient[self.indices])
         matrix = of_links.reshape(-1, 4, 4)
         symmetric = matrix + matrix.transpose(0, 2, 1)
@@ -139,7 +174,18 @@ class Round:
         return vectors / np.sqrt(np.maximum(values, 1.0 / self.weight))
 
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
-        """The Lagrangian and its gradient (n,), the loss in units of itself."""
+        """The Lagrangian and its gradient.
+
+        Parameters
+        ----------
+        z : (n,) array
+            Scaled variables.
+
+        Returns
+        -------
+        tuple of (float, (n,) array)
+            In units of the loss.
+        """
         penalty = self.penalty
         theta, factors = self.chart.theta(self.x + self.turn @ z)
         value = self.instance.objective.value(theta) / penalty.loss_scale
@@ -159,6 +205,18 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     none for its links.
 
     Claims an optimum where slope, violation and complementarity are within accuracy.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    Answer
+        Without multipliers.
     """
     inside = instance.interior
     if inside is None:

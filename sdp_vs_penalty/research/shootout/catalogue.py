@@ -29,13 +29,36 @@ Change = Callable[[Instance], Instance]
 
 
 def posed_as(formulation: str, unit: float = 1.0) -> Change:
-    """In units of so many kg and m, in one of the formulations of an instance."""
+    """Change to other units and another formulation.
+
+    Parameters
+    ----------
+    formulation : str
+        One of an instance's.
+    unit : float
+        So many kg and m are one.
+
+    Returns
+    -------
+    callable
+        From an instance to the changed one.
+    """
     return lambda made: replace(in_units(made, unit, unit), formulation=formulation)
 
 
 def unidentifiable(instance: Instance) -> Instance:
-    """No bounds on size: the set of optima is unbounded; the certificate holds within
-    |theta| <= B."""
+    """Drop the bounds on size.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Whose optima are unbounded; the certificate holds within |theta| <= B.
+    """
     open_families = (
         "trace",
         "range",
@@ -58,10 +81,32 @@ def unidentifiable(instance: Instance) -> Instance:
 
 
 def total_mass_at_least(shift: float) -> Change:
-    """The lower bound on the total mass ``shift`` (relative) above what the links may
-    weigh together."""
+    """Demand a total mass ``shift`` above what the links may weigh together.
+
+    Parameters
+    ----------
+    shift : float
+        Relative; negative: below.
+
+    Returns
+    -------
+    callable
+        From an instance to the changed one.
+    """
 
     def change(instance: Instance) -> Instance:
+        """Add the demand to an instance.
+
+        Parameters
+        ----------
+        instance : Instance
+            Which problem.
+
+        Returns
+        -------
+        Instance
+            With the demand.
+        """
         rows = [
             (c.constant, c.coefficients[0])
             for c in instance.constraints.convex
@@ -82,15 +127,36 @@ def total_mass_at_least(shift: float) -> Change:
 
 
 def rounded(instance: Instance) -> Instance:
-    """The factor in single precision; what is solved and certified is the problem that
-    this leaves."""
+    """Round the factor to single precision.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Solved and certified as rounded.
+    """
     R = instance.data.R.astype(np.float32).astype(float)
     rho = instance.data.rho.astype(np.float32).astype(float)
     return instance.having(R=R, rho=rho)
 
 
 def too_thick(instance: Instance) -> Instance:
-    """Radii of gyration that the bounds on the moments exclude."""
+    """Demand radii of gyration that the bounds on the moments exclude.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Infeasible.
+    """
     constraints_kept = [
         c for c in instance.constraints.convex if c.family != "minimum thickness"
     ]
@@ -98,13 +164,35 @@ def too_thick(instance: Instance) -> Instance:
 
 
 def rank_deficient(instance: Instance) -> Instance:
-    """Some twenty rows of the factor: far fewer directions than parameters are seen."""
+    """Leave some twenty rows of the factor.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Whose rows see far fewer directions than there are parameters.
+    """
     step = max(1, len(instance.data.R) // 20)
     return instance.having(R=instance.data.R[::step], rho=instance.data.rho[::step])
 
 
 def noise_free(instance: Instance) -> Instance:
-    """Torque of the nominal robot, exactly: the optimum is zero."""
+    """Replace the torque by that of the nominal robot, exactly.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Whose optimum is zero.
+    """
     rho = instance.data.R @ instance.task.nominal
     return instance.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
 
@@ -195,6 +283,7 @@ class Entry:
 
     @property
     def folder(self) -> str:
+        """Where its files are in the library."""
         return (
             f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
         )
@@ -281,10 +370,26 @@ def _changed() -> Iterator[Entry]:
 def selected(
     groups: Sequence[str] | None, entries: Iterable[Entry], quick: bool = False
 ) -> tuple[list[Entry], list[Entry]]:
-    """Of the entries those of these groups or names (None: all), and of them those
-    whose measurements are absent.
+    """Choose instances by group or name.
 
-    Raises InputError for a group that does not exist.
+    Parameters
+    ----------
+    groups : sequence of str, optional
+        Groups or names; default: all.
+    entries : iterable of Entry
+        Of which to choose.
+    quick : bool
+        Whether only those of --quick.
+
+    Returns
+    -------
+    tuple of (list of Entry, list of Entry)
+        Those at hand, and those whose measurements are absent.
+
+    Raises
+    ------
+    InputError
+        For a group that does not exist.
     """
     there = list(entries)
     known = list(dict.fromkeys(e.group for e in there))
@@ -309,7 +414,23 @@ def selected(
 
 @lru_cache(maxsize=4)
 def instance(name: str) -> Instance:
-    """Build an instance; the last few are kept."""
+    """Build an instance.
+
+    Parameters
+    ----------
+    name : str
+        Of the catalogue.
+
+    Returns
+    -------
+    Instance
+        The last few are kept.
+
+    Raises
+    ------
+    InputError
+        Where the name is unknown.
+    """
     entries = {e.name: e for e in everything()}
     if name not in entries:
         raise InputError(

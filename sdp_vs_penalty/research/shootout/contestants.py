@@ -24,8 +24,22 @@ from sdp_vs_penalty.version import __version__
 
 
 def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
-    """The problem as its formulas read; prob.solve() alone, or with the solver that a
-    user names."""
+    """Solve the problem by CVXPY as its formulas read.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    accuracy : float
+        Not told to it.
+    solver : str or None
+        By name; None: CVXPY's own choice.
+
+    Returns
+    -------
+    Answer
+        Without multipliers.
+    """
     import cvxpy as cp
 
     data = instance.data
@@ -68,8 +82,20 @@ def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answ
 
 
 def solve_penalty(instance: Instance, accuracy: float) -> Answer:
-    """The estimator ``penalty`` on the instance's constraints; its shifts are its
-    multipliers."""
+    """Solve the problem by the exact penalty.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    Answer
+        Its shifts are its multipliers.
+    """
     try:
         fit = fit_penalty(
             instance.task, instance.data, instance.constraints, Penalty.starts, accuracy
@@ -112,7 +138,18 @@ class Contestant:
         return self.name.endswith(" certified")
 
     def asked(self, accuracies: Iterable[float]) -> list[float]:
-        """These from loose to tight; what it promises where it cannot be asked."""
+        """Accuracies that are asked of it.
+
+        Parameters
+        ----------
+        accuracies : iterable of float
+            Of the shootout.
+
+        Returns
+        -------
+        list of float
+            From loose to tight; what it promises where it cannot be asked.
+        """
         return (
             [self.promise]
             if self.options is None
@@ -120,11 +157,33 @@ class Contestant:
         )
 
     def settings(self, accuracy: float) -> str:
-        """How a run is set up, in one word: the key in runs.csv."""
+        """How a run is set up.
+
+        Parameters
+        ----------
+        accuracy : float
+            Asked for.
+
+        Returns
+        -------
+        str
+            One word: the key in runs.csv.
+        """
         return "default" if self.options is None else f"{accuracy:.0e}"
 
     def options_in_words(self, accuracy: float) -> str:
-        """What it is told, in its documentation's names."""
+        """Options of a run.
+
+        Parameters
+        ----------
+        accuracy : float
+            Asked for.
+
+        Returns
+        -------
+        str
+            By the names of its documentation.
+        """
         options = {} if self.options is None else self.options(accuracy)
         return ", ".join(
             f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}"
@@ -132,7 +191,18 @@ class Contestant:
         )
 
     def refuses(self, instance: Instance) -> str | None:
-        """Why an instance cannot be posed to it, or None."""
+        """Why an instance cannot be posed to it.
+
+        Parameters
+        ----------
+        instance : Instance
+            Which problem.
+
+        Returns
+        -------
+        str or None
+            The reason; None where it can be posed.
+        """
         posed = self.entropy or instance.objective.entropy is None
         return None if posed else "no cone for log det"
 
@@ -157,11 +227,22 @@ def contestants() -> dict[str, Contestant]:
 
 
 def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:
-    """The contestants of these names (default: all), those that are here and those that
-    are absent.
+    """Choose contestants by name.
 
-    Raises InputError for a name that does not exist, and for one asked for by name that
-    is absent.
+    Parameters
+    ----------
+    names : list of str or None
+        None: all.
+
+    Returns
+    -------
+    tuple of (list of Contestant, list of Contestant)
+        Those at hand, and those that are absent.
+
+    Raises
+    ------
+    InputError
+        For a name that does not exist, or one asked for that is absent.
     """
     everyone = contestants()
     if names is None:

@@ -54,7 +54,20 @@ class Instance:
     name: str = ""
 
     def having(self, convex: Iterable[Constraint] | None = None, **data: Any) -> Self:
-        """With other constraints, or other entries of the data."""
+        """The instance with other constraints, or other entries of the data.
+
+        Parameters
+        ----------
+        convex : iterable of Constraint, optional
+            Default: as they are.
+        **data : Any
+            Fields of the least-squares data.
+
+        Returns
+        -------
+        Instance
+            A copy.
+        """
         rows = replace(self.data, **data)
         constraints_kept = (
             self.constraints if convex is None else ConstraintSet(tuple(convex))
@@ -68,6 +81,7 @@ class Instance:
 
     @property
     def constraints(self) -> ConstraintSet:
+        """The convex constraints."""
         return self.task.constraints
 
     @property
@@ -131,11 +145,25 @@ def unscaled_sdp(
     data: LeastSquares, constraints: Sequence[Constraint], formulation: str
 ) -> SdpProblem:
     """The problem as users write it, without a centre, without scales of parameters or
-    cones:
+    cones.
 
     gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is left out;
            "gram in float32" sums R^T R and R^T rho in single precision
     rows   minimise |z|^2 subject to R theta - z = rho
+
+    Parameters
+    ----------
+    data : LeastSquares
+        R (r, p), rho (r,).
+    constraints : sequence of Constraint
+        In theta.
+    formulation : str
+        "gram", "gram in float32" or "rows".
+
+    Returns
+    -------
+    SdpProblem
+        Without scales.
     """
     r, p = data.R.shape
     groups = list[ConeGroup]()
@@ -178,14 +206,36 @@ class Units:
         return lengths / (self.length * np.sqrt(self.mass))
 
     def parameters(self, task: Task) -> Array:
-        """(p,) of the parameters."""
+        """What parameters in SI units are multiplied by.
+
+        Parameters
+        ----------
+        task : Task
+            In SI units.
+
+        Returns
+        -------
+        (p,) array
+            Factors.
+        """
         first_moment = 1.0 / (self.mass * self.length)
         out = np.full(len(task.bound), self.torque)
         out[task.links] = [1.0 / self.mass, *[first_moment] * 3, *[self.torque] * 6]
         return out
 
     def rows(self, family: str) -> float:
-        """Of a family's constraint rows."""
+        """What a family's constraint rows in SI units are multiplied by.
+
+        Parameters
+        ----------
+        family : str
+            Of constraints.
+
+        Returns
+        -------
+        float
+            Factor.
+        """
         if family in ("mass", "total mass", "bounding ellipsoid", "body"):
             return 1.0 / self.mass
         if family in ("centre of mass", "centre of mass cone"):
@@ -193,7 +243,20 @@ class Units:
         return self.torque
 
     def constraint(self, c: Constraint, parameters: Array) -> Constraint:
-        """A constraint in these units; parameters (p,) : what they are multiplied by."""
+        """A constraint in these units.
+
+        Parameters
+        ----------
+        c : Constraint
+            In SI units.
+        parameters : (p,) array
+            What parameters are multiplied by.
+
+        Returns
+        -------
+        Constraint
+            In these units.
+        """
         scale: Array | float = self.rows(c.family)
         if c.cone == "psd":
             scale = np.outer(self.corner, self.corner)
@@ -204,11 +267,24 @@ class Units:
 
 
 def in_units(instance: Instance, mass: float, length: float) -> Instance:
-    """The same problem with masses in ``mass`` kg and lengths in ``length`` m (seconds
-    stay).
+    """The problem in other units of mass and length; seconds stay.
 
     Torques become tau / (mass length^2); parameters, bounds and constraint rows follow
     their units.
+
+    Parameters
+    ----------
+    instance : Instance
+        In SI units.
+    mass : float
+        Unit of mass [kg].
+    length : float
+        Unit of length [m].
+
+    Returns
+    -------
+    Instance
+        The same problem.
     """
     task = instance.task
     data = instance.data
@@ -241,15 +317,51 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
 def recorded(
     robot: str, source: str, step: str, shape: str, stop: float = np.inf
 ) -> Instance:
-    """From a robot's simulated experiment, or its real measurements up to ``stop`` [s].
+    """Instance from a robot's simulated experiment or its real measurements.
 
-    source : "simulated" or "measured". InputError where the measurements are absent."""
+    Parameters
+    ----------
+    robot : str
+        Name of a problem.
+    source : str
+        "simulated" or "measured".
+    step : str
+        "one-step" or "two-step".
+    shape : str
+        The demand on links' shapes.
+    stop : float
+        Seconds of the run that count.
+
+    Returns
+    -------
+    Instance
+        Without a name.
+
+    Raises
+    ------
+    InputError
+        Where the measurements are absent.
+    """
     return posed(_task(robot, source, stop), step, shape)
 
 
 def posed(task: Task, step: str, shape: str) -> Instance:
-    """One-step (torque) or two-step (base parameters) form of a task, with a demand on
-    shape."""
+    """Instance from a task, with a demand on the links' shapes.
+
+    Parameters
+    ----------
+    task : Task
+        Data and constraints.
+    step : str
+        "one-step" (torque) or "two-step" (base parameters).
+    shape : str
+        "plain", "gyration", "regulariser" or "cones".
+
+    Returns
+    -------
+    Instance
+        Without a name.
+    """
     demands = list[Constraint]()
     if shape == "gyration":
         demands = task.minimum_thickness(LmiSdpThickness.thickness)
@@ -268,9 +380,19 @@ def posed(task: Task, step: str, shape: str) -> Instance:
 
 
 def shape_cones(task: Task) -> list[Constraint]:
-    """|c across z| <= r + |slope| c_z for each link: a centre of mass in a cone, as the 2R has.
+    """Cones for the centres of mass, as the 2R has: |c across z| <= r + |slope| c_z.
 
-    The cone opens along z from the nominal centre's plane, wide enough to hold it.
+    A cone opens along z from the nominal centre's plane, wide enough to hold it.
+
+    Parameters
+    ----------
+    task : Task
+        With nominal links.
+
+    Returns
+    -------
+    list of Constraint
+        One a link.
     """
     out = []
     for k, indices in enumerate(task.links):
@@ -315,7 +437,21 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
 
 
 def chain_problem(n: int, draw: int = 0) -> Problem:
-    """Twist +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal links as balls."""
+    """Random serial chain: twists of +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal
+    links as balls.
+
+    Parameters
+    ----------
+    n : int
+        Links.
+    draw : int
+        Number of the arm among those of this size.
+
+    Returns
+    -------
+    Problem
+        Without bounds.
+    """
     rng = np.random.default_rng([_CHAIN_SEED, n, *[draw] * (draw > 0)])
     a = rng.uniform(0.0, 0.3, n)
     twist = rng.choice([-0.5, 0.0, 0.5], n)
@@ -332,10 +468,19 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
 
 
 def chain_task(n: int, draw: int = 0) -> Task:
-    """Random states, torque of thin random links with friction and white noise, 1 % of
-    each joint's.
+    """Data of a random serial chain: random states, thin random links, friction.
 
-    draw : another arm of the same size, with another motion.
+    Parameters
+    ----------
+    n : int
+        Links.
+    draw : int
+        Number of the arm among those of this size.
+
+    Returns
+    -------
+    Task
+        Torques have white noise of 1 % of each joint's.
     """
     rng = np.random.default_rng([_CHAIN_SEED + 1, n, *[draw] * (draw > 0)])
     problem = chain_problem(n, draw)
@@ -369,7 +514,20 @@ def chain_task(n: int, draw: int = 0) -> Task:
 
 
 def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
-    """(n, 10) links of 1-4 kg whose mass lies near a rod: constraints that bind."""
+    """Links of 1-4 kg whose mass lies near a rod: constraints that bind.
+
+    Parameters
+    ----------
+    rng : Generator
+        Random numbers.
+    problem : Problem
+        Gives the links' reach.
+
+    Returns
+    -------
+    (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+    """
     out = []
     for reach in problem.robot.link_reach():
         mass = rng.uniform(1.0, 4.0)

@@ -19,7 +19,7 @@ from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.solvers.fit import Fit
-from sdp_vs_penalty.solvers.identification import unit_diagonals
+from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
@@ -44,11 +44,24 @@ class Reference:
 
     @property
     def gap(self) -> float:
+        """Width of the proved interval, over ``scale``."""
         return (self.upper - self.lower) / self.scale
 
 
 def proved(instance: Instance) -> tuple[str, Proof | None]:
-    """ "optimum proved", "proved infeasible" or "not proved", and the proof in rational arithmetic."""
+    """Prove an instance's optimum, or that nothing is feasible.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    tuple of (str, Proof or None)
+        "optimum proved", "proved infeasible" or "not proved", and the proof in
+        rational arithmetic.
+    """
     task = instance.task
     constraints = instance.constraints
     names = [p.name for p in task.model.parameters]
@@ -68,7 +81,18 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
 
 
 def reference(instance: Instance) -> Reference:
-    """The proved interval of an instance, or the proof that there is none."""
+    """Proved interval of an instance's optimum.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Reference
+        The interval, or the verdict that there is none.
+    """
     status, proof = proved(instance)
     if proof is None or status == "proved infeasible":
         return Reference("unknown" if proof is None else "infeasible", 0.0, np.inf, 1.0)
@@ -105,7 +129,20 @@ class Judgement:
 
 
 def no_answer(instance: Instance, error: InputError | str) -> Answer:
-    """Nothing, or a claim of infeasibility where the error proves it."""
+    """Answer of a contestant that returns nothing.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    error : InputError or str
+        What the contestant says.
+
+    Returns
+    -------
+    Answer
+        Of NaN; claims infeasibility where the error proves it.
+    """
     nothing = np.full(len(instance.task.bound), np.nan)
     claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
     return Answer(nothing, claims, str(error))
@@ -114,7 +151,24 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
 def judge(
     instance: Instance, reference: Reference, answer: Answer, accuracy: float
 ) -> Judgement:
-    """Classify one answer; ``accuracy`` is the accuracy that was asked for."""
+    """Classify an answer.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    reference : Reference
+        Its proved interval.
+    answer : Answer
+        As returned.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    Judgement
+        Class and figures.
+    """
     error, violation = _primal(instance, reference, answer.theta)
     dual_gap = (reference.upper - _dual(instance, answer)) / reference.scale
     kind = answer.claims
@@ -127,7 +181,26 @@ def judge(
 def classified(
     reference: Reference, claims: str, error: float, violation: float, accuracy: float
 ) -> tuple[str, str]:
-    """The class of an answer that claims something, and why it is not right."""
+    """Class of an answer that claims something.
+
+    Parameters
+    ----------
+    reference : Reference
+        The proved interval.
+    claims : str
+        What the contestant claims.
+    error : float
+        Relative distance of the objective from the interval.
+    violation : float
+        Relative.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    tuple of (str, str)
+        The class, and why the answer is not right.
+    """
     allowed = SLACK * accuracy
     half = max(SLACK * accuracy, accuracy**0.5)
     if claims in ("infeasible", "unbounded"):
@@ -197,17 +270,32 @@ def _dual(instance: Instance, answer: Answer) -> float:
 def relative_violation(
     constraints: Sequence[Constraint], theta: Array, inside: Array, bound: Array
 ) -> float:
-    """The worst violation in units of each cone's own size at an interior point: free
-    of units.
+    """Worst violation in units of each cone's own size at an interior point: free of units.
 
     psd: the smallest eigenvalue of D F(theta) D with D F(inside) D of unit diagonal;
     rows: relative to the largest term that they can hold.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        Convex.
+    theta : (p,) array
+        What is judged.
+    inside : (p,) array
+        An interior point.
+    bound : (p,) array
+        Largest size of each parameter.
+
+    Returns
+    -------
+    float
+        0 where theta is feasible.
     """
     worst = 0.0
     for c in constraints:
         value = c.value(theta)
         if c.cone == "psd":
-            (scale,) = unit_diagonals(c.value(inside)[None])
+            (scale,) = unit_diagonal_factors(c.value(inside)[None])
             margin = float(np.linalg.eigvalsh(value * scale)[0])
         else:
             terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)

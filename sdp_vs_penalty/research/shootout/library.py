@@ -53,14 +53,29 @@ def write_library(
     table = pandas.DataFrame(rows or {"name": []})
     write_text(folder / "index.csv", table.to_csv(index=False, lineterminator="\n"))
     proved = sum(r["status"] != "not proved" for r in rows)
-    card = (_HERE / "card.md").read_text()
+    card = (_HERE / "card.md").read_text("utf-8")
     write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
-    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text())
+    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text("utf-8"))
     return rows
 
 
 def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
-    """The files of one instance; returns its row of the index."""
+    """Write the files of an instance.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the library.
+    item : Entry
+        Its name and group.
+    instance : Instance
+        The problem.
+
+    Returns
+    -------
+    dict
+        Its row of the index.
+    """
     status, proof = proved(instance)
     sdp = instance.sdp
     interval = None

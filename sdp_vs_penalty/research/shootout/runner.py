@@ -93,13 +93,34 @@ class Results:
             raise InputError(what, "give --out an empty or a new folder", folder)
 
     def add(self, rows: list[Row]) -> None:
-        """More runs; they are on the disk when this returns."""
+        """Add runs.
+
+        Parameters
+        ----------
+        rows : list of dict
+            Runs.
+
+        Returns
+        -------
+        None
+            They are on the disk then.
+        """
         both = [self.runs, _frame(rows)] if len(self.runs) else [_frame(rows)]
         self._write(pandas.concat(both, ignore_index=True))
 
     def keep(self, current: dict[str, str]) -> int:
-        """Drop runs of instances whose hash (by problem name) has changed; returns how
-        many."""
+        """Drop runs of instances whose hash has changed.
+
+        Parameters
+        ----------
+        current : dict of str to str
+            Hash by problem name.
+
+        Returns
+        -------
+        int
+            How many runs were dropped.
+        """
         before = len(self.runs)
         is_current = self.runs["problem"].map(current)
         self._write(self.runs[is_current.isna() | (is_current == self.runs["hash"])])
@@ -146,8 +167,23 @@ class Assignment:
 
 
 def perform(task: Assignment) -> list[Row]:
-    """Do a task here; what a worker of any kind calls. InputError where its instance is
-    another one."""
+    """Do an assignment here; what a worker of any kind calls.
+
+    Parameters
+    ----------
+    task : Assignment
+        What is to be done.
+
+    Returns
+    -------
+    list of dict
+        A row a run.
+
+    Raises
+    ------
+    InputError
+        Where its instance is another one.
+    """
     problem_instance = instance(task.problem)
     if problem_instance.hash != task.hash:
         what = (
@@ -197,9 +233,28 @@ def run_one(
     accuracy: float,
     stopped: str = "",
 ) -> Row:
-    """One run: what the contestant says, its seconds of processor time, programs that
-    it ran included (machines are shared), and what that is worth; stopped : a looser
-    setting that exceeded the limit."""
+    """Run a contestant once and judge its answer.
+
+    Seconds are processor time, programs that it ran included (machines are shared).
+
+    Parameters
+    ----------
+    task : Assignment
+        With the proved interval.
+    contestant : Contestant
+        Who runs.
+    problem_instance : Instance
+        Which problem.
+    accuracy : float
+        Asked for.
+    stopped : str
+        A looser setting that exceeded the limit; empty: none.
+
+    Returns
+    -------
+    dict
+        A row of runs.csv.
+    """
     assert task.reference is not None
 
     def timed() -> tuple[Answer, float]:
@@ -288,11 +343,25 @@ class Outcome:
 
 
 def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
-    """Do every run that the folder does not hold yet; say : hears what is done, of how
-    much.
+    """Do every run that the folder does not hold yet.
 
-    Raises InputError for names that do not exist, and where another shootout writes
-    into the folder.
+    Parameters
+    ----------
+    setup : Shootout
+        What to run and how.
+    say : callable
+        Hears what is done, of how much.
+
+    Returns
+    -------
+    Outcome
+        The folder's runs, and what was left out.
+
+    Raises
+    ------
+    InputError
+        For names that do not exist, and where another shootout writes into the
+        folder.
     """
     competing, missing = chosen(setup.solvers)
     if setup.quick and setup.solvers is None:
@@ -448,11 +517,23 @@ def _pending(
 def in_child(
     work: Callable[[], Any], limit: float, memory: float
 ) -> tuple[str, Any, float]:
-    """Fork and work: ("ended", result, seconds), or "failed", "timeout" or "crash" with
-    words.
+    """Fork and work.
 
-    limit : seconds of processor time, and four times as many by the clock, because
-    machines are shared; memory : GB beyond what the parent already has.
+    Parameters
+    ----------
+    work : callable
+        What is done.
+    limit : float
+        Seconds of processor time, and four times as many by the clock, because
+        machines are shared.
+    memory : float
+        GB beyond what the parent already has.
+
+    Returns
+    -------
+    tuple of (str, Any, float)
+        "ended", the result and seconds; or "failed", "timeout" or "crash",
+        words and seconds.
     """
     reader, writer = Pipe(duplex=False)
     start = time.monotonic()
@@ -510,7 +591,7 @@ def _child(
         )  # whole seconds: the kernel's grain
         resource.setrlimit(resource.RLIMIT_CPU, (whole_seconds, whole_seconds + 2))
         try:  # the address space in use, where the system says it
-            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            pages = int(Path("/proc/self/statm").read_text("utf-8").split()[0])
             size = pages * resource.getpagesize() + int(memory * 1e9)
         except OSError:
             size = int(8e9 + memory * 1e9)

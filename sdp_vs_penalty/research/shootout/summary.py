@@ -27,7 +27,20 @@ from sdp_vs_penalty.results.table import markdown_lines
 
 
 def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
-    """Whether each run claims success rightly at this accuracy."""
+    """Whether each run claims success rightly at an accuracy.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+
+    Returns
+    -------
+    Series of bool
+        By run.
+    """
     error = runs[["objective_error", "violation"]].max(axis=1)
     near = np.isfinite(runs["lower"]) & (error <= SLACK * accuracy)
     refuted = (runs["claimed"] == "infeasible") & (runs["class"] == "right")
@@ -35,12 +48,36 @@ def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
 
 
 def at_accuracy(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
-    """The runs asked for this accuracy, and those of contestants that cannot be asked."""
+    """Runs asked for an accuracy, and those of contestants that cannot be asked.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    DataFrame
+        Of them.
+    """
     return runs[(runs["settings"] == "default") | (runs["accuracy"] == accuracy)]
 
 
 def accuracies(runs: pandas.DataFrame) -> list[float]:
-    """What was asked for, loose to tight; 1e-8 where nobody could be asked."""
+    """Accuracies that were asked for.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    list of float
+        Loose to tight; 1e-8 where nobody could be asked.
+    """
     values = runs.loc[runs["settings"] != "default", "accuracy"].unique()
     return sorted(values, reverse=True) or [1e-8]
 
@@ -48,7 +85,20 @@ def accuracies(runs: pandas.DataFrame) -> list[float]:
 def profile(
     runs: pandas.DataFrame, accuracy: float
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Of each solver (ratios, shares): the corners of its step."""
+    """Performance profile of each solver.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+
+    Returns
+    -------
+    dict of str to ((k,) array, (k,) array)
+        Ratios and shares: the corners of its step.
+    """
     runs_at_accuracy = at_accuracy(runs, accuracy)
     count = runs["problem"].nunique()
     right = runs_at_accuracy[reached(runs_at_accuracy, accuracy)]
@@ -64,8 +114,21 @@ def profile(
 
 
 def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
-    """SVG of the solvers that ran on four fifths of the problems at least, an accuracy
-    a panel; False without matplotlib."""
+    """Draw the profiles of the solvers that ran on four fifths of the problems at least, an
+    accuracy a panel.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    path : Path
+        Of the SVG.
+
+    Returns
+    -------
+    bool
+        False without matplotlib.
+    """
     if importlib.util.find_spec("matplotlib") is None:
         return False
     import matplotlib
@@ -116,8 +179,20 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
 def solved_over_time(
     runs: pandas.DataFrame, accuracy: float
 ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Of each solver (seconds, shares, wrong): the share of all problems that it has
-    brought to an accuracy by then, and when it gave its silently wrong answers [s]."""
+    """Share of all problems that each solver has brought to an accuracy over time.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+
+    Returns
+    -------
+    dict of str to ((k,) array, (k,) array, (w,) array)
+        Seconds, shares, and when it gave its silently wrong answers [s].
+    """
     asked = at_accuracy(runs, accuracy)
     count = runs["problem"].nunique()
     right = reached(asked, accuracy)
@@ -132,8 +207,21 @@ def solved_over_time(
 
 
 def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
-    """SVG of the share of problems solved over time, an accuracy a panel, a cross for
-    each silently wrong answer; False without matplotlib."""
+    """Draw the share of problems solved over time, an accuracy a panel, a cross for each
+    silently wrong answer.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    path : Path
+        Of the SVG.
+
+    Returns
+    -------
+    bool
+        False without matplotlib.
+    """
     if importlib.util.find_spec("matplotlib") is None:
         return False
     import matplotlib
@@ -219,8 +307,22 @@ _SHOWN: dict[str, tuple[str, Callable[[Any], str]]] = {
 
 
 def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame:
-    """One row for each solver and settings: how often right, how often silently wrong,
-    how fast; of the answers called optimal the median of each figure for itself."""
+    """How often each solver is right and silently wrong, and how fast.
+
+    Of the answers called optimal the median of each figure for itself.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    time_limit : float
+        Counts for a run that is not right [s].
+
+    Returns
+    -------
+    DataFrame
+        One row for each solver and settings.
+    """
     errors = runs[["objective_error", "violation", "own_gap"]].where(
         runs["claimed"] == "optimal"
     )
@@ -254,11 +356,20 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
 
 
 def by_problem(runs: pandas.DataFrame) -> list[str]:
-    """Markdown: problems down, solvers across, the class at the tightest accuracy asked
-    for.
+    """Class of each solver's answer at the tightest accuracy asked for.
 
     Beside a wrong answer stands the larger of its error and its violation, both
     relative.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    list of str
+        Markdown: problems down, solvers across.
     """
     tightest = runs.sort_values("accuracy").drop_duplicates(["problem", "solver"])
     worst = tightest[["objective_error", "violation"]].max(axis=1)
@@ -279,11 +390,22 @@ def _markdown(table: pandas.DataFrame) -> list[str]:
 def ranking(
     runs: pandas.DataFrame, accuracy: float, links: int | None = None
 ) -> pandas.DataFrame:
-    """The contestants, on arms of so many links (None: on everything), those that reach
-    the accuracy most often first.
+    """Contestants, those that reach the accuracy most often first.
 
-    run : on how many of the ``problems`` it ran: log det cannot be posed to all, time
-    ran out for some. seconds : the median where it was right.
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+    links : int, optional
+        Of the arms that count; default: everything.
+
+    Returns
+    -------
+    DataFrame
+        run : on how many of the ``problems`` it ran (log det cannot be posed to
+        all, time ran out for some); seconds : the median where it was right.
     """
     mine = at_accuracy(runs, accuracy)
     if links is not None:
@@ -310,7 +432,20 @@ def ranking(
 
 
 def advice(table: pandas.DataFrame, where: str) -> list[str]:
-    """Sentences from a ranking: which solver to take, and whose answers to check."""
+    """Which solver to take, and whose answers to check.
+
+    Parameters
+    ----------
+    table : DataFrame
+        A ranking.
+    where : str
+        What the problems are.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
     if table.empty:
         return []
     wrong = table["silently wrong"]
@@ -341,8 +476,18 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
 
 
 def answer(runs: pandas.DataFrame) -> str:
-    """Markdown: which solver for seven links, and why; empty where nothing was run on
-    them."""
+    """Which solver for seven links, and why.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    str
+        Markdown; empty where nothing was run on seven links.
+    """
     links = 7
     accuracy = 1e-6
     table = ranking(runs, accuracy, links)
@@ -363,7 +508,18 @@ def answer(runs: pandas.DataFrame) -> str:
 
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
-    """Advice from all runs at the tightest accuracy asked for."""
+    """Advice from all runs at the tightest accuracy asked for.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
     tightest = accuracies(runs)[-1]
     return advice(ranking(runs, tightest), f"at {tightest:.0e}")
 
@@ -375,7 +531,26 @@ def write_summary(
     absent: dict[str, str],
     not_applicable: Sequence[tuple[str, str, str]],
 ) -> list[Path]:
-    """summary.md, summary.csv and two pictures beside runs.csv; the paths written."""
+    """Write summary.md, summary.csv and two pictures.
+
+    Parameters
+    ----------
+    folder : Path
+        That of runs.csv.
+    runs : DataFrame
+        Rows of runs.csv.
+    time_limit : float
+        Of a run [s].
+    absent : dict of str to str
+        Why, by name.
+    not_applicable : sequence of (str, str, str)
+        Problem, solver and reason.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
     table = summary_table(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
     for (solver, reason), count in sorted(
@@ -397,7 +572,9 @@ def write_summary(
     shown = pandas.DataFrame(forms).rename(
         columns={name: head for name, (head, _) in _SHOWN.items()}
     )
-    text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one
+    text = (
+        Path(__file__).with_suffix(".md").read_text("utf-8")
+    )  # a file beside this one
     content = text.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
         minutes=runs["seconds"].sum() / 60.0,

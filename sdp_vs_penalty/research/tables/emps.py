@@ -27,7 +27,18 @@ REFINED = ("asymmetric_viscous_friction",)
 @register_table("emps", "emps", slow=True)
 def emps(study: Study) -> Table:
     """EMPS table: the public nonlinear benchmark, by force along a motion and by
-    simulated position."""
+    simulated position.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
     runs_found = measured_runs(study.problem.name)
     if not runs_found:
         raise InputError(
@@ -124,10 +135,23 @@ def _constants(estimate: Estimate) -> tuple[float, ...]:
 def simulated(
     run: Measurements, constants: tuple[float, ...], substeps: int = 4
 ) -> Array:
-    """(N,) position [m] from the measured force alone; dry friction implicit, so that
+    """Position of the axis from the measured force alone; dry friction is implicit, so that
     it can stick.
 
-    substeps : within a sample of the log.
+    Parameters
+    ----------
+    run : Measurements
+        Its force drives the model.
+    constants : tuple of float
+        Mass [kg], viscous [N s/m], Coulomb friction [N], offset [N], asymmetry
+        [N s/m].
+    substeps : int
+        Within a sample of the log.
+
+    Returns
+    -------
+    (N,) array
+        Position [m].
     """
     mass, viscous, coulomb, offset, asymmetric = constants
     q = float(run.q[0, 0])

@@ -25,7 +25,18 @@ _PROBLEMS = "panda", "two_link"
 
 @register_table("errata", *_PROBLEMS)
 def errata_table(study: Study) -> Table:
-    """Errata: where the paper contradicts itself, with the numbers that show it."""
+    """Errata: where the paper contradicts itself, with the numbers that show it.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
     del study  # of the paper as a whole: both of its robots
     rows = []
     for name, shown in zip(_PROBLEMS, (_panda, _two_link), strict=True):
@@ -52,8 +63,20 @@ def errata_table(study: Study) -> Table:
 
 
 def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
-    """(43,) base parameters of the published p_hat, as printed or with the errata
-    corrected."""
+    """Base parameters of the published p_hat.
+
+    Parameters
+    ----------
+    problem : Problem
+        The Panda.
+    corrected : bool
+        Whether the errata are corrected.
+
+    Returns
+    -------
+    (43,) array
+        [kg m^2, kg m].
+    """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     return np.asarray(base @ published_links(problem, "p_hat", corrected).ravel())
 
@@ -82,7 +105,7 @@ def _panda(problem: Problem) -> dict[int, str]:
     if (file := real_file("panda", "bounds_gM.csv")) is not None:
         rows = {
             row[0].strip(): row[1:3]
-            for row in csv.reader(file.read_text().splitlines())
+            for row in csv.reader(file.read_text("utf-8").splitlines())
             if row
         }
         authors = (

@@ -15,7 +15,23 @@ FOLD_COUNTS = (FOLDS, 8, 10, 20)
 @register_table("folds", "panda", slow=True)
 def fold_counts(study: Study) -> Table:
     """Fold table: the SDP's error on unseen motion less that of least squares, by number
-    of folds and effects."""
+    of folds and effects.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+
+    Raises
+    ------
+    InputError
+        Without the real run.
+    """
     if study.run is None:
         raise InputError(
             "table folds is about the real run, which is not at hand",

@@ -33,12 +33,36 @@ class FoldInterval:
 
 
 def fold_errors(result: CrossValidation) -> Array:
-    """(folds,) relative error on each [%]."""
+    """Relative error on each fold.
+
+    Parameters
+    ----------
+    result : CrossValidation
+        A method's folds.
+
+    Returns
+    -------
+    (k,) array
+        [%].
+    """
     return np.array([fold.relative_error_percent for fold in result.folds])
 
 
 def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
-    """The interval of the mean of values (k,), taken as independent."""
+    """Interval of a mean by Student's t.
+
+    Parameters
+    ----------
+    values : (k,) array
+        Taken as independent.
+    coverage : float
+        Share of intervals that are to hold the mean.
+
+    Returns
+    -------
+    FoldInterval
+        In the unit of the values.
+    """
 
     k = len(values)
     mean = float(np.mean(values))
@@ -48,5 +72,18 @@ def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
 
 
 def difference(one: CrossValidation, other: CrossValidation) -> FoldInterval:
-    """Of the errors of one method less another's, fold by fold [percentage points]."""
+    """Difference of two methods' errors, fold by fold.
+
+    Parameters
+    ----------
+    one : CrossValidation
+        The method whose errors are taken.
+    other : CrossValidation
+        The method whose errors are subtracted.
+
+    Returns
+    -------
+    FoldInterval
+        [percentage points].
+    """
     return interval_of(fold_errors(one) - fold_errors(other))

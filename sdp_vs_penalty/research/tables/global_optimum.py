@@ -38,7 +38,18 @@ MOST_CELLS = 40
 
 
 def is_rounding(loss: float) -> bool:
-    """Whether a loss is too small for shares of it to mean anything."""
+    """Whether a loss is too small for shares of it to mean anything.
+
+    Parameters
+    ----------
+    loss : float
+        Of any objective.
+
+    Returns
+    -------
+    bool
+        True for a loss of zero up to rounding.
+    """
     return loss <= 1e-12
 
 
@@ -65,10 +76,22 @@ class Searched:
 
     @property
     def name(self) -> str:
+        """ "one-step" or "two-step"."""
         return "two-step" if self.two_step else "one-step"
 
     def excess_percent(self, optimum: PenalisedOptimum) -> float:
-        """Its loss over the feasible optimum's; 0 where that is rounding."""
+        """Loss of an optimum over that of the feasible one.
+
+        Parameters
+        ----------
+        optimum : PenalisedOptimum
+            Of this problem.
+
+        Returns
+        -------
+        float
+            [%]; 0 where the feasible optimum is rounding.
+        """
         if is_rounding(self.feasible_loss):
             return 0.0
         return 100.0 * (optimum.loss / self.feasible_loss - 1.0)
@@ -86,7 +109,18 @@ class _Item:
 
 @register_table("global", slow=True)
 def global_optima(study: Study) -> Table:
-    """Global optimum of the published penalised objective over its weight, certified."""
+    """Global optimum of the published penalised objective over its weight, certified.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
     searched = study.once(penalised_optima)
     rows = [row for problem in searched for row in _rows(problem)]
     exact = [
@@ -118,7 +152,18 @@ def _searches_in_words(study: Study) -> str:
 
 
 def penalised_optima(study: Study) -> list[Searched]:
-    """Both problems of every data set."""
+    """Certified optima and searches of both problems.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    list of Searched
+        One-step and two-step of each data set.
+    """
     items = [
         _Item(data.label, study.task(data), two_step, _effort(study, data))
         for data in study.whole
@@ -164,8 +209,19 @@ def _by_cvxpy(problem: PenalisedProblem) -> list[float]:
 
 
 def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
-    """Every run of both searches at every weight, with what it lies above the certified
-    bound inside the box."""
+    """Every run of both searches at every weight, with how far it ends above the certified
+    bound inside the box [%].
+
+    Parameters
+    ----------
+    searched : sequence of Searched
+        What was searched.
+
+    Returns
+    -------
+    DataFrame
+        A row a run and weight.
+    """
     rows = list[Row]()
     for problem in searched:
         for point in (*problem.annealed, *problem.multi_start):

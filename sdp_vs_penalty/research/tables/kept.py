@@ -13,7 +13,7 @@ import pandas
 
 from sdp_vs_penalty.problem.problem import problem_to_dict
 from sdp_vs_penalty.problem.published import real_data_folder
-from sdp_vs_penalty.research.memo import remembered
+from sdp_vs_penalty.research.memo import program_version, remembered
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.table import Table, TableSpec
 from sdp_vs_penalty.simulation.engines import engine_types
@@ -44,7 +44,7 @@ def table_once(spec: TableSpec, study: Study) -> Table:
     seed.
     """
     content = (
-        _program_version(),
+        program_version(),
         _installed_packages(),
         {name: kind.version() for name, kind in engine_types().items()},
         type(study).__qualname__,
@@ -98,13 +98,6 @@ def _frame_from_json(held: Mapping[str, Any] | None) -> pandas.DataFrame | None:
     if held is None:
         return None
     return pandas.DataFrame(held["cells"], columns=held["columns"], dtype=object)
-
-
-@cache
-def _program_version() -> str:
-    """A hash of all sources of this program, and of what tables say below themselves."""
-    home = Path(__file__).parents[2]
-    return _hash_of(sorted([*home.rglob("*.py"), *home.rglob("*.md")]))
 
 
 @cache

@@ -32,6 +32,16 @@ def denavit_hartenberg(study: Study) -> Table:
 
     Rows: joints. Our columns are read back from the joint placements, not from the same
     file.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     rows: list[Row] = []
     for row, joint in zip(
@@ -59,7 +69,24 @@ def link_table(
     study: Study, name: str, title: str, chosen: Callable[[str], bool]
 ) -> Table:
     """Bounds and published values as printed, "*" where the paper does not care, and
-    both routes; of all methods, the nominal robot and the truth in ``everything``."""
+    both routes; of all methods, the nominal robot and the truth in ``everything``.
+
+    Parameters
+    ----------
+    study : Study
+        Data and estimates.
+    name : str
+        "VIII".
+    title : str
+        What the entries are.
+    chosen : callable
+        Whether an entry, by its name, is in the table.
+
+    Returns
+    -------
+    Table
+        With all methods in ``everything``.
+    """
     box = study.problem.box
     bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}
     bounds |= {
@@ -121,8 +148,20 @@ def _headline(study: Study, names: pandas.Index) -> str:
 
 
 def sources(study: Study, data: Data) -> pandas.Series:
-    """Whether data or prior decide each entry: m1, c1x, I1xx, ... as functions of the
-    parameters."""
+    """Whether data or prior decide each entry (m1, c1x, I1xx, ...), to first order.
+
+    Parameters
+    ----------
+    study : Study
+        Data and estimates.
+    data : Data
+        Which data set.
+
+    Returns
+    -------
+    Series
+        "data" or "prior" by name of the entry.
+    """
     task = study.task(data)
     theta = study.result(DEFAULT_METHOD, data).theta
     gradients = np.zeros((len(task.links), 10, len(theta)))
@@ -154,8 +193,19 @@ def _bounds_received(study: Study) -> list[str]:
 
 
 def by_name(links: Array) -> pandas.Series:
-    """m1, c1x, I1xx, ... of links (n, 10); a centre of mass of a massless link is
-    empty."""
+    """Barycentric parameters of links by name.
+
+    Parameters
+    ----------
+    links : (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+
+    Returns
+    -------
+    Series
+        m1, c1x, I1xx, ... about the centres of mass [kg, m, kg m^2]; the centre
+        of a massless link is NaN.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         barycentric = inertia.barycentric_from_standard(links)
     return pandas.Series(barycentric.ravel(), list(entries(len(links))))

@@ -24,7 +24,18 @@ from sdp_vs_penalty.robot import inertia
 @register_table("methods", slow=True)
 def methods(study: Study) -> Table:
     """Method table: every method on every data set, judged by the same independent
-    figures."""
+    figures.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
     rows = [
         _row(study, data, method)
         for data in study.judged

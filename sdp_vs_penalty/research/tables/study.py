@@ -173,18 +173,31 @@ class Data:
 
     @cached_property
     def regression(self) -> Regression:
+        """Compressed training rows."""
         return compress(FilteredRuns.of(self.train, self.preprocessing), self.model)
 
     @cached_property
     def test_regression(self) -> Regression:
+        """Compressed test rows."""
         assert self.test is not None
         return compress(
             FilteredRuns.of(self.test, self.preprocessing), self.model, blocks_per_run=1
         )
 
     def errors(self, theta: Array) -> tuple[Array, float]:
-        """On the test rows, mean squared torque error (n,) [(N m)^2] and relative error over all
-        joints [%]."""
+        """Torque error on the test rows.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Parameters of the model.
+
+        Returns
+        -------
+        tuple of ((n,) array, float)
+            Mean squared error of each joint [(N m)^2], and relative error
+            over all joints [%].
+        """
         return torque_errors(self.test_regression, theta)
 
 
@@ -199,6 +212,18 @@ class Frozen(Estimator):
     others: Array | float = np.nan
 
     def fit(self, task: Task) -> Fit:
+        """The given links, with all other parameters fitted.
+
+        Parameters
+        ----------
+        task : Task
+            The data.
+
+        Returns
+        -------
+        Fit
+            Without multipliers.
+        """
         theta = np.empty(len(task.bound))
         links = task.model.rigid_indices
         theta[links] = self.links.ravel()
@@ -207,7 +232,20 @@ class Frozen(Estimator):
 
 
 def refitted(data: LeastSquares, links_given: Array) -> Array:
-    """theta (p,) as given, what is NaN in it fitted to the rows by least squares."""
+    """Parameters of least squares where none are given.
+
+    Parameters
+    ----------
+    data : LeastSquares
+        The rows.
+    links_given : (p,) array
+        Parameters; NaN where they are to be fitted.
+
+    Returns
+    -------
+    (p,) array
+        Without NaN.
+    """
     free = np.isnan(links_given)
     theta = np.nan_to_num(links_given)
     theta[free] = np.linalg.lstsq(
@@ -242,14 +280,27 @@ class Study:
         self._made: dict[object, Any] = {}
 
     def once(self, make: Callable[..., Made], *of: Any) -> Made:
-        """What ``make`` makes of this study and further arguments, worked out the first
-        time."""
+        """The result of a function of this study, computed on the first call only.
+
+        Parameters
+        ----------
+        make : callable
+            Takes this study and the further arguments.
+        *of : Any
+            Further arguments, which can be hashed.
+
+        Returns
+        -------
+        Any
+            What ``make`` returned the first time.
+        """
         if (key := (make, *of)) not in self._made:
             self._made[key] = make(self, *of)
         return cast(Made, self._made[key])
 
     @cached_property
     def experiment(self) -> Experiment:
+        """The simulated experiment of the problem."""
         return experiment(self.problem)
 
     @cached_property
@@ -285,8 +336,22 @@ class Study:
         effects: Sequence[str | Effect] | None = None,
         n_folds: int = FOLDS,
     ) -> CrossValidation:
-        """Errors of a method on motion of the real run that it has not seen, by folds
-        by phase."""
+        """Errors on motion of the real run that no estimate was made from.
+
+        Parameters
+        ----------
+        method : str or Estimator
+            What is judged.
+        effects : sequence of str or Effect, optional
+            Of the model; default: the problem's.
+        n_folds : int
+            Into how many stretches the motion is cut.
+
+        Returns
+        -------
+        CrossValidation
+            Errors of every fold.
+        """
         named = None if effects is None else tuple(effects)
         return self.once(_unseen, method, named, n_folds)
 
@@ -313,27 +378,89 @@ class Study:
         return [data for data in (self.simulated, self.repeated) if data is not None]
 
     def task(self, data: Data) -> Task:
-        """What methods are given of the training part of a data set."""
+        """What an estimator is given.
+
+        Parameters
+        ----------
+        data : Data
+            Which data set.
+
+        Returns
+        -------
+        Task
+            Of its training part.
+        """
         return self.once(_task, data)
 
     def result(self, method: str, data: Data) -> Result:
-        """A method's estimate from the training part of a data set."""
+        """A method's estimate from the training part of a data set.
+
+        Parameters
+        ----------
+        method : str
+            Its name.
+        data : Data
+            Which data set.
+
+        Returns
+        -------
+        Result
+            Certified.
+        """
         return self.estimated(method, data)
 
     def seconds(self, method: str | Estimator, data: Data) -> float:
-        """Processor time of a method's fit to the training part of a data set [s]."""
+        """Processor time of a method's fit to the training part of a data set.
+
+        Parameters
+        ----------
+        method : str or Estimator
+            Which.
+        data : Data
+            Which data set.
+
+        Returns
+        -------
+        float
+            [s].
+        """
         return fit_seconds(self.estimator(method), self.task(data))
 
     def estimated(self, method: str | Estimator, data: Data) -> Result:
-        """The same of a method that has no name, such as given links."""
+        """A method's estimate; the method may have no name, such as given links.
+
+        Parameters
+        ----------
+        method : str or Estimator
+            Which.
+        data : Data
+            Which data set.
+
+        Returns
+        -------
+        Result
+            Certified.
+        """
         self.estimate([method], [data])
         return cast(Result, self._made[method, data])
 
     def estimate(
         self, methods: Iterable[str | Estimator], sets: Sequence[Data]
     ) -> None:
-        """Have every method's estimate from each of the data sets, by the workers; a
-        task is small."""
+        """Compute every method's estimate from each data set, by the workers.
+
+        Parameters
+        ----------
+        methods : iterable of str or Estimator
+            Which.
+        sets : sequence of Data
+            From which data sets.
+
+        Returns
+        -------
+        None
+            The study holds the estimates then.
+        """
         new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
         for method, data in new:
             name = method if isinstance(method, str) else method.name
@@ -402,18 +529,54 @@ class Study:
         }
 
     def theta(self, method: str | Estimator, data: Data) -> Array:
-        """(p,) of a method's estimate from the training part of a data set."""
+        """A method's estimate as an array.
+
+        Parameters
+        ----------
+        method : str or Estimator
+            Which.
+        data : Data
+            Which data set.
+
+        Returns
+        -------
+        (p,) array
+            Parameters of the model.
+        """
         if isinstance(method, str):
             return self.result(method, data).theta
         return method.fit(self.task(data)).theta
 
     def links(self, method: str, data: Data) -> Array:
-        """(n, 10) links of a method's estimate."""
+        """Links of a method's estimate.
+
+        Parameters
+        ----------
+        method : str
+            Its name.
+        data : Data
+            Which data set.
+
+        Returns
+        -------
+        (n, 10) array
+            Standard parameters [kg, kg m, kg m^2].
+        """
         return self.theta(method, data)[self.task(data).links]
 
     def estimator(self, method: str | Estimator) -> Estimator:
-        """The method with the settings of this budget, and of its name: "penalty, joint
-        prior"."""
+        """The estimator of a name.
+
+        Parameters
+        ----------
+        method : str or Estimator
+            "penalty", or "penalty, joint prior".
+
+        Returns
+        -------
+        Estimator
+            With the settings of this budget.
+        """
         if isinstance(method, Estimator):
             return method
         name, _, prior = method.partition(", ")
@@ -427,8 +590,18 @@ class Study:
         return cast(Estimator, kind())
 
     def fold_estimator(self, estimator: Estimator) -> Estimator:
-        """The method with the settings with which folds are judged: of annealing one
-        run each."""
+        """The estimator with the settings with which folds are judged.
+
+        Parameters
+        ----------
+        estimator : Estimator
+            With the settings for the whole run.
+
+        Returns
+        -------
+        Estimator
+            Of annealing with one run.
+        """
         if isinstance(estimator, PenaltyPaper):
             evaluations = self.effort.fold_evaluations
             if isinstance(estimator, PenaltyPaperTwoStep):
@@ -515,13 +688,37 @@ def _estimated(estimator_and_task: tuple[Estimator, Task]) -> Result:
 
 
 def halves(run: Measurements) -> tuple[Measurements, Measurements]:
-    """The real run before CUT, and its repetition after it."""
+    """The real run's motion, and its repetition.
+
+    Parameters
+    ----------
+    run : Measurements
+        The real run.
+
+    Returns
+    -------
+    tuple of (Measurements, Measurements)
+        Before CUT, and after it.
+    """
     return run.window(0.0, CUT[0]), run.window(CUT[1], np.inf)
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
-    """Mean squared torque error (n,) of each joint, and 100 |tau - tau_hat| / |tau|
-    over all [%]."""
+    """Torque error of an estimate.
+
+    Parameters
+    ----------
+    rows : Regression
+        Filtered rows.
+    theta : (p,) array
+        Parameters of the model.
+
+    Returns
+    -------
+    tuple of ((n,) array, float)
+        Mean squared error of each joint [(N m)^2], and 100 |tau - tau_hat| /
+        |tau| over all [%].
+    """
     losses = rows.joint_losses(theta)
     relative = 100.0 * np.sqrt(losses.sum() / rows.least_squares().tau_squared)
     return losses / rows.joint_rows(), float(relative)

@@ -32,8 +32,18 @@ class TableSpec:
     slow: bool = False
 
     def made(self, study: Any) -> Table:
-        """The table under its name, its caption where it gives none the study's
-        sentence."""
+        """Build the table.
+
+        Parameters
+        ----------
+        study : Study
+            What it is made from.
+
+        Returns
+        -------
+        Table
+            With its name, and the study's sentence where it has no caption.
+        """
         study.progress(f"table {self.name}")
         table = self.build(study)
         return replace(table, name=self.name, caption=table.caption or study.sentence)
@@ -42,9 +52,36 @@ class TableSpec:
 def register_table(
     name: str, *problems: str, slow: bool = False
 ) -> Callable[[Callable[[Any], Table]], TableSpec]:
-    """Decorates what builds the table of a name: its registration."""
+    """Register the function that builds a table.
+
+    Parameters
+    ----------
+    name : str
+        Of the table.
+    *problems : str
+        Names of the problems that it is about; none: any.
+    slow : bool
+        Whether `tables --all` leaves it out.
+
+    Returns
+    -------
+    callable
+        Turns the building function into a TableSpec.
+    """
 
     def register(build: Callable[[Any], Table]) -> TableSpec:
+        """Make the registration of a building function.
+
+        Parameters
+        ----------
+        build : callable
+            From a study to a Table.
+
+        Returns
+        -------
+        TableSpec
+            The registration.
+        """
         return TableSpec(name, summary_line(build), build, problems, slow)
 
     return register
@@ -71,8 +108,20 @@ class Table:
     def shortened(
         self, columns: Iterable[str], rows: Iterable[bool] | None = None
     ) -> Table:
-        """The table with these columns, of which those that are not there are left out,
-        and rows; all of it is kept as ``everything``."""
+        """The table with some of its columns and rows.
+
+        Parameters
+        ----------
+        columns : iterable of str
+            In their order; those that are absent are left out.
+        rows : iterable of bool, optional
+            Which rows are shown; default: all.
+
+        Returns
+        -------
+        Table
+            With the whole table as ``everything``.
+        """
         shown = [name for name in columns if name in self.frame]
         frame = self.frame if rows is None else self.frame[list(rows)]
         return replace(self, rows=frame[shown], everything=self.frame)
@@ -125,14 +174,27 @@ class Table:
         )
 
     def markdown(self) -> str:
+        """The table as Markdown."""
         return self.form.markdown()
 
     def latex(self) -> str:
+        """The table as LaTeX."""
         return self.form.latex()
 
     def write(self, folder: str | Path) -> list[Path]:
-        """Write the three forms, and all columns where these are some, each whole or not
-        at all; the paths, CSV first."""
+        """Write CSV, Markdown and LaTeX, and all columns where only some are shown; each file
+        whole or not at all.
+
+        Parameters
+        ----------
+        folder : str or Path
+            Made where it is absent.
+
+        Returns
+        -------
+        list of Path
+            CSV first.
+        """
         base = Path(folder) / f"table_{self.name}"
         forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
         if self.everything is not None:
@@ -144,19 +206,57 @@ class Table:
 
 
 def exact_csv(frame: pandas.DataFrame) -> str:
-    """Cells with all digits that it takes to read the same numbers back."""
+    """Cells with all digits that it takes to read the same numbers back.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Any cells.
+
+    Returns
+    -------
+    str
+        CSV.
+    """
     return forms.Table(list(map(str, frame)), frame.to_numpy().tolist()).csv()
 
 
 def notes(table: str, **values: object) -> list[str]:
-    """What a table says below itself: the paragraphs of notes/TABLE.md beside this file
-    with the values in their places, without those that are empty then."""
+    """Notes below a table: paragraphs of notes/TABLE.md with the values in their places.
+
+    Parameters
+    ----------
+    table : str
+        Name of the file in notes/.
+    **values : object
+        Of the places in the text, by name.
+
+    Returns
+    -------
+    list of str
+        Paragraphs; those that are empty are left out.
+    """
     written = Path(__file__).with_name("notes") / f"{table}.md"
-    paragraphs = (" ".join(part.split()) for part in written.read_text().split("\n\n"))
+    paragraphs = (
+        " ".join(part.split()) for part in written.read_text("utf-8").split("\n\n")
+    )
     return [note for note in (part.format(**values) for part in paragraphs) if note]
 
 
 def by_joint(values: Iterable[Cell], prefix: str = "joint") -> Row:
-    """Cells joint_1, joint_2, ..."""
+    """Cells of a row, one a joint.
+
+    Parameters
+    ----------
+    values : iterable of float, str or None
+        One a joint.
+    prefix : str
+        Of the columns' names.
+
+    Returns
+    -------
+    dict
+        joint_1, joint_2, ...
+    """
     cells = (x if isinstance(x, str) or x is None else float(x) for x in values)
     return {f"{prefix}_{j}": cell for j, cell in enumerate(cells, start=1)}

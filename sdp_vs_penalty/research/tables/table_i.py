@@ -58,6 +58,7 @@ class SigmoidFriction(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """phi_1 and the steps of phi_2 and phi_3 of each joint."""
         return tuple(
             Parameter(f"sigmoid{k}_{j + 1}", "", self.name, j + 1)
             for j in range(self.robot.n)
@@ -65,6 +66,18 @@ class SigmoidFriction(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Columns of the friction and its derivatives.
+
+        Parameters
+        ----------
+        motion : Motion
+            At N instants.
+
+        Returns
+        -------
+        list of Block
+            Three columns a joint.
+        """
         out = []
         for j, (slope, shift) in enumerate(self.slopes_and_shifts):
             moving = scipy.special.expit(slope * (motion.dq[:, j] + shift))
@@ -185,7 +198,18 @@ class _Data:
         self.rigid = wide[:, :, list(independent)]
 
     def start(self, slope: float) -> Array:
-        """x (b + 3 n,) of every joint with phi_2 = slope, nothing else."""
+        """Point from which a search starts.
+
+        Parameters
+        ----------
+        slope : float
+            phi_2 of every joint [s/rad].
+
+        Returns
+        -------
+        (b + 3 n,) array
+            Base parameters and phi.
+        """
         n = self.robot.n
         linear = np.zeros(self.rigid.shape[2] + n)
         return np.concatenate([linear, np.full(n, np.log(slope)), np.zeros(n)])
@@ -201,18 +225,52 @@ class _Data:
         return low, high
 
     def weights(self, x: Array) -> Array:
-        """(n,) geometric mean of the joints' residuals over each. With what rounding
-        leaves, so that data without noise are not weighted by rounding."""
+        """Weights of the joints; what rounding leaves of a residual counts as nothing.
+
+        Parameters
+        ----------
+        x : (b + 3 n,) array
+            Base parameters and phi.
+
+        Returns
+        -------
+        (n,) array
+            Geometric mean of the joints' residuals over each.
+        """
         rounding = 1e-12 * float(np.abs(self.torque).max())
         rms = np.sqrt(np.mean(self.residual(x) ** 2, axis=0)) + rounding
         return np.asarray(np.exp(np.mean(np.log(rms))) / rms)
 
     def weighted_columns(self, x: Array, weights: Array) -> Array:
-        """(M n, b + 3 n) derivative of the weighted torque in x."""
+        """Derivative of the weighted torque in x.
+
+        Parameters
+        ----------
+        x : (b + 3 n,) array
+            Base parameters and phi.
+        weights : (n,) array
+            Of the joints.
+
+        Returns
+        -------
+        (M n, b + 3 n) array
+            Of all rows.
+        """
         return (self.columns(x) * weights[:, None]).reshape(-1, len(x))
 
     def columns(self, x: Array) -> Array:
-        """(M, n, b + 3 n) derivative of the torque in x."""
+        """Derivative of the torque in x.
+
+        Parameters
+        ----------
+        x : (b + 3 n,) array
+            Base parameters and phi.
+
+        Returns
+        -------
+        (M, n, b + 3 n) array
+            Of all rows.
+        """
         amplitude, slope, shift = x[self.rigid.shape[2] :].reshape(3, -1)
         slope = np.exp(slope)
         sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
@@ -225,13 +283,37 @@ class _Data:
         return np.concatenate([self.rigid, *wide], axis=2)
 
     def residual(self, x: Array) -> Array:
-        """(M, n) of the torque; phi_2 and phi_3 act through the columns."""
+        """Torque less the model's; phi_2 and phi_3 act through the columns.
+
+        Parameters
+        ----------
+        x : (b + 3 n,) array
+            Base parameters and phi.
+
+        Returns
+        -------
+        (M, n) array
+            [N m].
+        """
         linear = len(x) - 2 * self.robot.n
         predicted = self.columns(x)[:, :, :linear] @ x[:linear]
         return np.asarray(self.torque - predicted)
 
     def solved(self, x: Array, weights: Array) -> Array:
-        """x with pi and phi_1 of least weighted residual at its phi_2 and phi_3."""
+        """x with the base parameters and phi_1 of least weighted residual.
+
+        Parameters
+        ----------
+        x : (b + 3 n,) array
+            Base parameters and phi.
+        weights : (n,) array
+            Of the joints.
+
+        Returns
+        -------
+        (b + 3 n,) array
+            With the same phi_2 and phi_3.
+        """
         linear = len(x) - 2 * self.robot.n
         columns = self.weighted_columns(x, weights)[:, :linear]
         target = (self.torque * weights).ravel()
@@ -252,6 +334,16 @@ def sigmoid_friction(study: Study) -> Table:
 
     Rows: phi_1..phi_3 published and fitted, each with its interval; then errors
     on other rows.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     truth = study.experiment.friction
     assert truth is not None

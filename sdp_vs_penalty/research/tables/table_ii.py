@@ -17,6 +17,16 @@ def exciting_trajectory(study: Study) -> Table:
 
     Rows: coefficients and condition numbers of the published and of optimised
     trajectories.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     published = study.problem.published["table_II"]
     paper = study.experiment.trajectory
@@ -72,7 +82,18 @@ def exciting_trajectory(study: Study) -> Table:
 
 def optimised(study: Study) -> dict[str, Excitation]:
     """From the paper's trajectory, within its own extremes and within the robot's
-    limits."""
+    limits.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    dict of str to trajectory
+        By the name of the limits.
+    """
     paper = study.experiment.trajectory
     problem = study.problem
     limits = {

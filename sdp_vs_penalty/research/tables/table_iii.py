@@ -108,6 +108,16 @@ def base_parameter_table(study: Study) -> Table:
 
     Rows: base parameters, all other parameters, then condition number and relative
     error.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     base = tuple(base_parameter_symbols(study.problem))
     others = dict.fromkeys(name for data in study.whole for name in _others(data))

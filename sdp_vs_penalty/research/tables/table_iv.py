@@ -35,7 +35,18 @@ _SHOWN = ("p_hat", "delta", "ols")
 
 @register_table("IV")
 def unseen_torque(study: Study) -> Table:
-    """Table IV: torque error of each joint on motion that no estimate was made from."""
+    """Table IV: torque error of each joint on unseen and on repeated motion.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
     study.estimate(study.methods.values(), study.judged)
     rows = _published_rows(study)
     for data in study.judged:

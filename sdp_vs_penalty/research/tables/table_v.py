@@ -8,6 +8,7 @@ those at hand.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ import scipy
 
 from sdp_vs_penalty.diagnosis.comparison import predicted
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.research.memo import program_version, remembered_arrays
 from sdp_vs_penalty.research.tables.study import Data, Study
 from sdp_vs_penalty.research.tables.table import (
     Row,
@@ -64,8 +66,19 @@ Played = dict[type[Engine], EngineRun | str]
 
 
 def sinusoids(robot: Robot) -> Course:
-    """q_j(t) = middle_j - a_j cos(w_j t): sinusoidal velocities, from rest, over 90 %
-    of every joint's range and to half of its velocity limit."""
+    """Sinusoidal velocities from rest: q_j(t) = middle_j - a_j cos(w_j t), over 90 % of every
+    joint's range and to half of its velocity limit.
+
+    Parameters
+    ----------
+    robot : Robot
+        With limits of position and velocity.
+
+    Returns
+    -------
+    callable
+        q, dq, ddq (M, n) at instants (M,) [s].
+    """
     lower, upper, velocity = joint_limits(robot)
     a = 0.5 * 0.9 * (upper - lower)
     middle = 0.5 * (lower + upper)
@@ -90,35 +103,90 @@ def play(
     duration: float,
     step: float = 1e-3,
 ) -> EngineRun:
-    """Let an engine that is present follow a motion. Raises InputError where it rejects
-    a link.
+    """Let an engine follow a motion.
 
     The velocity commanded for a step is the motion's mean velocity over it, so that an
     engine that obeys ends each step exactly where the motion does.
+
+    Parameters
+    ----------
+    kind : type of Engine
+        An engine that is present.
+    robot : Robot
+        Its kinematics.
+    links : (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+    motion : callable
+        q, dq, ddq (M, n) at instants (M,) [s].
+    duration : float
+        Of the motion [s].
+    step : float
+        Time step [s].
+
+    Returns
+    -------
+    EngineRun
+        Torque and pose beside the model's.
+
+    Raises
+    ------
+    InputError
+        Where the engine rejects a link.
     """
     steps = np.arange(round(duration / step) + 1)
     q = motion(steps * step)[0]
     t = np.asarray((steps[:-1] + 0.5) * step, float)
-    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    content = (program_version(), kind.name, kind.version(), robot.to_dict(), links, q)
+    followed = remembered_arrays(
+        "engine", (*content, step), partial(_follow, kind, robot, links, q, step)
+    )
+    torque = followed["torque"]
     model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
+    return EngineRun(
+        engine=kind.name,
+        t=t,
+        torque=torque,
+        model=model,
+        error=torque - model,
+        position=followed["position"],
+        angle=followed["angle"],
+    )
+
+
+def _follow(
+    kind: type[Engine], robot: Robot, links: Array, q: Array, step: float
+) -> dict[str, Array]:
+    """An engine's torque (N, n), and its errors of position and angle (N,), on the way
+    through q (N + 1, n), a step of ``step`` [s] each."""
+    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
     there = robot.poses(q[1:])[:, robot.n - 1]
     distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
-    turned = scipy.spatial.transform.Rotation.from_matrix(
-        np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
-    )
-    return EngineRun(
-        kind.name, t, torque, model, torque - model, distance, turned.magnitude()
-    )
+    relative = np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
+    turned = scipy.spatial.transform.Rotation.from_matrix(relative)
+    return {"torque": torque, "position": distance, "angle": turned.magnitude()}
 
 
 def inverse_dynamics_error(
     kind: type[Engine], robot: Robot, links: Array
 ) -> float | None:
-    """Largest torque difference [N m] to Pinocchio in 100 random states; None without
-    inverse dynamics.
+    """Largest torque difference to Pinocchio in 100 random states.
 
     Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1
     rad/s^2.
+
+    Parameters
+    ----------
+    kind : type of Engine
+        An engine that is present.
+    robot : Robot
+        Its kinematics.
+    links : (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+
+    Returns
+    -------
+    float or None
+        [N m]; None without inverse dynamics.
     """
     q = robot.random_configurations(100, seed=0)
     dq, ddq = np.random.default_rng(0).normal(size=(2, 100, robot.n))
@@ -134,16 +202,35 @@ def inverse_dynamics_error(
 
 def sinusoidal_runs(study: Study) -> Played:
     """Sinusoidal velocities over the range, with the links identified from the
-    simulated run."""
+    simulated run.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Played
+        A run of each engine.
+    """
     motion = sinusoids(study.problem.robot)
     return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
 
 def measured_runs(study: Study) -> Played:
-    """The motion of the real run, with the links identified from it.
+    """Engines along the real run, with the links identified from it.
 
-    error : engine plus identified friction less measured torque, below the torque
-    filter's cut-off.
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Played
+        A run of each engine; error : engine plus identified friction less
+        measured torque, below the torque filter's cut-off.
     """
     data = study.measured
     assert data is not None
@@ -194,6 +281,16 @@ def engines(study: Study) -> Table:
 
     Rows: the paper's engines inside V-REP, then each of ours on simulated and real
     motion.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     n = study.problem.robot.n
     rows = []

@@ -51,7 +51,18 @@ _Window = tuple[Regression, Regression]
 
 @register_table("data", slow=True)
 def data_needed(study: Study) -> Table:
-    """Data table: how much measured motion each method needs."""
+    """Data table: how much measured motion each method needs.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
     # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
     # judge on), and how many of each.
     lengths = (1, 2, 4, 7, 9)
@@ -172,7 +183,18 @@ ADDED_EFFECTS = ("", "presliding_hysteresis", "presliding_hysteresis, torque_gai
 @register_table("unseen", "panda", slow=True)
 def unseen(study: Study) -> Table:
     """Unseen table: errors on motion that was not trained on, fold by fold, and what
-    lowers them."""
+    lowers them.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
     if study.run is None:
         raise InputError(
             "table unseen is about the real run, which is not at hand",

@@ -15,6 +15,7 @@ and no physics.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas
@@ -28,6 +29,11 @@ from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.problem.published import published_links
 from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.research.memo import (
+    program_version,
+    remembered_arrays,
+    task_content,
+)
 from sdp_vs_penalty.research.tables.study import Study
 from sdp_vs_penalty.research.tables.table import Table, notes, register_table
 from sdp_vs_penalty.robot import inertia
@@ -50,7 +56,24 @@ COMPONENTS = {
 def wrench_regressor(
     robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
 ) -> Array:
-    """Y with w_j = Y[:, j] theta, shape (N, n, 6, 10 n), for states of shape (N, n)."""
+    """Regressor of the joints' wrenches in the links' parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its kinematics.
+    q : (N, n) array
+        Positions [rad, m].
+    dq : (N, n) array
+        Velocities.
+    ddq : (N, n) array
+        Accelerations.
+
+    Returns
+    -------
+    (N, n, 6, 10 n) array
+        Y with w_j = Y[:, j] theta.
+    """
     q, dq, ddq = map(_states, (q, dq, ddq))
     n = robot.n
     model = robot._model
@@ -104,11 +127,23 @@ class WrenchIntervals:
 def wrench_intervals(
     feasible: Slice, regressor: Array, progress: Progress = no_progress
 ) -> WrenchIntervals:
-    """The smallest and largest value of every wrench component, of regressor (M, n, 6,
-    10 n), over the parameters of a slice (:class:`Slice` with the base parameters for
-    equalities: equal torques).
+    """Smallest and largest value of every wrench component over feasible parameters.
 
     Two SDPs a component, each certified.
+
+    Parameters
+    ----------
+    feasible : Slice
+        Parameters with equal torques.
+    regressor : (M, n, 6, 10 n) array
+        Of the wrenches.
+    progress : callable
+        Hears which instant is at work.
+
+    Returns
+    -------
+    WrenchIntervals
+        (M, n, 6) each [N, N m].
     """
     ends = np.empty((4, *regressor.shape[:3]))
     for index in np.ndindex(*regressor.shape[:3]):
@@ -200,27 +235,71 @@ class WrenchStudy:
 
 
 def wrench_study(study: Study) -> WrenchStudy:
+    """Wrenches of a study's estimates, and the intervals; computed where the disk does
+    not hold them.
+
+    Parameters
+    ----------
+    study : Study
+        Of the 2R.
+
+    Returns
+    -------
+    WrenchStudy
+        At as many instants as the budget has.
+    """
     problem = study.problem
     x = study.experiment
     t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
     Y = wrench_regressor(problem.robot, *x.trajectory.states(t))
+    estimates = {"published p_hat": published_links(problem, "p_hat")}
+    for name, method in study.methods.items():
+        if name != "ols":
+            estimates[name] = study.links(method, study.simulated)
+    task = study.task(study.simulated)
+    n_retrievals = study.effort.retrievals
+    content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
+    held = remembered_arrays("wrenches", content, partial(_computed, study, Y))
+    intervals = WrenchIntervals(**{name: held[name] for name in _ENDS})
+    named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
+    return WrenchStudy(
+        t=t,
+        true=Y @ x.links.ravel(),
+        feasible=named,
+        penalty_runs=list(held["penalty_runs"]),
+        boxed=list(held["boxed"]),
+        unbounded=list(held["unbounded"]),
+        intervals=intervals,
+    )
+
+
+#: The fields of :class:`WrenchIntervals`.
+_ENDS = ("lower", "upper", "lower_bound", "upper_bound")
+
+
+def _computed(study: Study, Y: Array) -> dict[str, Array]:
+    """What takes long: the ends of the intervals (M, n, 6), and wrenches (k, M, n, 6)
+    of runs of the penalty and of relaxed retrievals; Y (M, n, 6, 10 n) : regressor."""
+    problem = study.problem
     model = problem.model("rigid_body")
-    links = x.links.ravel()
+    links = study.experiment.links.ravel()
     bound = problem.parameter_bound(model)
     feasible = Slice(problem.constraints(model), study.base, links, bound)
     intervals = wrench_intervals(feasible, Y, study.progress)
     study.progress("relaxed retrievals")
     pi = study.base @ links
     count = study.effort.retrievals
-    boxed = _wrenches(Y, unfeasible_retrievals(problem, pi, count, True))
-    unbounded = _wrenches(Y, unfeasible_retrievals(problem, pi, count, False))
-    estimates = {"published p_hat": published_links(problem, "p_hat")}
-    for name, method in study.methods.items():
-        if name != "ols":
-            estimates[name] = study.links(method, study.simulated)
-    named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
-    runs = _wrenches(Y, penalty_links(study))
-    return WrenchStudy(t, Y @ links, named, runs, boxed, unbounded, intervals)
+    searches = {
+        "boxed": unfeasible_retrievals(problem, pi, count, boxed=True),
+        "unbounded": unfeasible_retrievals(problem, pi, count, boxed=False),
+        "penalty_runs": penalty_links(study),
+    }
+    none = np.empty((0, *Y.shape[:3]))
+    wrenches = {
+        name: np.array(_wrenches(Y, retrieved) or none)
+        for name, retrieved in searches.items()
+    }
+    return {**{name: getattr(intervals, name) for name in _ENDS}, **wrenches}
 
 
 def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
@@ -229,11 +308,21 @@ def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
 
 
 def penalty_links(study: Study) -> list[Array]:
-    """Links (n, 10) that the exact penalty finds from scattered feasible starts, as
-    many as the paper's runs, one run each.
+    """Links that the exact penalty finds from scattered feasible starts, as many as the
+    paper's runs.
 
     A start lies near the boundary of the feasible set, where a random linear function
     is least.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    list of (n, 10) array
+        A run each.
     """
     task = study.task(study.simulated)
     links_found = []
@@ -258,6 +347,16 @@ def wrench_table(study: Study) -> Table:
     """How far internal wrenches differ between parameters that make the same torques.
 
     Rows: joint and component; largest true value, then largest deviations from it.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
     """
     w = study.once(wrench_study)
     components = [
