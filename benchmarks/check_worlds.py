@@ -27,7 +27,7 @@ sys.path[0] = str(Path(__file__).parent)  # for this process and its workers
 
 import numpy as np  # noqa: E402
 import pandas  # noqa: E402
-from challenge.cases import CLASSES, Case, build_case, wanted  # noqa: E402
+from challenge.cases import CLASSES, BuiltCase, Case, build_case, wanted  # noqa: E402
 from challenge.judge import share  # noqa: E402
 from challenge.worlds.conditions import NUISANCES  # noqa: E402
 from challenge.worlds.runs import urdf_of  # noqa: E402
@@ -99,7 +99,7 @@ def run_case(case: Case) -> tuple[Row, list[Claim]]:
     except InputError as error:
         return Row(case.key, "", True, str(error), "", "", "", "", 0.0), []
     seconds = time.process_time() - begin
-    truth = " ".join([*(h.effect for h in built.hidden), case.kind, case.nuisance])
+    truth = truth_of(case, built)
     issues = {
         (issue.kind, issue.where): issue
         for report in reports
@@ -122,6 +122,21 @@ def run_case(case: Case) -> tuple[Row, list[Claim]]:
         case=case.key, effects=truth, refused=is_refused, seconds=seconds, **columns
     )
     return row, claims
+
+
+def truth_of(case: Case, built: BuiltCase) -> str:
+    """What a world has, in words: its hidden effects, and what a mixture of nuisances
+    holds."""
+    conditions = built.conditions
+    channel = conditions.channel
+    nuisances = {
+        "causal": channel.lag > 0.0,
+        "delay": channel.delay > 0.0,
+        "warming": conditions.warming > 0.0,
+    }
+    words = [h.effect for h in built.hidden] + [case.kind, case.nuisance]
+    words += [word for word, is_there in nuisances.items() if is_there]
+    return " ".join(words)
 
 
 #: Where a row has what was said.
@@ -147,7 +162,7 @@ def place_of(issue: Issue, truth: str) -> str:
 
 def is_seen_in(issue: Issue, truth: str) -> bool:
     """Whether unexplained torque, or an event, has a hidden cause in such a world."""
-    is_clean = truth.split(" ")[0] == "clean"
+    is_clean = truth.startswith("clean")
     return issue.kind in ABOUT_THE_ARM and not is_clean
 
 

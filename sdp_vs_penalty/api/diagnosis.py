@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.api.identification import WITHOUT_CHECK
+from sdp_vs_penalty.checks.check_command import CheckCommand
 from sdp_vs_penalty.checks.gate import consented, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
@@ -37,6 +38,7 @@ def diagnose(
     check: bool = True,
     warn: Callable[[str], Any] | None = None,
     without_check: str = WITHOUT_CHECK,
+    check_command: CheckCommand | None = None,
     judged_recordings: Source = None,
 ) -> Diagnosis:
     """Which physical effects a model misses, judged against the noise.
@@ -69,7 +71,8 @@ def diagnose(
         Hears the remarks of the check; default: a UserWarning each.
     without_check : str
         How an error says to go on without the check, in words.
-
+    check_command : CheckCommand, optional
+        How a user checks these runs; default: by the names of problem and runs.
     judged_recordings : the same as measurements, optional
         Of which the test run, or the measurements without one, are windows. Errors are
         shown beside the noise floor that `compare` has of them.
@@ -106,6 +109,7 @@ def diagnose(
         check=check,
         warn=warn or functools.partial(warnings.warn, stacklevel=3),
         without_check=without_check,
+        check_command=check_command,
         judged_recordings=judged_recordings,
     )
     return diagnosis
@@ -124,6 +128,7 @@ def diagnose_and_add(
     check: bool = True,
     warn: Callable[[str], Any] | None = None,
     without_check: str = WITHOUT_CHECK,
+    check_command: CheckCommand | None = None,
     judged_recordings: Source = None,
 ) -> tuple[Diagnosis, Estimate | None]:
     """:func:`diagnose`, and the model with all that is sure added; None where nothing is.
@@ -152,7 +157,14 @@ def diagnose_and_add(
         progress("checking the measurements")
         if warn is None:
             warn = functools.partial(warnings.warn, stacklevel=3)
-        raise_on_errors(model.problem, recording, "diagnose", without_check, warn=warn)
+        raise_on_errors(
+            model.problem,
+            recording,
+            "diagnose",
+            without_check,
+            warn=warn,
+            command=check_command,
+        )
         give_back_memory(recording.samples)
     diagnosis = find_missing_effects(
         model,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.data.files import Source
 from sdp_vs_penalty.data.measurements import Measurements
@@ -31,6 +31,9 @@ from sdp_vs_penalty.regression.black_box import BlackBox
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
+
+if TYPE_CHECKING:
+    from sdp_vs_penalty.checks.check_command import CheckCommand
 
 #: How a user of Python goes on without the check of the data.
 WITHOUT_CHECK = "pass check=False to"
@@ -214,6 +217,7 @@ def identify_and_judge(
     check: bool = True,
     warn: Callable[[str], Any] = warnings.warn,
     without_check: str = WITHOUT_CHECK,
+    check_command: CheckCommand | None = None,
 ) -> tuple[Estimate, Comparison | None]:
     """:func:`identify`, and the comparison that its verdict rests on.
 
@@ -229,6 +233,8 @@ def identify_and_judge(
         Hears the remarks of the check, a sentence each.
     without_check : str
         How an error says to go on without the check, in words.
+    check_command : CheckCommand, optional
+        How a user checks these runs.
 
     Returns
     -------
@@ -258,6 +264,7 @@ def identify_and_judge(
             gains=bool(options.known_loads),
             warn=warn,
             are_plausible=True,
+            command=check_command,
         )
         give_back_memory(data.samples)
     runs = (

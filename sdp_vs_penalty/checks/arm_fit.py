@@ -15,18 +15,23 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 class RepairedRows:
     """The rows of n joints under one repair of the motion.
 
-    basis (n, M, k) : of own columns; raw (n, M, s) : columns of the shared parameters;
-    apart (n, M, s) : the same with own columns projected out; gram (n, s, s) : of these.
+    basis (n, M, k) : orthonormal columns of each joint alone; raw (n, M, s) : columns of
+    the shared parameters; apart (n, M, s) : the same with the basis projected out; gram
+    (n, s, s) : of these.
     """
 
     def __init__(self, basis: Array, raw: Array) -> None:
         self.basis = basis
         self.raw = raw
-        left = self.rest(raw)
-        # Rounding errors of columns that the own ones span are no columns.
-        is_visible = np.linalg.norm(left, axis=1) > 1e-6 * np.linalg.norm(raw, axis=1)
+        in_basis = np.swapaxes(basis, 1, 2) @ raw
+        left = raw - basis @ in_basis
+        gram = np.swapaxes(left, 1, 2) @ left
+        # Rounding errors of columns that the basis spans are no columns.
+        of_left = np.diagonal(gram, axis1=1, axis2=2)
+        of_raw = of_left + np.einsum("jks,jks->js", in_basis, in_basis)
+        is_visible = of_left > 1e-12 * of_raw
         self.apart = left * is_visible[:, None]
-        self.gram = np.swapaxes(self.apart, 1, 2) @ self.apart
+        self.gram = gram * is_visible[:, None] * is_visible[:, :, None]
 
     def rest(self, y: Array) -> Array:
         """(n, M, K) torques or columns with own columns projected out."""
@@ -80,19 +85,71 @@ class ArmFit:
         left = self.rows.rest(self.channels[:, :, None])[:, :, 0]
         return np.asarray(left - self.rows.apart @ self.theta)
 
-    def gained(self, x: Array) -> Array:
-        """By how much log S_j falls with one more own column of joint j: a score test,
-        less what the arm's parameters take of it.
+    def gained(self, columns: Array) -> Array:
+        """Fall of log S_j with one more own column of joint j, by a score test.
 
-        x (n, M, K) : columns without what the own ones explain. Returns (n, K).
+        Parameters
+        ----------
+        columns : (n, M, K) array
+            K candidates for each joint.
+
+        Returns
+        -------
+        (n, K) array
+            The falls, less what the arm's parameters take of them.
         """
-        pull = np.einsum("jm,jmk->jk", self.residual, x) ** 2
-        shared = np.swapaxes(self.rows.apart, 1, 2) @ x
+        transposed = np.swapaxes(columns, 1, 2)
+        return self._gained(
+            pull=(transposed @ self.residual[:, :, None])[:, :, 0],
+            in_arm=transposed @ self.rows.apart,
+            in_basis=transposed @ self.rows.basis,
+            energy=np.einsum("jmk,jmk->jk", columns, columns),
+        )
+
+    def gained_by_steps(self, heard: Array, first_rows: NDArray[np.intp]) -> Array:
+        """:meth:`gained` of steps: columns that are 0 before a row.
+
+        Products with a step are sums over the rows from its first one on.
+
+        Parameters
+        ----------
+        heard : (n, M) array
+            Value of the column from there on: 1 where a joint's torque is asked for.
+        first_rows : (K,) array
+            Row at which each step begins.
+
+        Returns
+        -------
+        (n, K) array
+            The falls.
+        """
+
+        def from_rows(y: Array) -> Array:
+            """(n, K, ...) sums of (n, M, ...) over the rows of each step."""
+            sums = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
+            return np.asarray(sums[:, first_rows])
+
+        return self._gained(
+            pull=from_rows(heard * self.residual),
+            in_arm=from_rows(heard[:, :, None] * self.rows.apart),
+            in_basis=from_rows(heard[:, :, None] * self.rows.basis),
+            energy=from_rows(heard**2),
+        )
+
+    def _gained(
+        self, pull: Array, in_arm: Array, in_basis: Array, energy: Array
+    ) -> Array:
+        """(n, K) fall of log S_j from products of K columns with the residual (n, K), the
+        arm's columns (n, K, s), the basis (n, K, k), and themselves (n, K)."""
         normal = np.tensordot(self.weights, self.rows.gram, 1)
-        taken = self.weights[:, None] * np.sum(shared * solve(normal, shared), axis=1)
-        energy = np.sum(x**2, axis=1)
-        visible_energy = np.maximum(energy - taken, 1e-3 * energy) * self.left[:, None]
-        return np.asarray(np.log1p(pull / np.maximum(visible_energy, 1e-280)))
+        transposed = np.swapaxes(in_arm, 1, 2)
+        of_arm = np.sum(transposed * solve(normal, transposed), axis=1)
+        taken = self.weights[:, None] * of_arm
+        left = energy - np.sum(in_basis**2, axis=2)
+        # What the basis spans is nothing new.
+        is_new = left > 1e-10 * energy
+        visible = np.maximum(left - taken, 1e-3 * left) * self.left[:, None]
+        return np.asarray(is_new * np.log1p(pull**2 / np.maximum(visible, 1e-280)))
 
     @cached_property
     def independent_rows(self) -> float:

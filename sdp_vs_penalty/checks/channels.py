@@ -231,7 +231,7 @@ def torques(g: RunSummary) -> Iterator[Issue]:
             yield _dead(g, j, float(x[0]))
             continue
         yield from _clipped(g, j, x)
-        if g.moving[j] and _is_unsigned(x):
+        if g.moving[j] and _is_unsigned(x, g.run.q):
             unsigned.append(j)
     if unsigned:
         yield Issue.of(
@@ -293,28 +293,36 @@ _CORNER_RANGE = 0.7
 #: Least mean of a corner's values over that height: of a corner it is 1/2, of a parabola
 #: that touches zero 1/3.
 _CORNER_MEAN = 0.38
+#: Poses of which no joint is farther apart, over the scatter of its positions, are one.
+_ONE_POSE = 0.1
 
 
-def _is_unsigned(torque: Array) -> bool:
-    """Whether a torque (N,) comes near zero often, and turns back in corners there.
+def _is_unsigned(torque: Array, q: Array) -> bool:
+    """Whether a torque (N,) comes near zero often, and turns back in corners there; q (N,
+    n) : positions.
 
     "Near" is a fifth of the largest torque. A stretch near zero is a corner where its
     values come down from there to within one usual step of zero, which happens by chance
     with odds of that step to the fifth, and their mean is that of a corner. A constant
-    level near zero, as of a coarse current at rest, has no such range.
+    level near zero, as of a coarse current at rest, has no such range. Corners in one
+    pose, as of a motion that repeats itself, are one.
     """
     if not 0.0 <= torque.min() <= 0.01 * torque.max():
         return False
     steps = np.abs(np.diff(torque))
     near = 0.2 * float(torque.max())
     step = min(float(np.median(steps[steps > 0.0])), near)
-    n_corners = 0
+    scale = nonzero_or_one(q.std(axis=0))
+    poses: list[Array] = []
     for first, end in spans(torque < near):
         part = torque[first:end]
         touches = 0.0 < part.min() < step
         comes_down = np.ptp(part) > _CORNER_RANGE * near
-        n_corners += bool(touches and comes_down and part.mean() > _CORNER_MEAN * near)
-    return bool(n_corners * np.log(near / step) > c.ODDS)
+        if touches and comes_down and part.mean() > _CORNER_MEAN * near:
+            pose = q[first + np.argmin(part)] / scale
+            if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
+                poses.append(pose)
+    return bool(len(poses) * np.log(near / step) > c.ODDS)
 
 
 def counts(g: RunSummary) -> Iterator[Issue]:

@@ -3,18 +3,17 @@ everything else is a remark."""
 
 from __future__ import annotations
 
-import shlex
 import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.check import check_runs
+from sdp_vs_penalty.checks.check_command import CheckCommand
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.errors import InputError, RepairableError
+from sdp_vs_penalty.errors import InputError, RepairableError, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.problem.load import problem_names
 from sdp_vs_penalty.problem.problem import Problem
 
 
@@ -26,6 +25,7 @@ def raise_on_errors(
     gains: bool = False,
     warn: Callable[[str], Any] = warnings.warn,
     are_plausible: bool = False,
+    command: CheckCommand | None = None,
 ) -> dict[str, list[dict[str, Any]]]:
     """What the fast part of the check says of each run, as a model keeps it.
 
@@ -46,6 +46,8 @@ def raise_on_errors(
         Hears warnings, a sentence each.
     are_plausible : bool
         Whether positions are known to be possible for this robot.
+    command : CheckCommand, optional
+        How a user checks these runs; default: by the names of problem and runs.
 
     Returns
     -------
@@ -77,8 +79,9 @@ def raise_on_errors(
             warn(f"{issue.severity}: {run}: {issue.what} (details: `check`)")
     explanations = [(run, f) for run, f in issues if f.nature == EXPLANATION]
     if explanations:
-        names = [report.run for report in reports]
-        warn(f"warning: {explanations_in_a_line(problem, names, explanations)}")
+        if command is None:
+            command = CheckCommand.of(problem, [report.run for report in reports])
+        warn(f"warning: {explanations_in_a_line(command, explanations)}")
     if len(reports) != len(runs):
         return {}
     return {
@@ -104,34 +107,40 @@ def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -
 
 
 def explanations_in_a_line(
-    problem: Problem, runs: Sequence[str], explanations: Sequence[tuple[str, Issue]]
+    command: CheckCommand, explanations: Sequence[tuple[str, Issue]]
 ) -> str:
-    """What a model makes of the log, in one line: what it looks like, that it is taken
-    as it is, and the command that tries the repair, of all runs, which are judged
-    together."""
+    """What a model makes of the log, in one line.
+
+    It says what the log looks like, that it is taken as it is, and which command tries
+    the repair of all runs, which are judged together.
+
+    Parameters
+    ----------
+    command : CheckCommand
+        Of these runs.
+    explanations : sequence of (str, Issue)
+        Each with its run's name.
+
+    Returns
+    -------
+    str
+        The line.
+    """
     first = explanations[0][0]
     texts = list(dict.fromkeys(issue.what.rstrip(".") for _, issue in explanations))
     others = ""
     if len(texts) > 1:
         others = f" (and {formatting.count(len(texts) - 1, 'more such thing')})"
-    words = list(dict.fromkeys(f.apply for _, f in explanations if f.apply))
-    command = ["check", _name_of(problem), "--data", *runs]
+    apply = list(dict.fromkeys(f.apply for _, f in explanations if f.apply))
+    words = command.words
     how = "says more"
-    if words:
-        fixed = "fixed.csv" if len(runs) == 1 else "fixed"
-        command += ["--fix", fixed, "--apply", *words]
+    if apply:
+        words = command.applying(apply).repair_words
         how = "tries the repair, and shows both errors"
     return (
         f"{first}: it looks as if {texts[0]}{others}. The log is taken as it is;"
-        f" `{shlex.join(command)}` {how}"
+        f" `{command_line(words)}` {how}"
     )
-
-
-def _name_of(problem: Problem) -> str:
-    """How a command calls a problem: a built-in by its name, a folder by its path."""
-    if problem.name in problem_names():
-        return problem.name
-    return str(problem.folder or f"{problem.name}.urdf")
 
 
 def consented(estimate: Estimate, measurements: Measurements) -> bool:

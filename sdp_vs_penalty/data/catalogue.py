@@ -54,7 +54,7 @@ class Dataset(JsonRecord):
 DATASETS = {
     name: Dataset.from_dict({"name": name, **data})
     for name, data in tomllib.loads(
-        Path(__file__).with_name("datasets.toml").read_text()
+        Path(__file__).with_name("datasets.toml").read_text("utf-8")
     ).items()
 }
 

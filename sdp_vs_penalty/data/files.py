@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.formats import bag, csv, format_of, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice, Header
+from sdp_vs_penalty.data.formats.joined import files_of_run, read_joined
 from sdp_vs_penalty.data.measurements import (
     LARGEST_VALUE,
     Measurements,
@@ -189,6 +190,8 @@ def run_files(path: str | Path) -> list[Path]:
     Raises InputError for a pattern that matches nothing.
     """
     path = Path(path)
+    if files_of_run(path):
+        return [path]
     if os.path.isdir(path) and format_of(path) is None:
         return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [
             path
@@ -243,8 +246,14 @@ def read_run(
     if rate is not None and not 0.0 < rate < np.inf:
         what = f"rate {rate!r} is not a frequency above 0 Hz"
         raise InputError(what, "give the samples a second, like --rate 1000")
-    with reading(path) as path:
-        run = _read_by_its_format(path, Choice(names, topic, rename, rate))
+    choice = Choice(names, topic, rename, rate)
+    path = Path(path)
+    files = files_of_run(path)
+    if files:
+        run = read_joined(path, files, choice)
+    else:
+        with reading(path) as path:
+            run = _read_by_its_format(path, choice)
     if rate is not None:
         run = replace(run, t=np.arange(len(run.t)) / rate)
     if len(run.t) == 0:

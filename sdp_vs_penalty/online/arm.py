@@ -43,11 +43,14 @@ class ArmModel:
 
     def __init__(self, model: Model, theta: Array) -> None:
         robot = model.robot
-        self.model, self.theta, self.n = model, np.array(theta, float), robot.n
+        self.model = model
+        self.theta = np.array(theta, float)
+        self.n = robot.n
         if not len(model.rigid_indices):
             raise InputError("the model has no rigid body", "identify one with links")
         self._regressor = robot._pin.computeJointTorqueRegressor
-        self._pinocchio, self._data = robot._model, robot._model.createData()
+        self._pinocchio = robot._model
+        self._data = robot._model.createData()
         links = self.theta[model.rigid_indices].reshape(-1, 10)
         maps = robot._link_maps
         tree = np.zeros((len(robot.tree), 10))
@@ -85,7 +88,22 @@ class ArmModel:
         self._gain_column = np.ascontiguousarray(gains[:, None])
 
     def update(self, q: Array, dq: Array, ddq: Array) -> None:
-        """Write ``torque`` and ``columns`` of a state, each (n,)."""
+        """Write ``torque`` and ``columns`` of one instant.
+
+        Parameters
+        ----------
+        q : (n,) array
+            Positions [rad, m].
+        dq : (n,) array
+            Velocities [rad/s, m/s].
+        ddq : (n,) array
+            Accelerations [rad/s^2, m/s^2].
+
+        Returns
+        -------
+        None
+            ``torque`` (n,) and ``columns`` (n, 10) hold the result.
+        """
         tree_q = q
         tree_dq = dq
         tree_ddq = ddq

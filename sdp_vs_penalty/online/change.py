@@ -87,7 +87,24 @@ class ChangeDetector:
         self._per_call = max(1, round(self._places * period / 0.1))
 
     def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
-        """Count the rows [Y, e] (n, 11) of one instant, and the same over sigma^2."""
+        """Count the rows of one instant.
+
+        Parameters
+        ----------
+        rows : (n, 11) array
+            The payload's columns and the residual [Y, e] of each joint.
+        weighted : (n, 11) array
+            The same over the noise's variance.
+        period : float
+            Of the loop [s].
+        time : float
+            Of the instant [s].
+
+        Returns
+        -------
+        None
+            ``total`` holds them.
+        """
         if self._until_next == 0:
             self._keep(time)
             self._until_next = self._stride
@@ -207,7 +224,20 @@ class ChangeDetector:
         out.add(window.matrix, window.weight(self._correlation))
 
     def posterior_after(self, change: Change, out: Posterior) -> None:
-        """Solve for the payload after a change that was found."""
+        """Solve for the payload after a change.
+
+        Parameters
+        ----------
+        change : Change
+            That :meth:`search` believes.
+        out : Posterior
+            Where the solution is written to.
+
+        Returns
+        -------
+        None
+            ``out`` holds the payload.
+        """
         self._posterior_after(self._place(change), out)
         out.solve()
 
@@ -219,7 +249,18 @@ class ChangeDetector:
         return (place + min(self._mixed, newer)) % self._places
 
     def accept(self, change: Change) -> None:
-        """Begin a new stretch after a change."""
+        """Begin a new stretch after a change.
+
+        Parameters
+        ----------
+        change : Change
+            That :meth:`search` believes.
+
+        Returns
+        -------
+        None
+            ``total`` holds what came after it.
+        """
         place = self._place(change)
         matrix = self._matrices[place].copy()
         seconds = float(self._seconds[place])
@@ -233,7 +274,18 @@ class ChangeDetector:
         self.is_carrying = change.is_carrying
 
     def posterior(self, out: Posterior) -> None:
-        """Solve for the payload that is carried."""
+        """Solve for the payload that is carried.
+
+        Parameters
+        ----------
+        out : Posterior
+            Where the solution is written to.
+
+        Returns
+        -------
+        None
+            ``out`` holds the payload.
+        """
         out.clear()
         out.add(self.total.matrix, self.total.weight(self._correlation))
         out.solve()

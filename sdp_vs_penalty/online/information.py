@@ -62,12 +62,34 @@ class Information:
         self.seconds = 0.0
 
     def fade(self, factor: float) -> None:
-        """What is known counts less."""
+        """Let what is known count less.
+
+        Parameters
+        ----------
+        factor : float
+            Of all information, from 0 to 1.
+
+        Returns
+        -------
+        None
+            ``matrix`` and ``seconds`` are multiplied by it.
+        """
         self.matrix *= factor
         self.seconds *= factor
 
     def weight(self, correlation: float) -> float:
-        """1/s: 1 / T + 1 / tau of the stretch."""
+        """Weight of a stretch whose residuals agree with themselves for a while.
+
+        Parameters
+        ----------
+        correlation : float
+            For how long they do, tau [s].
+
+        Returns
+        -------
+        float
+            1 / T + 1 / tau [1/s], T the length of the stretch.
+        """
         return 1.0 / max(self.seconds, 1e-9) + 1.0 / correlation
 
 
@@ -95,7 +117,20 @@ class Posterior:
         self.linear[:] = 0.0
 
     def add(self, matrix: Array, weight: float) -> None:
-        """Count a matrix G with a weight."""
+        """Count a stretch.
+
+        Parameters
+        ----------
+        matrix : (11, 11) array
+            Integral of [Y, e]^T [Y, e] / sigma^2 over the stretch [s].
+        weight : float
+            What it is multiplied by [1/s].
+
+        Returns
+        -------
+        None
+            ``precision`` and ``linear`` hold it.
+        """
         np.multiply(matrix[:SIZE, :SIZE], weight, out=self._part)
         self.precision += self._part
         np.multiply(matrix[:SIZE, SIZE], weight, out=self._log)

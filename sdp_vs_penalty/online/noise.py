@@ -51,16 +51,28 @@ class ResidualNoise:
         delay: float,
         prior: PayloadPrior,
     ) -> Self:
-        """Measured on a motion without a payload that the estimate was not made from.
+        """Measure the noise on a motion without a payload.
 
         Parameters
         ----------
-        estimate : of the arm; measurements : runs without a payload.
-        delay : s, of the loop's filters; prior : of a payload.
+        estimate : Estimate
+            Of the arm, not made from these runs.
+        measurements : Measurements
+            Runs without a payload.
+        delay : float
+            Of the loop's filters [s].
+        prior : PayloadPrior
+            Of a payload, before it is measured.
+
+        Returns
+        -------
+        ResidualNoise
+            With the factor that makes intervals of masses wide enough.
 
         Raises
         ------
-        InputError where the runs are too short, or a joint never moves.
+        InputError
+            Where the runs are too short, or a joint never moves.
         """
         stretches = [
             stretch
@@ -135,25 +147,52 @@ class _Stretch:
         return [slice(start, start + count) for start in starts]
 
     def means(self, seconds: float) -> Array:
-        """(parts, n) means of parts of one length, NaN where a joint rests."""
+        """Mean residuals of parts of one length.
+
+        Parameters
+        ----------
+        seconds : float
+            Length of a part [s].
+
+        Returns
+        -------
+        (parts, n) array
+            [N m, N], NaN where a joint rests.
+        """
         parts = [self.residual[part].mean(axis=0) for part in self._parts(seconds)]
         return np.reshape(parts, (-1, self.residual.shape[1]))
 
     def mass_errors(
         self, seconds: float, noise: ResidualNoise, prior: PayloadPrior
     ) -> list[float]:
-        """Masses estimated in parts of one length over their standard deviations."""
+        """Masses that are estimated in parts of one length, where there is none.
+
+        Parameters
+        ----------
+        seconds : float
+            Length of a part [s].
+        noise : ResidualNoise
+            Of the residuals.
+        prior : PayloadPrior
+            Of a payload.
+
+        Returns
+        -------
+        list of float
+            Each over its standard deviation [-].
+        """
         weight = (1.0 / seconds + 1.0 / noise.correlation) / _RATE
         errors = []
         for part in self._parts(seconds):
             residual = self.residual[part]
-            known = np.isfinite(residual)
-            white = np.where(known, residual / noise.std, 0.0).ravel()
+            is_known = np.isfinite(residual)
+            white = np.where(is_known, residual / noise.std, 0.0).ravel()
             scaled = self.columns[part] * prior.scale
-            rows = np.where(known[..., None], scaled / noise.std[:, None], 0.0)
+            rows = np.where(is_known[..., None], scaled / noise.std[:, None], 0.0)
             rows = rows.reshape(-1, SIZE)
-            covariance = np.linalg.inv(prior.information + weight * rows.T @ rows)
-            mass = (covariance @ (weight * rows.T @ white))[0]
+            information = prior.information + weight * rows.T @ rows
+            covariance = np.linalg.inv(information)
+            mass = covariance[0] @ (weight * rows.T @ white)
             errors.append(float(mass / np.sqrt(covariance[0, 0])))
         return errors
 

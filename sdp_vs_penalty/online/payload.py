@@ -168,7 +168,8 @@ class PayloadEstimator:
         self.noise = noise
         self._gain_errors = known.uncertainty.gain_errors
         self._learning = self.period / drift if drift else 0.0
-        self.drift_offset, self.drift_friction = np.zeros(n), np.zeros(n)
+        self.drift_offset = np.zeros(n)
+        self.drift_friction = np.zeros(n)
         self._n = n
         self._time: float | None = None
         self._next = 0.0
@@ -208,13 +209,30 @@ class PayloadEstimator:
 
         Parameters
         ----------
-        without_payload : runs that the estimate was not made from: a path, arrays, a
-            table or Measurements.
-        estimate, rate, delay, prior, forgetting, drift : as of the class.
+        estimate : Estimate or path
+            Of the arm without a payload, as of the class.
+        without_payload : path, arrays, DataFrame or Measurements
+            Runs that the estimate was not made from, ten seconds or more.
+        rate : float
+            Samples a second of the loop [Hz].
+        delay : float
+            Of the filters [s].
+        prior : PayloadPrior, optional
+            Of the payload, before it is measured.
+        forgetting : float
+            After this time data of a payload count exp(-1) [s].
+        drift : float
+            Over this time offsets and friction change [s]; 0 where they are held.
+
+        Returns
+        -------
+        PayloadEstimator
+            Ready for the first sample.
 
         Raises
         ------
-        InputError where the runs do not fit, are too short or rest.
+        InputError
+            Where the runs do not fit, are too short or rest.
         """
         known = as_estimate(estimate, "PayloadEstimator.calibrated(estimate=...)")
         runs = as_measurements(
@@ -241,15 +259,26 @@ class PayloadEstimator:
         return self._detector.is_carrying
 
     def update(self, t: float, q: Array, tau: Array) -> PayloadChange | None:
-        """Take one sample; the change of the payload that it brings to light, or None.
+        """Take one sample.
 
         Parameters
         ----------
-        t : s; q : (n,) rad or m; tau : (n,) N m or N.
+        t : float
+            Time [s].
+        q : (n,) array
+            Positions [rad, m].
+        tau : (n,) array
+            Torques [N m, N].
+
+        Returns
+        -------
+        PayloadChange or None
+            The change of the payload that the sample brings to light.
 
         Raises
         ------
-        InputError for other shapes, numbers that are none, or a clock that runs back.
+        InputError
+            For other shapes, numbers that are none, or a clock that runs back.
         """
         if len(q) != self._n or len(tau) != self._n:
             raise InputError(

@@ -60,7 +60,20 @@ class ConeProjection:
         self._products = np.zeros((10, 16))
 
     def start(self, precision: Array, centre: Array) -> None:
-        """Take Lambda (10, 10) and y (10,); done at once where y is consistent."""
+        """Take the estimate that is to be projected.
+
+        Parameters
+        ----------
+        precision : (10, 10) array
+            Inverse of its covariance.
+        centre : (10,) array
+            The estimate, standard parameters over their scales.
+
+        Returns
+        -------
+        None
+            ``is_done`` at once where the estimate is consistent itself.
+        """
         np.copyto(self._precision, precision)
         np.copyto(self._centre, centre)
         self.steps = 0
@@ -70,8 +83,6 @@ class ConeProjection:
             self.gap = 0.0
             self.is_done = True
             return
-        np.copyto(self._factor, precision)
-        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
         np.copyto(self._factor, precision)
         scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
         if self._is_warm:

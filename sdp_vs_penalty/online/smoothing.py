@@ -51,8 +51,21 @@ class SmoothingFilter:
         self._count = 0
 
     def push(self, sample: Array, out: Array) -> bool:
-        """Take a sample (channels,); write value, rate and acceleration (3, channels)
-        of ``delay`` ago to ``out``. False while the first window fills."""
+        """Take a sample.
+
+        Parameters
+        ----------
+        sample : (channels,) array
+            The newest values.
+        out : (3, channels) array
+            Value, rate [1/s] and acceleration [1/s^2] of ``delay`` ago are written
+            to it.
+
+        Returns
+        -------
+        bool
+            Whether they are: not while the first window fills.
+        """
         place = self._next
         self._samples[place] = sample
         self._samples[place + self.length] = sample

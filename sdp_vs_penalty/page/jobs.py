@@ -25,6 +25,7 @@ from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.data.files import check_usable, load_measurements, save, windowed
 from sdp_vs_penalty.data.formats.column_report import describe_columns
+from sdp_vs_penalty.data.formats.columns import columns_of
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
@@ -322,7 +323,7 @@ def keep(
         findings += _of_windows(problem, part, split, report_of_run)
     file = _file(part)
     view = f"view-{file}"
-    save(part, job.folder / file)
+    save_arrays(job.folder / file, columns_of(part))
     save_arrays(job.folder / view, _preview(problem, part, report_of_run.repaired_all))
     seconds = float(part.t[-1] - part.t[0])
     return {
@@ -372,7 +373,10 @@ def _preview(
     positions and torques that the check would put there (NaN where it changes nothing),
     and the arm's poses."""
     raw = np.hstack([part.q, part.tau])
-    repaired = _where_changed(raw, _repaired_rows(part, mended))
+    if mended is part:
+        repaired = np.full_like(raw, np.nan)
+    else:
+        repaired = _where_changed(raw, _repaired_rows(part, mended))
     shown = spread_rows(len(part.t))
     changed = np.flatnonzero(np.isfinite(repaired).any(axis=1))
     thinned = changed[:: 1 + len(changed) // POINTS]

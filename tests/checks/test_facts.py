@@ -294,6 +294,16 @@ def test_a_torque_that_touches_zero_smoothly_is_no_magnitude():
     assert "torque magnitude" not in [issue.kind for issue in issues]
 
 
+def test_a_corner_that_a_motion_repeats_is_one_corner():
+    """Dry friction makes one where the joint turns, in every period."""
+    t = np.arange(0.0, 20.0, 0.01)
+    phase = t % 4.0 - 2.0
+    tau = np.column_stack([np.cos(t), 0.003 + np.abs(phase)])
+    q = np.column_stack([np.sin(0.5 * np.pi * t), np.cos(0.5 * np.pi * t)])
+    issues = torques(summary(Measurements(t, q, tau)))
+    assert "torque magnitude" not in [issue.kind for issue in issues]
+
+
 @pytest.mark.parametrize("n_levels", [6, 9])
 def test_a_coarse_torque_that_rests_near_zero_is_no_magnitude(n_levels):
     """A current in few steps flickers between two of them while its joint rests."""

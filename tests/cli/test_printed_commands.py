@@ -36,8 +36,9 @@ def run(
     monkeypatch.chdir(tmp_path)
     search = separation.separate  # that a motion is found, not how good a one
     monkeypatch.setattr(
-        separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 20})
+        separation, "separate", lambda *a, **b: search(*a, **{**b, "iterations": 4})
     )
+    monkeypatch.setattr(separation, "_DRAWN", 4)
     reported: set[tuple[str, ...]] = set()
 
     def call(line: str) -> str:

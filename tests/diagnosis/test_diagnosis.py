@@ -52,7 +52,7 @@ def stribeck(panda: Problem) -> HiddenRuns:
 
 @pytest.fixture(scope="module")
 def found(stribeck: HiddenRuns) -> Diagnosis:
-    return diagnosed(stribeck)
+    return diagnosed(stribeck, runs=1)
 
 
 def test_a_search_that_begins_with_a_rival_of_the_truth_ends_at_the_truth(two_link):
@@ -239,7 +239,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
 
 
 def test_the_search_ends_at_the_error_and_the_shape_of_what_add_returns(hidden):
-    data = concatenate(hidden.runs[:3])
+    data = hidden.runs[0]
     estimate = identify(hidden.problem, data, effects=hidden.truth["model_effects"])
     result = diagnose(estimate, data, hidden.runs[3])
     bigger = add(estimate, result, data)
@@ -260,24 +260,39 @@ def test_a_gain_is_added_beside_its_own_reference(two_link):
     assert np.isfinite(held.uncertainty.standard[-1].std)
 
 
-def test_what_is_logged_late_is_all_of_the_torque(two_link):
+@pytest.fixture(scope="module")
+def late(two_link: Problem) -> HiddenRuns:
+    """Bristles on both joints, behind a delay of all that is logged."""
     bristles = [("presliding_hysteresis", [j]) for j in (0, 1)]
-    made = hidden_runs(two_link, [*bristles, ("global_delay", [])], "medium", seed=1)
-    data = concatenate(made.runs[:3])
-    estimate = identified(made, data)
-    result = diagnose(estimate, data, made.runs[3])
-    # A model that has the delay already lacks the rest of it.
-    beside = diagnose(add(estimate, "global_delay", data), data)
-    for effects in (result.effects, beside.effects):
-        found = {f.joints[0]: f for f in effects if f.effect == "presliding_hysteresis"}
-        for joint, hidden in enumerate(made.hidden[:2], start=1):
-            assert found[joint].shape["d"] == pytest.approx(hidden.shape["d"], rel=0.05)
-            assert found[joint].size == pytest.approx(hidden.size, rel=0.03)
+    return hidden_runs(two_link, [*bristles, ("global_delay", [])], "medium", seed=1)
+
+
+def assert_bristles_are_found(made: HiddenRuns, result: Diagnosis) -> None:
+    """Each with its travel and its size."""
+    bristles = [f for f in result.effects if f.effect == "presliding_hysteresis"]
+    found = {f.joints[0]: f for f in bristles}
+    for joint, hidden in enumerate(made.hidden[:2], start=1):
+        assert found[joint].shape["d"] == pytest.approx(hidden.shape["d"], rel=0.05)
+        assert found[joint].size == pytest.approx(hidden.size, rel=0.03)
+
+
+def test_what_is_logged_late_is_all_of_the_torque(late):
+    data = concatenate(late.runs[:3])
+    estimate = identified(late, data)
+    result = diagnose(estimate, data, late.runs[3])
+    assert_bristles_are_found(late, result)
     both = add(estimate, result, data)
-    again = diagnose(both, data, made.runs[3])
-    added = compare(both, made.runs[3])[0].rmse
+    again = diagnose(both, data, late.runs[3])
+    added = compare(both, late.runs[3])[0].rmse
     for promised in (result.held_out_rmse, again.held_out_rmse):
         np.testing.assert_allclose(promised, added, rtol=0.01)
+
+
+@pytest.mark.long
+def test_a_model_that_has_the_delay_lacks_the_rest_of_it(late):
+    data = concatenate(late.runs[:3])
+    delayed = add(identified(late, data), "global_delay", data)
+    assert_bristles_are_found(late, diagnose(delayed, data))
 
 
 def test_a_refit_holds_what_is_known_of_the_models_own_sizes(two_link):

@@ -122,6 +122,14 @@ def franka_old(path: Path, run: Measurements) -> None:
     _write(path, head, [1e3 * run.t, np.ones(len(run.t)), *blocks], ", ")
 
 
+def kuka_rsi(path: Path, run: Measurements) -> None:
+    """Degrees, a clock in milliseconds, and currents in per cent."""
+    names = ("AIPos.A{}", "ASPos.A{}", "MACur.A{}")
+    head = ["IPOC", *(name.format(k) for name in names for k in (1, 2))]
+    blocks = _blocks(np.degrees(run.q), np.degrees(run.q) + 0.01, run.tau)
+    _write(path, head, [1e3 * run.t, *blocks])
+
+
 def plotjuggler(path: Path, run: Measurements) -> None:
     """Sparse: every row belongs to one of two topics."""
     head = ["__time"]
@@ -214,6 +222,7 @@ SAMPLES: dict[str, Callable[[Path, Measurements], None]] = {
     "flattened.csv": flattened,
     "mujoco.csv": mujoco,
     "franka.csv": franka,
+    "kuka_rsi.csv": kuka_rsi,
     "franka_old.csv": franka_old,
     "plotjuggler.csv": plotjuggler,
     "lerobot.parquet": lerobot,

@@ -11,7 +11,6 @@ from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
-from sdp_vs_penalty.robot.arrays import Array
 
 #: Share of the time on either side of a step that the joint has to move each way: else
 #: it is friction's.
@@ -32,7 +31,8 @@ class Beside(Transformation):
         """One more thing of this kind, from the repair as it is now."""
         yield from _laws(log, now, score)
         t = log.data.motion.t
-        drift = score.gained(_own_part(log, now, score, LogEvent(0).shape(t)))
+        heard = log.filter_gain(now)[:, :, None]
+        drift = score.gained(heard * LogEvent(0).shape(t))
         j = int(np.argmax(drift[:, 0] * log.moving))
         if drift[j, 0] * log.moving[j] > 0.0:
             yield now.with_event(LogEvent(j))
@@ -49,20 +49,14 @@ class Beside(Transformation):
                 yield _step(log, repair, event, event.at)
 
 
-def _own_part(
-    log: Likelihood, now: LogTransform, score: ArmFit, shapes: Array
-) -> Array:
-    """(n, M, K) what own columns leave of shapes (M, K) or (n, M, K)."""
-    return score.rows.rest(log.filter_gain(now)[:, :, None] * shapes)
-
-
 def _laws(log: Likelihood, now: LogTransform, score: ArmFit) -> Iterator[LogTransform]:
     """Of each joint that is poorly explained the law that explains most."""
     order = list(now.order)
     names = [*log.data.laws]
-    gains = []
-    for law in log.data.laws.values():
-        gains.append(score.gained(_own_part(log, now, score, law[order])).max(axis=1))
+    heard = log.filter_gain(now)[:, :, None]
+    gains = [
+        score.gained(heard * law[order]).max(axis=1) for law in log.data.laws.values()
+    ]
     best = np.argmax(gains, axis=0)
     for j in np.flatnonzero(score.poor).tolist():
         yield now.with_event(LogEvent(j, names[best[j]]))
@@ -76,11 +70,17 @@ def _likeliest_step(
     # Two rows each: the wrong moment explains nothing.
     shares = np.linspace(0.12, 0.88, c.ROWS // 2)
     moments = (motion.t[0] + shares * np.ptp(motion.t)).tolist()
-    shapes = np.hstack([LogEvent(0, at).shape(motion.t) for at in moments])
-    gains = score.gained(_own_part(log, now, score, shapes)) * log.moving[:, None]
-    goes_forth = (motion.dq[:, list(now.order)].T > 0.0) * 1.0
-    for is_on_side in (shapes > 0.0, shapes <= 0.0):
-        share = goes_forth @ is_on_side / np.maximum(is_on_side.sum(axis=0), 1)
+    first_rows = np.searchsorted(motion.t, moments, side="right")
+    first_rows = np.minimum(first_rows, len(motion.t) - 1)
+    gains = score.gained_by_steps(log.filter_gain(now), first_rows)
+    gains = gains * log.moving[:, None]
+    goes_forth = motion.dq[:, list(now.order)].T > 0.0
+    n_forth = np.cumsum(goes_forth, axis=1)[:, first_rows - 1]
+    n_forth_in_all = goes_forth.sum(axis=1)[:, None]
+    n_after = len(motion.t) - first_rows
+    share_before = n_forth / np.maximum(first_rows, 1)
+    share_after = (n_forth_in_all - n_forth) / n_after
+    for share in (share_before, share_after):
         gains = gains * (np.minimum(share, 1.0 - share) > _WAYS)
     j, k = divmod(int(np.argmax(gains)), len(moments))
     if gains[j, k] > 0.0:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,7 @@ def verb(
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
     --apply sign:tau3 ...: Explanations to repair as well, by their words.
     """
+    from sdp_vs_penalty.checks.check_command import CheckCommand
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.files import run_files
 
@@ -39,18 +41,15 @@ def verb(
     printing.checks(reports)
     content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
     console.save_json(json_, content)
-    mounting = _mounting(gravity, hold)
+    command = CheckCommand(problem=problem, runs=files, hold=hold, gravity=gravity)
     meaningless = any(report.meaningless for report in reports)
     if fix is not None:
         copies = _write_copies(robot, files, runs, reports, fix, apply or [])
-        console.next_step(["check", problem, "--data", *copies, *mounting])
+        console.next_step(replace(command, runs=copies).words)
     elif (repair := _repair_words(reports)) is not None:
-        name = f"{files[0].stem}_fixed.csv" if len(files) == 1 else "fixed"
-        words = ["check", problem, "--data", *files, *mounting]
-        fixed = files[0].with_name(name)
-        console.next_step([*words, "--fix", fixed, *repair])
+        console.next_step(command.applying(repair).repair_words)
     elif not meaningless:
-        _say_identify(files, problem, mounting)
+        _say_identify(files, problem, command.options)
     if meaningless:
         raise SystemExit(1)
 
@@ -95,12 +94,6 @@ def _read_and_check(
         return robot, runs, check_runs(robot, runs, robot.preprocessing), hold
 
 
-def _mounting(gravity: str | None, hold: str | None) -> list[str]:
-    """The options that the next command needs as well."""
-    words = [] if gravity is None else ["--gravity", gravity]
-    return words if hold is None else [*words, "--hold", hold]
-
-
 def _write_copies(
     robot: Problem,
     files: Sequence[Path],
@@ -133,21 +126,20 @@ def _write_copies(
     return copies
 
 
-def _say_identify(files: Sequence[Path], problem: str, mounting: Sequence[str]) -> None:
+def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -> None:
     """The command that identifies from all runs but those for testing."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import for_testing
 
     train = [path for path in files if not for_testing(path)] or files
-    words = ["--data", *train, *mounting, "--out", "model.json"]
+    words = ["--data", *train, *options, "--out", "model.json"]
     console.next_step(["identify", problem, *words])
 
 
 def _repair_words(reports: Sequence[Report]) -> list[str] | None:
-    """What --fix needs besides: explanations are repaired by their words only. None
-    where there is nothing to repair."""
+    """Words of the explanations that a repair may apply; none of them where facts are
+    repaired without; None where there is nothing to repair."""
     issues = [issue for report in reports for issue in report.errors_and_warnings]
     named = list(dict.fromkeys(issue.apply for issue in issues if issue.apply))
-    if named:
-        return ["--apply", *named]
-    return [] if any(issue.mends for issue in issues) else None
+    is_repairable = bool(named) or any(issue.mends for issue in issues)
+    return named if is_repairable else None

@@ -23,7 +23,8 @@ def verb(
 
     Example: sdp-vs-penalty convert rosbag2_folder --problem robot.urdf --out run.csv
 
-    source IN: File (.csv .npz .parquet .mat .mcap .bag), or a ROS 2 bag's folder.
+    source IN: File (.csv .npz .npy .parquet .mat .jsonl .mcap .bag), files of one run
+        (a.csv+b.csv), or a ROS 2 bag's folder.
     --out out.csv|.npz|.parquet|.mat: File to write; the suffix chooses the format.
     --problem: Robot whose joint names choose the joints of a ROS bag.
     --joints a,b,c: Joint names of a ROS bag, in the order wanted.

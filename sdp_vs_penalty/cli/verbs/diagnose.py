@@ -29,6 +29,7 @@ def verb(
     --json out.json: JSON file for the findings.
     """
     from sdp_vs_penalty.api import diagnose as find_missing_effects
+    from sdp_vs_penalty.checks.check_command import CheckCommand
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing, runs
 
@@ -52,6 +53,7 @@ def verb(
             check=not no_check,
             warn=console.warn,
             without_check=runs.NO_CHECK,
+            check_command=CheckCommand.of(estimate.problem, data),
         )
     words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
     words += _written(

@@ -36,6 +36,7 @@ def verb(
     --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
     from sdp_vs_penalty.api import identify_and_judge
+    from sdp_vs_penalty.checks.check_command import CheckCommand
     from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation import PoseOptions
@@ -44,7 +45,7 @@ def verb(
 
     estimator = with_solver(method, solver)
     with console.progress("reading the measurements") as progress:
-        robot, (runs_given, fitted_runs), _ = runs.read_and_hold(
+        robot, (runs_given, fitted_runs), hold = runs.read_and_hold(
             lambda held: runs.problem_from_options(
                 problem, gravity, bounds, filters, held
             ),
@@ -72,6 +73,9 @@ def verb(
                 check=not no_check,
                 warn=console.warn,
                 without_check=runs.NO_CHECK,
+                check_command=CheckCommand(
+                    problem=problem, runs=data, hold=hold, gravity=gravity
+                ),
             )
         except Infeasible as error:
             if proof is not None and error.proof:

@@ -106,7 +106,7 @@ def _stay_inside(path: Path) -> None:
         return
     from ruamel.yaml import YAML
 
-    data = YAML(typ="safe").load((path / "metadata.yaml").read_text())
+    data = YAML(typ="safe").load((path / "metadata.yaml").read_text("utf-8"))
     for name in data["rosbag2_bagfile_information"]["relative_file_paths"]:
         if Path(name).name != name:
             what = f"{name!r} is not a file of this folder"

@@ -2,19 +2,28 @@
 
 import re
 import tomllib
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sdp_vs_penalty.data.formats.units import units_of_name
+from sdp_vs_penalty.data.formats.units import (
+    TELLING_UNITS,
+    NamedUnit,
+    units_of_name,
+)
 
-_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text())
+_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text("utf-8"))
 #: The words of each quantity, the best first.
 WORDS: dict[str, tuple[str, ...]] = {
     name: tuple(words) for name, words in _TABLE["quantities"].items()
 }
 #: Words that say nothing about a quantity.
 FILLERS = frozenset(_TABLE["fillers"])
+#: Words that say nothing but "joint".
+_JOINTS = frozenset(_TABLE["joints"])
+#: Words of clocks whose names say the unit, and of counters otherwise.
+_COUNTERS = frozenset(_TABLE["counters"])
 #: Words of columns that are something else than was measured.
 _OTHERS = frozenset(_TABLE["others"])
 #: Two words that mean one.
@@ -87,13 +96,25 @@ def _common_prefix(names: Sequence[tuple[str, ...]]) -> int:
 
 
 def split_tokens(name: str) -> list[str]:
-    """Words and numbers of a name in small letters.
+    """Words and numbers of a name in small letters, without accents.
 
     >>> split_tokens("stampNanoSec[3]")
     ['stamp', 'nano', 'sec', '3']
+    >>> split_tokens("axisQMsr")
+    ['axis', 'q', 'msr']
     """
-    with_blanks = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name.strip())
-    return re.findall(r"[a-z]+|[0-9]+", with_blanks.lower())
+    with_blanks = re.sub(
+        r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", name.strip()
+    )
+    decomposed = unicodedata.normalize("NFKD", with_blanks.lower())
+    without_accents = re.sub(r"[\u0300-\u036f]", "", decomposed)
+    return re.findall(r"[^\W\d_]+|[0-9]+", without_accents)
+
+
+def is_no_measurement(name: str) -> bool:
+    """Whether a name says that its column is something else than was measured, such as a
+    target."""
+    return bool(_OTHERS & set(split_tokens(name)))
 
 
 def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
@@ -112,7 +133,37 @@ def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
                 factor=unit.factor,
                 words=reading.words,
             )
+        by_unit = _read_by_unit(unit, joints)
+        if by_unit is not None:
+            return by_unit
     return _read_tokens(split_tokens(name), joints)
+
+
+def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
+    """The reading of a name that says a joint and a unit of one quantity, "J1 [deg]", or
+    a counter and a unit of time, "Tick (ms)"; None for another name."""
+    tokens = split_tokens(unit.remainder)
+    match = joints.find(tokens) if joints is not None else None
+    joint, others = match or (None, tokens)
+    letters = {token for token in others if token.isalpha()}
+    numbers = [token for token in others if token.isdigit()]
+    if letters & _OTHERS:
+        return None
+    is_clock = unit.quantity == "t" and bool(letters & _COUNTERS) and not numbers
+    is_joint = joint is not None or bool(letters & _JOINTS and numbers)
+    is_told = unit.text in TELLING_UNITS.get(unit.quantity, ())
+    if not is_clock and not (is_joint and is_told and letters <= FILLERS):
+        return None
+    return Reading(
+        unit.quantity,
+        len(WORDS[unit.quantity]),
+        joint,
+        int(numbers[-1]) if numbers else None,
+        tuple(numbers[:-1]),
+        unit=unit.text,
+        factor=unit.factor,
+        words=("current",) if unit.text in ("a", "amps", "ma") else (),
+    )
 
 
 def _read_tokens(tokens: list[str], joints: JointNames | None) -> Reading | None:
@@ -153,14 +204,20 @@ def _read_words(tokens: list[str], joint: int | None) -> Reading | None:
 
 
 def _quantity_of(letters: Sequence[str]) -> str | None:
-    """The one quantity that words are of: "q1_torque" is of joint q1, not a position."""
+    """The one quantity that words are of: "q1_torque" is of joint q1, not a position, and
+    "Torque_T" of joint T."""
     quantities = {
         quantity: [word for word in letters if word in known]
         for quantity, known in WORDS.items()
     }
     quantities = {quantity: words for quantity, words in quantities.items() if words}
-    if len(quantities) > 1 and quantities.get("q") == ["q"]:
-        del quantities["q"]
+    if len(quantities) > 1:
+        # A single letter beside a word is a joint's, or another word's symbol.
+        quantities = {
+            quantity: words
+            for quantity, words in quantities.items()
+            if any(len(word) > 1 for word in words)
+        }
     return next(iter(quantities)) if len(quantities) == 1 else None
 
 

@@ -1,7 +1,7 @@
 """Columns of one quantity that belong together: one a joint, named alike."""
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from sdp_vs_penalty.data.formats.column_names import WORDS, Reading
 
@@ -54,7 +54,7 @@ def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSe
             groups.setdefault((style, reading.rank, other_words), []).append(name)
     sets = list[ColumnSet]()
     for (style, rank, other_words), names in groups.items():
-        columns = _keyed(style, names, of_quantity)
+        columns = _columns_by_joint(style, names, of_quantity)
         if columns:
             sets.append(ColumnSet(quantity, rank, style, other_words, columns))
     return sorted(sets, key=lambda columns: columns.preference)
@@ -72,11 +72,11 @@ def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
     return styles
 
 
-def _keyed(
+def _columns_by_joint(
     style: str, names: Sequence[str], readings: Mapping[str, Reading]
 ) -> dict[Hashable, str]:
-    """Columns by their keys in the order of the joints; none where two have one key,
-    numbers have gaps, or a style needs more or fewer of them."""
+    """Columns of one set by their joint, in the joints' order; empty where two columns
+    name one joint, where numbers have gaps, or where the style needs another count."""
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
     columns = {_key_of(style, readings[name]): name for name in names}
@@ -129,7 +129,8 @@ def choose_sets(
         if quantity != "t"
     }
     choices = list[SetChoice]()
-    for positions in by_quantity["q"]:
+    torques = by_quantity["tau"]
+    for positions in _with_torque_alone(by_quantity["q"], torques):
         if positions.style == "joint" and 2 * len(positions.columns) <= (n_joints or 0):
             continue
         sets = {"q": positions}
@@ -152,12 +153,38 @@ def choose_sets(
     return SetChoice(choices[0].sets, tuple(rivals))
 
 
+def _with_torque_alone(
+    positions: Sequence[ColumnSet], torques: Sequence[ColumnSet]
+) -> list[ColumnSet]:
+    """The sets of positions; those of the robot's joints, of which some have no torque (a
+    gripper's), without these."""
+    out = list[ColumnSet]()
+    for columns in positions:
+        keys = [s.keys for s in torques if s.style == columns.style == "joint"]
+        fewer = [
+            some
+            for some in keys
+            if some < columns.keys and 2 * len(some) > len(columns.keys)
+        ]
+        if columns.keys in keys or not fewer:
+            out.append(columns)
+            continue
+        driven = {key: name for key, name in columns.columns.items() if key in fewer[0]}
+        out.append(replace(columns, columns=driven))
+    return out
+
+
 def _partner_of(
     positions: ColumnSet, candidates: Sequence[ColumnSet]
 ) -> ColumnSet | None:
     """The set of another quantity of the same joints, of the same words if there is one;
     its columns in the order of the positions."""
-    partners = [s for s in candidates if s.keys == positions.keys]
+    partners = [
+        s
+        for s in candidates
+        if s.keys == positions.keys
+        or (s.style == positions.style == "joint" and s.keys > positions.keys)
+    ]
     if not partners:
         return None
     best = min(

@@ -10,11 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import fetch_remedy
+from sdp_vs_penalty.data.formats.column_names import is_no_measurement, read_name
 from sdp_vs_penalty.data.formats.recognition import (
     AmbiguousColumnsError,
     CellTable,
@@ -24,7 +26,12 @@ from sdp_vs_penalty.data.formats.recognition import (
     has_our_names,
     recognise,
 )
-from sdp_vs_penalty.data.formats.renaming import expanded, group_of, parts_of
+from sdp_vs_penalty.data.formats.renaming import (
+    expanded,
+    group_of,
+    parts_of,
+    scale_words,
+)
 from sdp_vs_penalty.data.formats.stamps import second_part_unit
 from sdp_vs_penalty.data.formats.units import UNITS
 from sdp_vs_penalty.data.formats.wrapping import POSITIONS, unwrapped
@@ -232,7 +239,7 @@ class Header:
         if degrees:
             run = unwrapped(run, self.path, degrees)
         if self.recognition is not None and not self.recognition.is_identity:
-            sentence = self.recognition.sentence(self.path, self.names)
+            sentence = self.recognition.sentence(self.path, self.names, self.rate)
             rows = rows_shown(run, self.recognition)
             warnings.warn(ColumnsRemark(sentence, rows), stacklevel=2)
         return run
@@ -414,7 +421,7 @@ def _lacking(
 ) -> InputError:
     """The error of a file without columns, with the command that names them."""
     shown = f"{problem} (columns: {brief_names(names)})"
-    how = remedy or fetch_remedy(path) or _rename_command(path, missing)
+    how = remedy or fetch_remedy(path) or _rename_command(path, names, missing)
     return InputError(shown, how, what)
 
 
@@ -506,11 +513,106 @@ def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
     raise InputError(lacking, "give each joint a column", what)
 
 
-def _rename_command(path: Path, missing: Sequence[str]) -> str:
-    """What names the columns that are missing."""
-    pairs = ",".join(f"{group}=NAME" for group in missing)
-    command = formatting.convert_command(path, "--rename", pairs)
-    return f"name them with `{command}` (columns of joints as '{missing[-1]}*=NAME_*')"
+def _rename_command(path: Path, names: Sequence[str], missing: Sequence[str]) -> str:
+    """What names the columns that are missing, by the file's names where they fit."""
+    pairs = propose_columns(names, missing)
+    words = ["--rename", ",".join(f"{group}={name}" for group, name in pairs.items())]
+    scale = _scale_of_proposal(pairs, names)
+    if scale:
+        words += ["--scale", scale_words(scale, dict.fromkeys(scale, ""))]
+    command = formatting.convert_command(path, *words)
+    how = f"name them with `{command}`"
+    if "NAME" in pairs.values():
+        how += f" (columns of joints as '{missing[-1]}*=NAME_*')"
+    elif set(pairs) - {"t"}:
+        how += ", if they are that"
+    if "tau" in missing and "q" not in missing:
+        joined = formatting.convert_command(f"{path}+TORQUES.csv")
+        how += f"; or join the file that holds torques with `{joined}`"
+    return how
+
+
+def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, str]:
+    """Propose columns for the groups that nobody recognises.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the file's columns.
+    missing : sequence of str
+        Groups among t, q and tau.
+
+    Returns
+    -------
+    dict of str to str
+        By group the file's name, "NAME" where none fits; by "q*" a pattern of numbered
+        columns. Positions stand before torques in most files.
+    """
+    clock = find_clock(names)
+    families = [
+        (pattern, columns)
+        for pattern, columns in _numbered_families(names).items()
+        if len(columns) > 1
+    ]
+    quantities = {pattern: _quantity_of(columns[0]) for pattern, columns in families}
+    unknown = [
+        pattern
+        for pattern, quantity in quantities.items()
+        if quantity in (None, "t") and not is_no_measurement(pattern)
+    ]
+    is_sure = len({len(columns) for _, columns in families}) == 1
+    open_groups = set(missing) - {"t"} - set(quantities.values())
+    is_sure = is_sure and len(unknown) == len(open_groups) and len(families) > 1
+    pairs = dict[str, str]()
+    for group in missing:
+        of_group = [p for p, quantity in quantities.items() if quantity == group]
+        if group == "t":
+            pairs["t"] = clock or "NAME"
+        elif of_group:
+            pairs[f"{group}*"] = of_group[0]
+        elif is_sure:
+            pairs[f"{group}*"] = unknown.pop(0)
+        else:
+            pairs[group] = "NAME"
+    return pairs
+
+
+def _scale_of_proposal(
+    pairs: Mapping[str, str], names: Sequence[str]
+) -> dict[str, float]:
+    """The factors that the names of proposed columns say, by our names."""
+    scale = dict[str, float]()
+    for our_name, pattern in pairs.items():
+        columns = _numbered_families(names).get(pattern, [pattern])
+        reading = read_name(columns[0]) if pattern != "NAME" else None
+        if reading is not None and reading.factor != 1.0:
+            scale[our_name.rstrip("*")] = reading.factor
+    return scale
+
+
+def _quantity_of(name: str) -> str | None:
+    """The quantity that a name says; None where it says none."""
+    reading = read_name(name)
+    return None if reading is None else reading.quantity
+
+
+def _numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
+    """Columns that differ by their last number, by the pattern with a star for it."""
+    families = dict[str, list[str]]()
+    for name in names:
+        pattern = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", name)
+        if pattern.count("*") == 1 and not set(",=#+") & set(pattern):
+            families.setdefault(pattern, []).append(name)
+    return families
+
+
+def real_numbers(path: str | Path, name: str, array: Any) -> Array:
+    """An array as floating-point numbers; InputError for anything but real numbers."""
+    if array.dtype.kind not in "fiu":
+        what = f"array {name} holds {array.dtype}, not real numbers"
+        raise InputError(what, "save it as floating-point numbers", path)
+    with np.errstate(over="ignore"):  # a longer number becomes infinite: refused later
+        return np.atleast_1d(np.asarray(array, float))
 
 
 def table_of_arrays(arrays: Mapping[str, Array]) -> CellTable:

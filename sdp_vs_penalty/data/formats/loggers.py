@@ -8,7 +8,7 @@ from typing import Any
 
 #: One entry a logger.
 LOGGERS: list[dict[str, Any]] = tomllib.loads(
-    Path(__file__).with_name("loggers.toml").read_text()
+    Path(__file__).with_name("loggers.toml").read_text("utf-8")
 )["logger"]
 #: The groups that an entry can name.
 GROUPS_OF_LOGGERS = ("q", "dq", "tau", "temp", "qcmd")

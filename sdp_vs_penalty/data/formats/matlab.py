@@ -8,10 +8,10 @@ import numpy as np
 
 from sdp_vs_penalty.data.formats.columns import (
     Choice,
-    Header,
     table_of_arrays,
     understood,
 )
+from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError
@@ -24,16 +24,15 @@ SUFFIXES = (".mat",)
 def read(path: Path, choice: Choice) -> Measurements:
     """Variables of the file, or the fields of its one struct; other variables are
     ignored."""
-    columns = _columns(path)
-    return Header.of(path, list(columns), choice).read(columns)
+    return run_of_columns(path, read_columns(path), choice)
 
 
 def inspect(path: Path) -> CellTable:
     """What the variables of a file hold."""
-    return table_of_arrays(_columns(path))
+    return table_of_arrays(read_columns(path))
 
 
-def _columns(path: Path) -> dict[str, Array]:
+def read_columns(path: Path) -> dict[str, Array]:
     """The numeric variables by name, read by a process of its own."""
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
@@ -47,7 +46,11 @@ def _columns(path: Path) -> dict[str, Array]:
             )
         for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
             arrays |= part
-    return {name: np.atleast_1d(block) for name, block in arrays.items()}
+    arrays = {name: np.atleast_1d(block) for name, block in arrays.items()}
+    tables = [block for block in arrays.values() if min(block.shape) > 1]
+    if len(arrays) == 1 and tables:
+        return columns_of_array(path, tables[0])  # as Simulink writes it to a file
+    return arrays
 
 
 def load_scipy() -> None:
@@ -66,10 +69,22 @@ def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
     structs = [value for value in named.values() if isinstance(value, Mapping)]
     if len(structs) == 1 and len(named) == 1:
         named = dict(structs[0])
-    for name, value in named.items():
+    for name, block in _leaves(named):
+        yield {name: block}
+
+
+def _leaves(
+    values: Mapping[str, object], prefix: str = ""
+) -> Iterator[tuple[str, Array]]:
+    """The numeric variables, those in structs as "log.joint.position"."""
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{name}.")
+            continue
         block = np.asarray(value)
         if block.dtype.kind in "fiu" and block.ndim <= 2:
-            yield {str(name): block.astype(float)}
+            yield name, block.astype(float)
 
 
 def write(measurements: Measurements, path: Path) -> None:

@@ -3,6 +3,7 @@ tau (N, n)."""
 
 import math
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,9 +13,11 @@ from sdp_vs_penalty.data.formats.columns import (
     Choice,
     Header,
     columns_of,
+    real_numbers,
     table_of_arrays,
     understood,
 )
+from sdp_vs_penalty.data.formats.npy import columns_of_array, run_of_columns
 from sdp_vs_penalty.data.formats.recognition import CellTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.store import LARGEST_IN_MEMORY, PART, concatenate_chunks
@@ -36,6 +39,9 @@ def read(path: Path, choice: Choice) -> Measurements:
         reading(path),
         np.load(path, allow_pickle=False) as file,
     ):
+        table = _columns_of_one_table(path, file)
+        if table is not None:
+            return run_of_columns(path, table, choice)
         header = Header.of(path, list(file.files), choice)
         arrays = {name: _channel(path, file, name) for name in header.columns}
     lengths = {len(array) for array in arrays.values()}
@@ -59,8 +65,8 @@ def _channel(path: Path, file: Any, name: str) -> Array:
             shape, dtype = _row_layout(member)
             if dtype.itemsize * math.prod(shape) > LARGEST_IN_MEMORY:
                 rows = _rows(member, shape, dtype)
-                return concatenate_chunks(_real_numbers(path, name, x) for x in rows)
-    return _real_numbers(path, name, file[name])
+                return concatenate_chunks(real_numbers(path, name, x) for x in rows)
+    return real_numbers(path, name, file[name])
 
 
 def _row_layout(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
@@ -89,9 +95,55 @@ def _rows(
         yield np.frombuffer(content, dtype).reshape(count, *shape[1:])
 
 
+def _columns_of_one_table(path: Path, file: Any) -> dict[str, Array] | None:
+    """The columns of an archive that holds one table, with or without an array of their
+    names; None for another archive."""
+    if not 1 <= len(file.files) <= 2:
+        return None
+    arrays = [file[name] for name in file.files]
+    tables = [x for x in arrays if x.dtype.names or x.dtype.kind in "fiu"]
+    names = [x for x in arrays if x.dtype.kind in "US" and x.ndim == 1]
+    if len(tables) != 1 or len(tables) + len(names) != len(arrays):
+        return None
+    columns = columns_of_array(path, tables[0])
+    if not names:
+        return columns
+    texts = [str(name) for name in names[0].astype(str)]
+    if len(texts) != len(columns) or len(set(texts)) != len(texts):
+        return None
+    return dict(zip(texts, columns.values(), strict=True))
+
+
 def inspect(path: Path) -> CellTable:
-    """What the arrays of an archive hold."""
-    return table_of_arrays(numeric_arrays(path))
+    """What the arrays of an archive hold; those that are no numbers count as text."""
+    arrays, texts = _arrays_and_texts(path)
+    numbers = table_of_arrays(arrays)
+    return CellTable({**numbers.kinds, **dict.fromkeys(texts, "text")}, numbers.cells)
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """The arrays of an archive that are numbers, by name: (N,) or (N, n) each."""
+    return _arrays_and_texts(path)[0]
+
+
+def _arrays_and_texts(path: Path) -> tuple[dict[str, Array], list[str]]:
+    """The arrays that are numbers, and the names of the others."""
+    arrays = dict[str, Array]()
+    texts = list[str]()
+    with (
+        understood(path, *_KIND),
+        reading(path),
+        np.load(path, allow_pickle=False) as file,
+    ):
+        table = _columns_of_one_table(path, file)
+        if table is not None:
+            return table, []
+        for name in file.files:
+            with suppress(InputError, ValueError):
+                arrays[name] = real_numbers(path, name, file[name])
+                continue
+            texts.append(name)
+    return arrays, texts
 
 
 def write(measurements: Measurements, path: Path) -> None:
@@ -109,14 +161,5 @@ def numeric_arrays(path: str | Path) -> dict[str, Array]:
         np.load(path, allow_pickle=False) as file,
     ):
         for name in file.files:
-            arrays[name] = _real_numbers(path, name, file[name])
+            arrays[name] = real_numbers(path, name, file[name])
     return arrays
-
-
-def _real_numbers(path: str | Path, name: str, array: Any) -> Array:
-    """An array as floating-point numbers; InputError for anything but real numbers."""
-    if array.dtype.kind not in "fiu":
-        what = f"array {name} holds {array.dtype}, not real numbers"
-        raise InputError(what, "save it as floating-point numbers", path)
-    with np.errstate(over="ignore"):  # a longer number becomes infinite: refused later
-        return np.atleast_1d(np.asarray(array, float))

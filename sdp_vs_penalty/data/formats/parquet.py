@@ -42,6 +42,19 @@ def inspect(path: Path) -> CellTable:
         return _cell_table(file)
 
 
+def read_columns(path: Path) -> dict[str, Array]:
+    """The columns of a table that are no texts, by name: (N,), or (N, n) of lists."""
+    from pyarrow import parquet
+
+    with (
+        understood(path, "Parquet file", "write it anew, or convert it to CSV"),
+        parquet.ParquetFile(path_or_file(path), pre_buffer=False) as file,
+    ):
+        names = list(_cell_table(file).kinds)
+        table = file.read(columns=names, use_threads=False)
+    return {name: _numbers(path, name, table.column(name)) for name in names}
+
+
 def _header(path: Path, choice: Choice, file: Any) -> Header:
     """Which columns of the file are which channels."""
     table = _cell_table(file)

@@ -32,7 +32,7 @@ from sdp_vs_penalty.data.formats.renaming import (
     scale_words,
 )
 from sdp_vs_penalty.data.formats.stamps import find_two_parts
-from sdp_vs_penalty.data.formats.units import UNITS
+from sdp_vs_penalty.data.formats.units import SHARES, UNITS
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -43,6 +43,10 @@ Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
 _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
 #: Angles beyond two turns are degrees [rad].
 _TWO_TURNS = 4.0 * np.pi
+#: Words of torques that are currents.
+_CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
+#: Steps of a clock that are longer count milliseconds [s].
+_SLOWEST_STEP = 0.1
 
 
 class AmbiguousColumnsError(InputError):
@@ -106,18 +110,25 @@ class Recognition:
             our_name == their_name for our_name, their_name in self.rename.items()
         )
 
-    def command(self, path: Path, names: Sequence[str]) -> str:
-        """The command that reads the file alike; names : of its columns."""
+    def command(
+        self, path: Path, names: Sequence[str], rate: float | None = None
+    ) -> str:
+        """The command that reads the file alike; names : of its columns; rate : samples
+        a second in place of its clock [Hz]."""
         words = ["--rename", rename_words(self.rename, names)]
         if self.scale:
             words += ["--scale", scale_words(self.scale, self.rename)]
         if self.order is not None:
             words += ["--joints", ",".join(self.joints)]
+        if rate is not None:
+            words += ["--rate", f"{rate:.12g}"]
         return formatting.convert_command(path, *words)
 
-    def sentence(self, path: Path, names: Sequence[str]) -> str:
+    def sentence(
+        self, path: Path, names: Sequence[str], rate: float | None = None
+    ) -> str:
         """What was taken for what, in which unit and why, and the command that repeats
-        it; names : of the file's columns."""
+        it; arguments as of :meth:`command`."""
         columns = ", ".join(f"{a} = {b}" for a, b in first_and_last(self.rename))
         units = "".join(f"; {unit}" for unit in self.units)
         joints = f"; joints {', '.join(self.joints)}" if self.joints else ""
@@ -125,7 +136,7 @@ class Recognition:
             joints += " in the file's order, for the robot's have other names"
         return (
             f"{path}: columns recognised ({self.logger}): {columns}{units}{joints};"
-            f" the same by `{self.command(path, names)}`"
+            f" the same by `{self.command(path, names, rate)}`"
         )
 
 
@@ -156,7 +167,17 @@ def has_our_names(names: Sequence[str]) -> bool:
     has_positions = bool({"q", "q1"} & known)
     has_torques = bool({"tau", "tau1", "qcmd", "qcmd1"} & known)
     is_ours = "t" in known and has_positions and has_torques
-    return is_ours and not counted_from_zero(names)
+    return is_ours and _are_as_many(names) and not counted_from_zero(names)
+
+
+def _are_as_many(names: Sequence[str]) -> bool:
+    """Whether as many columns are called q1, q2 ... as tau1, tau2 ... or commands."""
+    n_columns = {
+        group: sum(bool(re.fullmatch(rf"{group}[0-9]+", name)) for name in names)
+        for group in ("q", "tau", "qcmd")
+    }
+    n_torques = n_columns["tau"] or n_columns["qcmd"]
+    return 0 in (n_columns["q"], n_torques) or n_columns["q"] == n_torques
 
 
 def recognise(
@@ -286,6 +307,10 @@ def _units_of_logger(
         why = f"as {logger['name']} writes it"
         if unit == "angle":
             unit, why = _unit_of_angles(list(columns.values()), table)
+        elif unit == "clock":
+            unit, why = _unit_of_clock(list(columns.values()), table)
+        if columns and unit in SHARES:
+            units.append(_share_sentence(group, unit))
         if not columns or unit.lower() not in UNITS:
             continue
         units.append(f"{group} in {unit}, {why}")
@@ -303,6 +328,17 @@ def _unit_of_angles(names: Sequence[str], table: CellTable | None) -> tuple[str,
     largest = float(np.abs(values).max(initial=0.0))
     unit = "deg" if largest > _TWO_TURNS else "rad"
     return unit, f"its first values reach {largest:.3g}"
+
+
+def _unit_of_clock(names: Sequence[str], table: CellTable | None) -> tuple[str, str]:
+    """ "ms" where the first steps are a tenth or more, "s" otherwise, and why: no arm is
+    logged ten times a second."""
+    if table is None or not names:
+        return "clock", ""
+    steps = np.diff(table.values(names[0]))
+    usual = float(np.median(steps)) if len(steps) else 1.0
+    unit = "ms" if usual >= _SLOWEST_STEP else "s"
+    return unit, f"its first steps are {usual:.3g}"
 
 
 def _first_present(patterns: Any, names: Sequence[str]) -> str | None:
@@ -437,12 +473,27 @@ def _units_of_words(
         f"{group} in {unit}, the unit that its name ends with"
         for group, unit in sorted(units.items())
     ]
+    for our_name, their_name in rename.items():
+        group = group_of(our_name)
+        reading = readings.get(their_name)
+        if reading is not None and reading.unit in SHARES and group not in units:
+            units[group] = reading.unit
+            what = (
+                f"{group} is in {reading.unit} of a rating that the file does not say"
+            )
+            sentences.append(f"{what}: --scale {group}=... makes SI units of it")
     torques = [
         readings[n] for our_name, n in rename.items() if group_of(our_name) == "tau"
     ]
-    if any({"current", "currents", "amps"} & set(r.words) for r in torques):
+    if any(_CURRENTS & set(r.words) for r in torques):
         sentences.append("tau is a current in A: --scale tau=... makes torques of it")
     return sentences
+
+
+def _share_sentence(group: str, unit: str) -> str:
+    """What is to be done about values in per cent of something."""
+    what = f"{group} is in {unit} of a rating that the file does not say"
+    return f"{what}: --scale {group}=... makes SI units of it"
 
 
 def _texts_of_joints(names: Sequence[str], table: CellTable | None) -> list[str]:

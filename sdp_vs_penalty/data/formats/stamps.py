@@ -13,7 +13,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Words that the second part of a stamp ends with, by its unit [s].
 SECOND_PARTS: dict[str, float] = tomllib.loads(
-    Path(__file__).with_name("words.toml").read_text()
+    Path(__file__).with_name("words.toml").read_text("utf-8")
 )["second_parts"]
 #: Words that the first part ends with.
 FIRST_PARTS = ("sec", "secs", "seconds", "s")

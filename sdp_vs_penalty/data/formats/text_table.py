@@ -6,13 +6,19 @@ by their names are parsed afterwards.
 """
 
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
 
 from sdp_vs_penalty.data.formats.stamps import is_stamp
+from sdp_vs_penalty.data.formats.text_file import (
+    FORMATS,
+    is_plain_utf_8,
+    largest_text,
+    open_text,
+)
 from sdp_vs_penalty.errors import InputError
 
 #: Characters that are worked on at a time; a file with a longer line is no table.
@@ -21,12 +27,29 @@ PIECE = 1 << 20
 DELIMITERS = (";", "\t", "|", ",", None)
 #: A quoted cell has at most so many lines.
 _LONGEST_CELL = 40
+#: How the first line of a text begins that is no table, what it is, and what to do.
+_MARKUPS = {
+    r"(---|[A-Za-z_]+:)$": (
+        "YAML text, as `ros2 topic echo` prints it",
+        "print it with `ros2 topic echo --csv`, or record a bag",
+    ),
+    r"<[A-Za-z?!]": ("XML text", "write one row a sample as CSV"),
+    r"[{]|\[ *([{]|$)": (
+        "JSON text",
+        "write one object a line into a .jsonl file, or save with"
+        " numpy.savez(path, t=..., q=..., tau=...)",
+    ),
+}
 #: How leading lines begin that are comments; and a title has at most so many lines.
 _COMMENTS = ("#", "//", "% ", "%%")
-_LONGEST_TITLE = 20
-FORMATS = "give measurements as CSV text or .npz"
+_LONGEST_TITLE = 40
 
 _COMMA_NUMBER = re.compile(r"[-+]?\d+,\d+([eE][-+]?\d+)?")
+#: Numbers with separators of thousands: "1.007,5" and "1,007.5".
+_POINT_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?([eE][-+]?\d+)?")
+_COMMA_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?([eE][-+]?\d+)?")
+#: A number and its unit in one cell, "0.005 sec".
+_WITH_UNIT = re.compile(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([A-Za-z°µ%/]{1,6})")
 _LIST = re.compile(r"(array\s*)?[\[(].*[\])]", re.DOTALL)
 _UNIT = re.compile(r"[\[(]?[A-Za-z%°/*·^. 0-9-]{1,12}[\])]?")
 
@@ -39,7 +62,9 @@ class TextTable:
     "#1", "#2" ... without a header. first : the row of the first values, from 1. kinds
     : of each column "number", "text", "list", "stamp" or "empty", by the first rows.
     sample : their cells. nested : lists hold the separator outside of quotes.
-    has_wrapped_cells : a quoted cell goes on in the next line.
+    has_wrapped_cells : a quoted cell goes on in the next line. header_row : the row of
+    the names as it is written. is_plain_utf_8 : neither packed nor in other letters.
+    cell_units : what follows the number in each cell, by the column.
     """
 
     path: Path
@@ -53,6 +78,9 @@ class TextTable:
     kinds: tuple[str, ...]
     sample: tuple[tuple[str, ...], ...]
     has_wrapped_cells: bool = False
+    header_row: str = ""
+    is_plain_utf_8: bool = True
+    cell_units: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def width(self) -> int:
@@ -66,30 +94,54 @@ class TextTable:
 
 
 def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Consecutive rows of a text file without their ends, and the number of the first
-    one, from 1; InputError for what is not text."""
+    """Consecutive rows of a text file, piece by piece.
+
+    Parameters
+    ----------
+    path : Path
+        Of a text file; packed and in UTF-16 too.
+
+    Yields
+    ------
+    tuple of int and list of str
+        The number of the first row of a piece, from 1, and its rows without line ends.
+
+    Raises
+    ------
+    InputError
+        What is no text, has a row too long for a table, or unpacks to too much.
+    """
     row = 1
+    n_characters_left = largest_text(path)
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with open_text(path) as file:
             while text := file.read(PIECE):
                 text += file.readline(PIECE)
                 for _ in range(_LONGEST_CELL if text.count('"') % 2 else 0):
                     text += file.readline(PIECE)
-                lines = text.removesuffix("\n").split("\n")
-                rows = _join_wrapped(lines) if '"' in text else lines
-                if "\0" in text:
-                    raise InputError("a binary file", FORMATS, path)
-                long = next(
-                    (k for k, line in enumerate(rows) if len(line) >= PIECE), None
-                )
-                if long is not None:
-                    raise InputError(
-                        f"row {row + long} is too long for a table", FORMATS, path
-                    )
+                n_characters_left -= len(text)
+                if n_characters_left < 0:
+                    what = "unpacks to more than a file of its size does"
+                    raise InputError(what, "unpack it yourself, or split it", path)
+                rows = _rows_of(path, text, row)
                 yield row, rows
                 row += len(rows)
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text (near row {row})", FORMATS, path) from error
+    except EOFError as error:
+        raise InputError("ends early", "copy it again, or unpack it", path) from error
+
+
+def _rows_of(path: Path, text: str, first: int) -> list[str]:
+    """The rows of a piece that begins with row ``first``; InputError for no text."""
+    lines = text.removesuffix("\n").split("\n")
+    rows = _join_wrapped(lines) if '"' in text else lines
+    if "\0" in text:
+        raise InputError("a binary file", FORMATS, path)
+    for k, line in enumerate(rows, start=first):
+        if len(line) >= PIECE:
+            raise InputError(f"row {k} is too long for a table", FORMATS, path)
+    return rows
 
 
 def _join_wrapped(lines: Sequence[str]) -> list[str]:
@@ -111,12 +163,23 @@ def _join_wrapped(lines: Sequence[str]) -> list[str]:
     return rows
 
 
+def plain_number(text: str, decimal: str = ".") -> str:
+    """A number with a point and without separators of thousands.
+
+    >>> plain_number("1.007,5", decimal=","), plain_number("1,007.5")
+    ('1007.5', '1007.5')
+    """
+    if decimal == ",":
+        text = text.replace(".", "") if _POINT_GROUPS.fullmatch(text) else text
+        return text.replace(",", ".")
+    return text.replace(",", "") if _COMMA_GROUPS.fullmatch(text) else text
+
+
 def is_number(text: str, decimal: str = ".") -> bool:
-    """Whether NumPy reads it: unlike Python neither 1_000 nor the digits of other
-    scripts."""
-    text = text.replace(",", ".") if decimal == "," else text
+    """Whether NumPy reads it, but for separators of thousands: unlike Python neither
+    1_000 nor the digits of other scripts."""
     try:
-        float(text)
+        float(plain_number(text, decimal))
     except ValueError:
         return False
     return "_" not in text and text.strip().isascii()
@@ -155,6 +218,7 @@ def inspect_table(path: Path) -> TextTable:
     if not with_numbers or not with_numbers[0][1].strip():
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
     comments, rows = _split_comments(with_numbers)
+    _refuse_markup(path, rows[0][1] if rows else "")
     rows = _without_titles(rows)
     lines = [line for _, line in rows]
     delimiter = _find_delimiter(lines or comments[-1:])
@@ -170,6 +234,10 @@ def inspect_table(path: Path) -> TextTable:
         width = len(head)
     sample = tuple(tuple(row) for row in body if any(row))
     kinds = _kinds(sample, width, number)
+    cell_units = _units_in_cells(sample, kinds, number)
+    if cell_units:
+        kinds = tuple("number" if k in cell_units else x for k, x in enumerate(kinds))
+        head = [_with_unit(name, cell_units.get(k, "")) for k, name in enumerate(head)]
     body_lines = lines[n_head_rows:]
     is_quoted = any('"' in line for line in body_lines)
     return TextTable(
@@ -184,7 +252,17 @@ def inspect_table(path: Path) -> TextTable:
         kinds=kinds,
         sample=sample,
         has_wrapped_cells=any("\n" in line for line in body_lines),
+        header_row=lines[0].strip() if n_head_rows else "",
+        is_plain_utf_8=is_plain_utf_8(path),
+        cell_units=cell_units,
     )
+
+
+def _refuse_markup(path: Path, line: str) -> None:
+    """InputError for a text that is no table: YAML, XML, JSON."""
+    for pattern, (what, remedy) in _MARKUPS.items():
+        if re.match(pattern, line.strip()):
+            raise InputError(what, remedy, path)
 
 
 def _find_header(
@@ -200,11 +278,31 @@ def _find_header(
         return [], 0
     head = cells[0]
     following = cells[1:]
+    if _has_two_levels(head, following, number):
+        return [
+            "_".join(filter(None, x)) for x in zip(head, following[0], strict=True)
+        ], 2
     is_as_wide = len(following) > 1 and len(following[0]) == len(head)
     if is_as_wide and _is_row_of_units(following, number):
         pairs = zip(head, following[0], strict=True)
         return [_with_unit(name, unit) for name, unit in pairs], 2
     return head, 1
+
+
+def _has_two_levels(
+    head: Sequence[str], following: Sequence[Sequence[str]], number: partial[bool]
+) -> bool:
+    """Whether the row below repeated names tells them apart, as pandas writes columns of
+    two levels: q q tau tau above 0 1 0 1."""
+    if len(set(head)) == len(head) or len(following) < 2:
+        return False
+    second = following[0]
+    pairs = list(zip(head, second, strict=False))
+    is_whole = all(not cell or cell.isdigit() or not number(cell) for cell in second)
+    n_numbers = sum(map(number, following[1]))
+    are_values_next = 2 * n_numbers > len(head) and len(following[1]) == len(head)
+    is_told_apart = len(second) == len(head) and len(set(pairs)) == len(head)
+    return is_told_apart and is_whole and are_values_next
 
 
 def _first_row_of_values(rows: Sequence[tuple[int, str]], n_head_rows: int) -> int:
@@ -231,6 +329,20 @@ def _kinds(
     return tuple(_kind_of(cells, number) for cells in columns)
 
 
+def _units_in_cells(
+    sample: Sequence[tuple[str, ...]], kinds: Sequence[str], number: partial[bool]
+) -> dict[int, str]:
+    """The unit behind the numbers of each column of texts that has one."""
+    units = dict[int, str]()
+    for k, kind in enumerate(kinds):
+        cells = [row[k] for row in sample if len(row) > k and row[k]]
+        matches = [_WITH_UNIT.fullmatch(cell) for cell in cells]
+        found = {match[2] for match in matches if match and number(match[1])}
+        if kind == "text" and None not in matches and len(found) == 1:
+            units[k] = found.pop()
+    return units
+
+
 def _first_rows(path: Path) -> list[tuple[int, str]]:
     """The first hundred rows with their numbers, without their line ends."""
     out = list[tuple[int, str]]()
@@ -245,10 +357,10 @@ def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
     """The first rows; all of a piece where the small one has no whole line."""
     size = PIECE // 16
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with open_text(path) as file:
             text = file.read(size)
             text += file.readline(PIECE)
-    except UnicodeDecodeError:
+    except (UnicodeDecodeError, EOFError):
         text = "\0"
     if "\0" in text or len(text) >= PIECE:
         yield from iter_rows(path)  # says what is wrong
@@ -288,9 +400,9 @@ def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
 
 
 def _share_of_width(lines: Sequence[str], delimiter: str | None, width: int) -> float:
-    """The share of the next rows that have as many cells as the first one, or one
+    """The share of the other rows that have as many cells as the first one, or one
     more."""
-    following = lines[1:21]
+    following = lines[1:]
     widths = [len(split_cells(line, delimiter)) for line in following]
     return sum(w in (width, width + 1) for w in widths) / max(len(following), 1)
 

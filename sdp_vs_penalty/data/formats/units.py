@@ -60,6 +60,9 @@ _TORQUES = {
 }
 _BETWEEN = ("", " ", "_", ".", "*", "·", "-")
 
+#: Units that are shares of a rating.
+SHARES = ("%", "percent", "pct", "permil", "permille", "promille", "‰")
+
 #: What names end with, by quantity.
 UNITS_IN_NAMES: dict[str, dict[str, float]] = {
     "t": {
@@ -103,10 +106,18 @@ UNITS_IN_NAMES: dict[str, dict[str, float]] = {
         "a": 1.0,
         "amps": 1.0,
         "ma": 1e-3,
+        **dict.fromkeys(SHARES, 1.0),
     },
     "temp": {"c": 1.0, "°c": 1.0, "degc": 1.0, "celsius": 1.0},
 }
 UNITS_IN_NAMES["qcmd"] = UNITS_IN_NAMES["q"]
+
+#: Units of one quantity alone: by them a column that is called by its joint is known.
+TELLING_UNITS: dict[str, frozenset[str]] = {
+    "q": frozenset(_LENGTHS) - {"m", "mm", "cm"},
+    "dq": frozenset(UNITS_IN_NAMES["dq"]) - frozenset(_LENGTHS),
+    "tau": frozenset(UNITS_IN_NAMES["tau"]) - {"n", *SHARES},
+}
 
 
 def unit_of_factor(factor: float, quantity: str) -> str | None:

@@ -1,0 +1,12 @@
+"""Make this folder again: python results/page_timings/make.py"""
+
+from pathlib import Path
+
+from sdp_vs_penalty.research.provenance import make_folder
+
+HERE = Path(__file__).parent
+OUT = f"results/{HERE.name}"
+COMMAND = ["benchmarks/page_timings.py", "--repeats", "5", "--out", OUT]
+
+if __name__ == "__main__":
+    make_folder(HERE, COMMAND)

@@ -1,0 +1,73 @@
+"""The `check` command that a user is told to run: one place that knows its words."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
+
+from sdp_vs_penalty.problem.load import problem_names
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckCommand:
+    """`check` of some runs, and of the options that its caller was given.
+
+    problem : built-in name, folder or URDF file. runs : their files. hold, gravity : as
+    on the command line, None where the options were not used. apply : explanations to
+    repair as well, by their words (``sign:tau3``).
+    """
+
+    problem: str | Path
+    runs: Sequence[str | Path]
+    hold: str | None = None
+    gravity: str | None = None
+    apply: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, problem: Problem, runs: Sequence[str | Path]) -> Self:
+        """Of a problem that was loaded: a built-in by its name, others by their path; with
+        its gravity, where that is not the usual one."""
+        name: str | Path = problem.name
+        if problem.name not in problem_names():
+            name = problem.folder or f"{problem.name}.urdf"
+        gravity = None
+        if problem.robot.gravity != STANDARD_GRAVITY:
+            gravity = ",".join(f"{g:g}" for g in problem.robot.gravity)
+        return cls(problem=name, runs=runs, gravity=gravity)
+
+    def applying(self, words: Sequence[str]) -> Self:
+        """With these explanations to repair."""
+        return replace(self, apply=tuple(words))
+
+    @property
+    def options(self) -> list[str]:
+        """Words of the options that the next command needs as well."""
+        words = []
+        for name, value in (("--gravity", self.gravity), ("--hold", self.hold)):
+            if value is None:
+                continue
+            # A value that begins with a minus would be read as an option.
+            is_negative = value.startswith("-")
+            words += [f"{name}={value}"] if is_negative else [name, value]
+        return words
+
+    @property
+    def copy(self) -> Path:
+        """Where the repaired copy goes: beside a single run; a folder beside several."""
+        first = Path(self.runs[0])
+        is_single = len(self.runs) == 1
+        return first.with_name(f"{first.stem}_fixed.csv" if is_single else "fixed")
+
+    @property
+    def words(self) -> list[str]:
+        """Of the check itself, without the program's name."""
+        runs = [str(run) for run in self.runs]
+        return ["check", str(self.problem), "--data", *runs, *self.options]
+
+    @property
+    def repair_words(self) -> list[str]:
+        """Of the check that writes a repaired copy."""
+        apply = ["--apply", *self.apply] if self.apply else []
+        return [*self.words, "--fix", str(self.copy), *apply]

@@ -1,0 +1,111 @@
+"""JSON lines: one object a sample, such as {"t": 0.005, "q": [0.1, 0.2], "tau": [3, 4]}."""
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.formats.columns import Choice, Header, table_of_arrays
+from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.formats.text_table import iter_rows
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
+
+SUFFIXES = (".jsonl", ".ndjson")
+#: What messages call a sample.
+SAMPLE = "line"
+
+
+def read(path: Path, choice: Choice) -> Measurements:
+    """The run of a file; InputError naming the line that cannot be used."""
+    columns = read_columns(path)
+    return Header.of(path, list(columns), choice, table=_cell_table(columns)).read(
+        columns
+    )
+
+
+def inspect(path: Path) -> CellTable:
+    """What the fields of a file hold."""
+    return _cell_table(read_columns(path))
+
+
+def _cell_table(columns: Mapping[str, Array]) -> CellTable:
+    """What columns hold, for the recogniser."""
+    return table_of_arrays(columns)
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """Read the fields of a file that are numbers in every line.
+
+    Parameters
+    ----------
+    path : Path
+        Of a text with one JSON object a line.
+
+    Returns
+    -------
+    dict of str to array
+        (N,) numbers, or (N, n) of lists, by the field's name; those in objects as
+        "header.stamp.sec".
+
+    Raises
+    ------
+    InputError
+        A line that is no JSON object, and lists of different lengths.
+    """
+    samples = list[dict[str, Any]]()
+    for first, lines in iter_rows(path):
+        for number, line in enumerate(lines, start=first):
+            if line.strip():
+                samples.append(_parse_line(path, number, line))
+    columns = dict[str, Array]()
+    for name in samples[0] if samples else ():
+        values = [sample.get(name) for sample in samples]
+        if all(value is not None for value in values):
+            columns[name] = _block(path, name, values)
+    return columns
+
+
+def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
+    """The numbers of one line by name; InputError for no JSON object."""
+    remedy = "write one JSON object a line"
+    try:
+        content = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        what = f"line {number} is no JSON ({str(error)[:80]})"
+        raise InputError(what, remedy, path) from error
+    if not isinstance(content, dict):
+        raise InputError(f"line {number} is no JSON object", remedy, path)
+    return dict(_leaves(content))
+
+
+def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """The numbers and lists of numbers of an object and those in it, by name."""
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            yield from _leaves(value, f"{prefix}{key}.")
+        elif _is_number(value) or (
+            isinstance(value, list) and all(map(_is_number, value))
+        ):
+            yield f"{prefix}{key}", value
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number; true and false are none."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _block(path: Path, name: str, values: list[Any]) -> Array:
+    """(N,) or (N, n) numbers; InputError for lists of different lengths."""
+    lengths = {len(value) if isinstance(value, list) else -1 for value in values}
+    if len(lengths) > 1:
+        what = f"field {name} holds lists of different lengths"
+        raise InputError(what, "give each line as many values", path)
+    try:
+        return np.array(values, float)
+    except OverflowError as error:
+        what = f"field {name} holds a number that is too large"
+        raise InputError(what, "write floating-point numbers", path) from error

@@ -1,0 +1,112 @@
+"""NPY: one array of NumPy's, with named fields or one column a channel."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.formats.columns import (
+    Choice,
+    Header,
+    real_numbers,
+    table_of_arrays,
+    understood,
+)
+from sdp_vs_penalty.data.formats.headerless import names_without_header
+from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
+
+SUFFIXES = (".npy",)
+_KIND = (
+    ".npy file of numbers",
+    "save its arrays with numpy.savez(path, t=..., q=..., tau=...)",
+)
+
+
+def read(path: Path, choice: Choice) -> Measurements:
+    """The run of an array: its fields by their names, or its columns.
+
+    Parameters
+    ----------
+    path : Path
+        Of a structured array (N,), or a plain one (N, columns).
+    choice : Choice
+        Names of the columns and rate, for a plain one.
+
+    Returns
+    -------
+    Measurements
+        In SI units.
+
+    Raises
+    ------
+    InputError
+        An array of objects (a pickle) or of another shape, and columns that are unknown.
+    """
+    return run_of_columns(path, read_columns(path), choice)
+
+
+def run_of_columns(
+    path: Path, columns: Mapping[str, Array], choice: Choice
+) -> Measurements:
+    """The run of named columns, or of those of a table without names ("#1" ...)."""
+    names = list(columns)
+    if names[:1] == ["#1"] and not choice.rename:
+        names = names_without_header(path, len(names), choice)
+    named = dict(zip(names, columns.values(), strict=True))
+    return Header.of(path, names, choice).read(named)
+
+
+def inspect(path: Path) -> CellTable:
+    """What the fields or columns of an array hold."""
+    return table_of_arrays(read_columns(path))
+
+
+def read_columns(path: Path) -> dict[str, Array]:
+    """Read the columns of an array.
+
+    Parameters
+    ----------
+    path : Path
+        Of a structured array (N,), or a plain one (N, columns).
+
+    Returns
+    -------
+    dict of str to array
+        (N,) numbers, or (N, n) of a field that is a block, by the field's name; "#1",
+        "#2" ... of a plain array.
+
+    Raises
+    ------
+    InputError
+        An array of objects (a pickle), or of another shape.
+    """
+    with understood(path, *_KIND):
+        array = np.load(path, allow_pickle=False)
+    return columns_of_array(path, array)
+
+
+def columns_of_array(path: Path, array: Any) -> dict[str, Array]:
+    """The columns of a structured or plain array by name, as :func:`read_columns`."""
+    fields = array.dtype.names
+    if fields:
+        flat = np.ravel(array)
+        return {
+            name: real_numbers(path, name, flat[name])
+            for name in fields
+            if flat[name].dtype.kind in "fiu"
+        }
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2 or array.size == 0:
+        what = f"an array of shape {array.shape}"
+        raise InputError(what, "save one row a sample and one column a channel", path)
+    # Some save a channel a row.
+    columns = array.T if array.shape[0] >= array.shape[1] else array
+    return {
+        f"#{k}": real_numbers(path, f"column {k}", column)
+        for k, column in enumerate(columns, start=1)
+    }

@@ -1,0 +1,118 @@
+"""Text files as other programs save them: UTF-8, UTF-16 or Windows' letters, packed or
+not."""
+
+import bz2
+import codecs
+import gzip
+import lzma
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import memory_for
+
+FORMATS = "give measurements as CSV text or .npz"
+#: How files of one packed text begin, and what opens them.
+_UNPACKERS: dict[bytes, Callable[..., IO[Any]]] = {
+    b"\x1f\x8b": gzip.open,
+    b"BZh": bz2.open,
+    b"\xfd7zXZ\x00": lzma.open,
+}
+#: How files begin that are no text, what they are, and what to do.
+_NO_TEXTS: dict[bytes, tuple[str, str]] = {
+    b"PK\x03\x04": (
+        "a zip archive, as Excel workbooks are",
+        "save its sheet as CSV, or unpack it",
+    ),
+    b"\xd0\xcf\x11\xe0": ("an old Excel workbook", "save its sheet as CSV"),
+    b"\x89HDF": (
+        "an HDF5 file",
+        "save its arrays with numpy.savez(path, t=..., q=..., tau=...)",
+    ),
+    b"\x80": (
+        "a pickle, which can run a program when it is read",
+        "save its arrays with numpy.savez(path, t=..., q=..., tau=...)",
+    ),
+    b"ARROW1": ("a Feather file", "save it as Parquet or CSV"),
+    b"TDSm": ("a LabVIEW file (TDMS)", "export it as CSV"),
+    b"ULog": ("a ULog file", "export it as CSV with `ulog2csv`"),
+}
+#: Bytes of a file that its letters are judged by.
+_HEAD = 1 << 20
+_CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
+_MARKS_OF_UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+
+
+@contextmanager
+def open_text(path: Path) -> Iterator[IO[str]]:
+    """Open a text file, unpacked and decoded.
+
+    Parameters
+    ----------
+    path : Path
+        A text in UTF-8, in UTF-16 with a byte-order mark, or in Windows' letters
+        (cp1252); as it is, or packed by gzip, bzip2 or xz.
+
+    Yields
+    ------
+    IO of str
+        Its characters; line ends are "\\n".
+
+    Raises
+    ------
+    InputError
+        A file that is known to be no text.
+    """
+    unpack = _unpacker_of(path)
+    with (unpack or open)(path, "rb") as file:
+        head = file.read(_HEAD)
+    for start, (what, remedy) in _NO_TEXTS.items():
+        if head.startswith(start):
+            raise InputError(what, remedy, path)
+    with (unpack or open)(path, "rt", encoding=_encoding_of(head)) as file:
+        yield file
+
+
+def is_packed(path: Path) -> bool:
+    """Whether a file is one text that is packed."""
+    return _unpacker_of(path) is not None
+
+
+def is_plain_utf_8(path: Path) -> bool:
+    """Whether a library can read a file as UTF-8, which is not packed."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD)
+    return not is_packed(path) and _encoding_of(head) == "utf-8-sig"
+
+
+def largest_text(path: Path) -> int:
+    """How many characters a packed text may have; no limit for another file."""
+    size = path.stat().st_size
+    return memory_for(size) if is_packed(path) else size + 1
+
+
+def _unpacker_of(path: Path) -> Callable[..., IO[Any]] | None:
+    """What unpacks a file; None for one that is not packed."""
+    with path.open("rb") as file:
+        start = file.read(8)
+    for mark, unpack in _UNPACKERS.items():
+        if start.startswith(mark):
+            return unpack
+    return None
+
+
+def _encoding_of(head: bytes) -> str:
+    """The encoding of a text that begins so; UTF-8 where it is none."""
+    if head.startswith(_MARKS_OF_UTF_16):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)
+    except UnicodeDecodeError:
+        # A degree sign or an umlaut as Windows writes it; a binary file has more.
+        n_letters = sum(byte >= 0x80 for byte in head)
+        is_text = 20 * n_letters < len(head) and not _CONTROL.search(head)
+        return "cp1252" if is_text else "utf-8-sig"
+    return "utf-8-sig"

@@ -1,0 +1,65 @@
+"""The `check` command that is printed: it carries what the user has given."""
+
+import pytest
+
+from sdp_vs_penalty import Problem
+from sdp_vs_penalty.checks.check_command import CheckCommand
+from sdp_vs_penalty.checks.gate import explanations_in_a_line
+from sdp_vs_penalty.checks.issue import Issue
+
+
+def test_a_single_run_is_copied_beside_it():
+    command = CheckCommand(problem="panda", runs=["logs/a.csv"])
+    expected = "check panda --data logs/a.csv --fix logs/a_fixed.csv"
+    assert command.repair_words == expected.split()
+
+
+def test_several_runs_are_copied_into_a_folder_beside_them():
+    command = CheckCommand(problem="panda", runs=["logs/a.csv", "logs/b.csv"])
+    assert command.repair_words[-2:] == ["--fix", "logs/fixed"]
+
+
+def test_held_joints_and_words_to_apply_are_carried():
+    command = CheckCommand(problem="arm.urdf", runs=["a.csv"], hold="gripper=0")
+    words = command.applying(["sign:tau3"]).repair_words
+    assert " ".join(words).endswith(
+        "--hold gripper=0 --fix a_fixed.csv --apply sign:tau3"
+    )
+
+
+@pytest.mark.parametrize(
+    ("gravity", "words"),
+    [
+        ("9.81,0,0", ["--gravity", "9.81,0,0"]),
+        ("-9.81,0,0", ["--gravity=-9.81,0,0"]),
+    ],
+)
+def test_a_gravity_that_begins_with_a_minus_is_one_word(gravity, words):
+    command = CheckCommand(problem="panda", runs=["a.csv"], gravity=gravity)
+    assert command.options == words
+
+
+def test_the_gravity_of_a_problem_on_its_side_is_carried(two_link: Problem):
+    problem = two_link.with_gravity((9.81, 0.0, 0.0))
+    assert CheckCommand.of(problem, ["a.csv"]).gravity == "9.81,0,0"
+    assert CheckCommand.of(two_link, ["a.csv"]).gravity is None
+
+
+def test_the_line_about_explanations_names_the_command_that_tries_them():
+    issue = Issue(
+        kind="torque sign",
+        nature="explanation",
+        severity="warning",
+        where="joint 2",
+        what="the torque of joint 2 has the wrong sign.",
+        certainty="likely",
+        remedy="negate tau2",
+        apply="sign:tau2",
+    )
+    command = CheckCommand(problem="arm.urdf", runs=["my run.csv"], hold="gripper=0")
+    line = explanations_in_a_line(command, [("my run.csv", issue)])
+    expected = (
+        "`check arm.urdf --data 'my run.csv' --hold gripper=0"
+        " --fix 'my run_fixed.csv' --apply sign:tau2`"
+    )
+    assert expected in line
