@@ -155,8 +155,8 @@ def headline() -> str:
     return "\n\n".join(
         [
             (
-                "**Choose the SDP** (the default): on the same problem both find the same"
-                f" optimum, the SDP in 1/{times:.0f} of the time and with a proof; choose"
+                "**Choose the SDP** (the default). On the same problem both find the same"
+                f" optimum, the SDP in 1/{times:.0f} of the time and with a proof. Choose"
                 " the penalty only where a demand is not convex, such as a box on"
                 " inertias about centres of mass."
             ),
