@@ -50,6 +50,18 @@ class Remembered(Estimator):
     estimator: Estimator
 
     def fit(self, task: Task) -> Fit:
+        """Read the estimate, or compute it.
+
+        Parameters
+        ----------
+        task : Task
+            The data.
+
+        Returns
+        -------
+        Fit
+            Without multipliers.
+        """
         theta = np.array(_estimate(self.estimator, task)["fit_theta"])
         return Fit(theta, Objective(task.data), task.constraints)
 
@@ -149,7 +161,26 @@ class AnnealingSteps:
         budget: int,
         rng: np.random.Generator,
     ) -> tuple[Array, int]:
-        """What :func:`anneal_and_search` returns."""
+        """One step of annealing and local search, read where it was made before.
+
+        Parameters
+        ----------
+        loss : PenalisedLoss
+            What is minimised.
+        weight : float
+            xi of this step.
+        u : (d,) array
+            Start, in [0, 1]^d.
+        budget : int
+            Evaluations of the loss.
+        rng : Generator
+            Annealing's random numbers.
+
+        Returns
+        -------
+        tuple of ((d,) array, int)
+            The best point, and how many evaluations it took.
+        """
         content = (
             ANNEALING_VERSION,
             scipy.__version__,

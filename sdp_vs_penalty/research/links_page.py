@@ -49,7 +49,7 @@ def links_page(tables: Sequence[Table], study: Study) -> str:
         _figure(title, links, study.problem.robot, pose)
         for title, links in drawn.items()
     )
-    template = Template(Path(__file__).with_name("links_page.html").read_text())
+    template = Template(Path(__file__).with_name("links_page.html").read_text("utf-8"))
     return template.substitute(
         title=escape(f"Links of {study.problem.title}"),
         sentence=escape(study.sentence),
@@ -63,7 +63,18 @@ def links_page(tables: Sequence[Table], study: Study) -> str:
 
 
 def links_by_title(study: Study) -> dict[str, Array]:
-    """(n, 10) links to draw, by what the picture is called."""
+    """Links to draw, by the title of the picture.
+
+    Parameters
+    ----------
+    study : Study
+        Data and estimates.
+
+    Returns
+    -------
+    dict of str to (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+    """
     out = {
         f"{name}, as published": links for name, links in study.published_links.items()
     }
@@ -79,7 +90,18 @@ def _title(method: str, data: Data) -> str:
 
 
 def drawn_pose(robot: Robot) -> Array:
-    """(n,) joint positions of the picture."""
+    """Joint positions of the picture.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+
+    Returns
+    -------
+    (n,) array
+        [rad, m].
+    """
     if robot.n == len(SEVEN_JOINTS):
         return np.array(SEVEN_JOINTS)
     middle = [0.5 * (joint.lower + joint.upper) for joint in robot.joints]
@@ -96,8 +118,20 @@ def view() -> Array:
 
 
 def skeleton(robot: Robot, poses: Array) -> Array:
-    """(k, 3) points of the arm from the base: where each joint is, and where its link's
-    frame is [m]; poses (n, 4, 4) : of the joints."""
+    """Points of the arm from the base: each joint, and where its link's frame is.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    poses : (n, 4, 4) array
+        Of the joints in the base.
+
+    Returns
+    -------
+    (k, 3) array
+        [m].
+    """
     points = [np.zeros(3)]
     for joint, pose in zip(robot.joints, poses, strict=True):
         points.append(pose[:3, 3])

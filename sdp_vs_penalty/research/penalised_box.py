@@ -37,8 +37,9 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.constraint import Constraint, linear
 
 
-def _place(a: int, b: int) -> int:
-    """Of entry (a, b) of Q among xx, xy, yy, xz, yz, zz, an inertia's order."""
+def _index_of_entry(a: int, b: int) -> int:
+    """Index of entry (a, b) of a symmetric matrix in the order xx, xy, yy, xz, yz, zz of
+    an inertia."""
     low, high = sorted((a, b))
     return high * (high + 1) // 2 + low
 
@@ -89,8 +90,29 @@ class BoxedProblem:
     def solve_cell(
         self, weight: float, low: Array, high: Array
     ) -> tuple[float, PenalisedOptimum, Array]:
-        """A certified lower bound over low <= c <= high (n, 3); theta of the relaxation
-        as it is outside of the box; (n, 3) by how much Q_aa exceeds h_a^2 / m."""
+        """Solve the relaxation over a cell of centres of mass.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+        low : (n, 3) array
+            Least coordinates of the centres of mass [m].
+        high : (n, 3) array
+            Largest coordinates [m].
+
+        Returns
+        -------
+        tuple of (float, PenalisedOptimum, (n, 3) array)
+            Certified lower bound over the cell, the relaxation's theta
+            outside of the box, and by how much Q_aa exceeds h_a^2 / m [kg
+            m^2].
+
+        Raises
+        ------
+        InputError
+            Where the cell has no point inside of it.
+        """
         problem = self.problem
         n = len(self.links)
         limit = problem.slack_limits(weight)
@@ -172,7 +194,7 @@ class BoxedProblem:
         with_slack = np.append(link, self.problem.p + k)
         return [
             _lifted(name, link, q),
-            _about_centre(name, link, q),
+            _consistent_about_centre(name, link, q),
             cell,
             *self._box_rows(k, with_slack, q),
         ]
@@ -221,8 +243,20 @@ class BoxedProblem:
         return out
 
     def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
-        """The optimum inside the box with centres of mass fixed at c (n, 3): convex and
-        exact. None where the box leaves no room there."""
+        """Optimum inside the box with fixed centres of mass: convex and exact.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+        c : (n, 3) array
+            Centres of mass [m].
+
+        Returns
+        -------
+        PenalisedOptimum or None
+            None where the box leaves no room there.
+        """
         problem = self.problem
         limit = problem.slack_limits(weight)
         fold = self._fold_centres(c, problem.p + len(limit))
@@ -231,7 +265,9 @@ class BoxedProblem:
         number[columns] = np.arange(len(columns))
         constraints = [*self.hard, *problem.soft, *problem.between(limit)]
         for k, link in enumerate(self.links):
-            constraints.append(_about_fixed(f"link {k + 1}", link, c[k]))
+            constraints.append(
+                _consistent_about_fixed_centre(f"link {k + 1}", link, c[k])
+            )
             with_slack = np.append(link, problem.p + k)
             constraints += self._box_rows(k, with_slack, c=c[k])
         data = problem.in_slacks
@@ -255,7 +291,18 @@ class BoxedProblem:
         return fold
 
     def centres(self, theta: Array) -> Array:
-        """(n, 3) centres of mass, inside their bounds."""
+        """Centres of mass, moved inside their bounds.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+
+        Returns
+        -------
+        (n, 3) array
+            [m].
+        """
         c = inertia.barycentric_from_standard(theta[self.links])[:, 1:4]
         middle = 0.5 * (self.c_low + self.c_high)
         return np.clip(np.where(np.isfinite(c), c, middle), self.c_low, self.c_high)
@@ -263,8 +310,25 @@ class BoxedProblem:
     def branch_all(
         self, weights: Iterable[float], gap: float, most_cells: int
     ) -> list[BoxedOptimum]:
-        """Branch and bound at rising weights; as without the box, a bound at a smaller
-        weight still holds, and so does an answer that violates nothing."""
+        """Branch and bound at rising weights.
+
+        The objective rises with the weight: a bound at a smaller weight still holds, and so
+        does an answer that violates nothing.
+
+        Parameters
+        ----------
+        weights : iterable of float
+            xi, rising.
+        gap : float
+            At which a search ends.
+        most_cells : int
+            Relaxations of one search at most.
+
+        Returns
+        -------
+        list of BoxedOptimum
+            One a weight.
+        """
         out = list[BoxedOptimum]()
         for weight in weights:
             if out and (best := out[-1].best) is not None:
@@ -284,8 +348,22 @@ class BoxedProblem:
     def branch_and_bound(
         self, weight: float, gap: float, most_cells: int
     ) -> BoxedOptimum:
-        """Cells by their lower bound, the lowest first, until the gap is reached or
-        ``most_cells`` relaxations are solved."""
+        """Solve cells, the one of the lowest bound first, until the gap is reached.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+        gap : float
+            At which the search ends.
+        most_cells : int
+            Relaxations at most.
+
+        Returns
+        -------
+        BoxedOptimum
+            Best point and certified bound.
+        """
         number = count()
         cell = self._solved_cell(weight, self.c_low, self.c_high)
         cells = [(cell.lower, next(number), cell)]
@@ -347,7 +425,7 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
     for a in range(3):
         both = low[a] + high[a]
         product = low[a] * high[a]
-        rows.append(_row({10 + _place(a, a): -1.0, 1 + a: both, 0: -product}))
+        rows.append(_row({10 + _index_of_entry(a, a): -1.0, 1 + a: both, 0: -product}))
     for a, b in combinations(range(3), 2):
         corners = (
             (low[a], low[b], 1.0),
@@ -356,12 +434,15 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
             (low[a], high[b], -1.0),
         )
         for x, y, sign in corners:
-            row = _row({10 + _place(a, b): 1.0, 1 + b: -x, 1 + a: -y, 0: x * y})
+            row = _row(
+                {10 + _index_of_entry(a, b): 1.0, 1 + b: -x, 1 + a: -y, 0: x * y}
+            )
             rows.append(sign * row)
     return rows
 
 
 def _row(values: dict[int, float], size: int = 16) -> Array:
+    """(size,) zeros but for the values at their indices."""
     out = np.zeros(size)
     for place, value in values.items():
         out[place] = value
@@ -369,27 +450,38 @@ def _row(values: dict[int, float], size: int = 16) -> Array:
 
 
 def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
-    """[[Q, h], [h^T, m]] >= 0."""
+    """Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
+
+    link (10,) : indices of (m, h, second moments) of a link; q (6,) : of Q.
+    """
     coefficients = np.zeros((10, 4, 4))
     coefficients[:4] = inertia.PSEUDO_INERTIA_BASIS[:4]
     for a, b in np.ndindex(3, 3):
-        coefficients[4 + _place(a, b), a, b] = 1.0
+        coefficients[4 + _index_of_entry(a, b), a, b] = 1.0
     indices = np.concatenate([link[:4], q])
     return linear("lifted", name, indices, coefficients, np.zeros((4, 4)), "psd")
 
 
-def _about_centre(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
-    """Sigma' - Q >= 0."""
+def _consistent_about_centre(
+    name: str, link: NDArray[np.intp], q: NDArray[np.intp]
+) -> Constraint:
+    """Second moments about the centre of mass are positive semidefinite: Sigma' - Q >= 0
+    with Sigma' (3, 3) those about the frame and Q = m c c^T [kg m^2].
+
+    link (10,) : indices of a link's parameters; q (6,) : of Q.
+    """
     coefficients = np.zeros((12, 3, 3))
     coefficients[:6] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
     for a, b in np.ndindex(3, 3):
-        coefficients[6 + _place(a, b), a, b] = -1.0
+        coefficients[6 + _index_of_entry(a, b), a, b] = -1.0
     indices = np.concatenate([link[4:], q])
     return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
 
 
-def _about_fixed(name: str, link: NDArray[np.intp], c: Array) -> Constraint:
-    """Sigma' - m c c^T >= 0."""
+def _consistent_about_fixed_centre(
+    name: str, link: NDArray[np.intp], c: Array
+) -> Constraint:
+    """The same about a given centre of mass c (3,) [m]: Sigma' - m c c^T >= 0."""
     coefficients = np.zeros((7, 3, 3))
     coefficients[0] = -np.outer(c, c)
     coefficients[1:] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
@@ -398,7 +490,8 @@ def _about_fixed(name: str, link: NDArray[np.intp], c: Array) -> Constraint:
 
 
 def _fold(c: Constraint, fold: Array, number: NDArray[np.intp]) -> Constraint:
-    """The constraint in the variables that are kept."""
+    """The constraint in fewer variables: fold (k, k) maps the kept ones, numbered by
+    ``number`` (k,), to all."""
     local = fold[c.indices]
     used = np.flatnonzero(local.any(axis=0))
     coefficients = np.tensordot(local[:, used].T, c.coefficients, axes=(1, 0))

@@ -92,6 +92,7 @@ class PenalisedOptimum:
 
     @property
     def n_links_violated(self) -> int:
+        """Links whose triangle inequality is violated beyond rounding."""
         return int(np.sum(self.triangle > self.tolerance))
 
 
@@ -190,15 +191,50 @@ class PenalisedProblem:
         return np.concatenate(out)
 
     def value(self, theta: Array, weight: float) -> float:
-        """The published objective at theta (p,), the box left out."""
+        """Published objective.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+        weight : float
+            xi.
+
+        Returns
+        -------
+        float
+            The box on inertias left out.
+        """
         return self.data.loss(theta) + weight * self.published.penalty(self._p(theta))
 
     def violations(self, theta: Array) -> dict[str, float]:
-        """Worst violation of each external demand."""
+        """Worst violation of each external demand.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+
+        Returns
+        -------
+        dict of str to float
+            By family [kg m^2, kg, m].
+        """
         return self.published.violations(self._p(theta))
 
     def triangle(self, theta: Array) -> Array:
-        """(n,) (lambda_max(I) - tr(I) / 2)+ of each link [kg m^2]."""
+        """Violation of each link's triangle inequality: (lambda_max(I) - tr(I) / 2)+.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+
+        Returns
+        -------
+        (n,) array
+            [kg m^2].
+        """
         links = inertia.barycentric_from_standard(theta[self.task.links])[:, 4:]
         moments = np.linalg.eigvalsh(inertia.inertia_matrix(links))
         return np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
@@ -209,7 +245,18 @@ class PenalisedProblem:
         return out
 
     def solve(self, weight: float) -> PenalisedOptimum:
-        """The relaxation at a weight xi >= 0, certified."""
+        """Solve the relaxation at a weight.
+
+        Parameters
+        ----------
+        weight : float
+            xi >= 0.
+
+        Returns
+        -------
+        PenalisedOptimum
+            With its certified bound.
+        """
         limit = self.slack_limits(weight)
         slack = self.slack_start * np.minimum(limit, 1.0)
         start = np.append(self.interior + self.links_slack @ slack[: self.n], slack)
@@ -222,9 +269,21 @@ class PenalisedProblem:
         return self.optimum(self.theta(solved.theta), weight, max(solved.lower, 0.0))
 
     def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
-        """The relaxation at rising weights. The objective rises with the weight: a bound
-        at a smaller one still holds, and an answer that violates nothing stays the
-        optimum."""
+        """Solve the relaxation at rising weights.
+
+        The objective rises with the weight: a bound at a smaller one still holds, and an
+        answer that violates nothing stays the optimum.
+
+        Parameters
+        ----------
+        weights : iterable of float
+            xi, rising.
+
+        Returns
+        -------
+        list of PenalisedOptimum
+            One a weight.
+        """
         out = list[PenalisedOptimum]()
         for weight in weights:
             if out:
@@ -247,11 +306,33 @@ class PenalisedProblem:
         return replace(self.data, R=R)
 
     def theta(self, x: Array) -> Array:
-        """theta (p,) of (theta', slacks)."""
+        """Parameters of the relaxation's variables.
+
+        Parameters
+        ----------
+        x : (p + s,) array
+            theta' and slacks.
+
+        Returns
+        -------
+        (p,) array
+            Standard parameters.
+        """
         return x[: self.p] - self.links_slack @ x[self.p : self.p + self.n]
 
     def between(self, limit: Array) -> list[Constraint]:
-        """0 <= slack <= limit."""
+        """Constraints 0 <= slack <= limit.
+
+        Parameters
+        ----------
+        limit : (s,) array
+            Largest slacks.
+
+        Returns
+        -------
+        list of Constraint
+            One a slack.
+        """
         rows = np.array([[1.0, -1.0]])
         return [
             Constraint(
@@ -262,7 +343,18 @@ class PenalisedProblem:
 
     def slack_limits(self, weight: float) -> Array:
         """Above these no slack is at an optimum: what it costs alone would exceed the
-        interior point's objective, or it undoes all that the bounds allow."""
+        interior point's objective, or it undoes all that the bounds allow.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+
+        Returns
+        -------
+        (s,) array
+            [kg m^2, kg, m].
+        """
         largest = np.full(len(self.prices), float(self.bound.max()))
         if weight == 0.0:
             return largest
@@ -270,7 +362,22 @@ class PenalisedProblem:
         return np.minimum(limit, largest)
 
     def optimum(self, theta: Array, weight: float, lower: float) -> PenalisedOptimum:
-        """What theta is at a weight, beside a lower bound."""
+        """What a point is at a weight, beside a lower bound.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+        weight : float
+            xi.
+        lower : float
+            Certified bound on the objective.
+
+        Returns
+        -------
+        PenalisedOptimum
+            Objective, loss and violations.
+        """
         return PenalisedOptimum(
             theta,
             weight,
@@ -308,8 +415,18 @@ class PenalisedProblem:
         return largest
 
     def exact_weight_by_bisection(self, relative: float = 1e-3) -> float:
-        """The least weight whose optimum violates nothing beyond rounding; 0 where
-        none does. It does not look at the multipliers."""
+        """Least weight whose optimum violates nothing beyond rounding.
+
+        Parameters
+        ----------
+        relative : float
+            Width of the bracket at which the search ends.
+
+        Returns
+        -------
+        float
+            xi; 0 where no weight is needed.
+        """
         if not self.solve(0.0).is_violated:
             return 0.0
         low = high = 1.0

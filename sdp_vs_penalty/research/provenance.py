@@ -48,7 +48,22 @@ def program(*arguments: str) -> list[str]:
 def write_note(
     folder: Path, commands: Sequence[Sequence[str]], processor_seconds: float
 ) -> None:
-    """Write what a folder was made by, and on what."""
+    """Write by what a folder was made, and on what.
+
+    Parameters
+    ----------
+    folder : Path
+        Of results.
+    commands : sequence of sequence of str
+        Arguments of Python each.
+    processor_seconds : float
+        What they took [s].
+
+    Returns
+    -------
+    None
+        The note is on the disk then.
+    """
     lines = [
         *(" ".join(["python", *arguments]) for arguments in commands),
         f"{machine()}; {versions()}",

@@ -27,7 +27,7 @@ from sdp_vs_penalty.robot.constraint import (
     safe_depth,
 )
 from sdp_vs_penalty.solvers import rigorous_bounds
-from sdp_vs_penalty.solvers.identification import unit_diagonals
+from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.objective import Objective
 from sdp_vs_penalty.solvers.primal_dual import Iterate
 from sdp_vs_penalty.solvers.rigorous_bounds import TIGHT, DualEvidence
@@ -178,7 +178,7 @@ def _polished(
     # depends on units.
     terms = zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)
     sizes = [
-        unit_diagonals(x) if g.cone == "psd" else np.ones_like(g.constant)
+        unit_diagonal_factors(x) if g.cone == "psd" else np.ones_like(g.constant)
         for g, x in terms
     ]
     dual = entries.split(e.multipliers)

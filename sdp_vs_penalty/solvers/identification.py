@@ -93,7 +93,7 @@ class SdpProblem:
         blocks = unsvec(matrices, 8)[:, :4, :4]
         return (
             blocks
-            * unit_diagonals(self.entropy.nominal)
+            * unit_diagonal_factors(self.entropy.nominal)
             * self.loss_scale**2
             / self.entropy.weight
         )
@@ -468,7 +468,7 @@ def _log_det(
     """
     (links,) = group_cones(entropy.links)
     n, (i, j) = len(links.places), np.tril_indices(4)
-    twice = unit_diagonals(entropy.nominal)
+    twice = unit_diagonal_factors(entropy.nominal)
     z = 10 + np.arange(10)
     blocks = np.zeros((n, 20, 8, 8))
     constant = np.zeros((n, 8, 8))
@@ -510,18 +510,18 @@ def _log_det(
     )
 
 
-def unit_diagonals(values: Array) -> Array:
-    """What matrices are multiplied by, entry by entry, to have diagonals of one.
+def unit_diagonal_factors(values: Array) -> Array:
+    """Scaling factors that, entry by entry, give matrices a diagonal of ones.
 
     Parameters
     ----------
     values : (g, d, d)
-        The matrices.
+        Matrices with positive diagonals.
 
     Returns
     -------
     (g, d, d)
-        Factors.
+        d_i d_j with d_i = 1 / sqrt(values_ii).
     """
     size = _sizes(values)
     return np.asarray(size[:, :, None] * size[:, None])
@@ -566,7 +566,7 @@ def _whitening(values: Array) -> Array:
     which F is singular are stretched at most 1e3 times.
     """
     size = _sizes(values)
-    eigenvalues, vectors = np.linalg.eigh(values * unit_diagonals(values))
+    eigenvalues, vectors = np.linalg.eigh(values * unit_diagonal_factors(values))
     root = np.where(
         eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0
     )

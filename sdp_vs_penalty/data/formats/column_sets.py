@@ -42,7 +42,20 @@ class ColumnSet:
 
 
 def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSet]:
-    """All sets of one quantity that are whole, the best first."""
+    """Collect the sets of columns of one quantity, one column a joint.
+
+    Parameters
+    ----------
+    quantity : str
+        q, dq, tau, temp or qcmd.
+    readings : Mapping[str, Reading]
+        What each column's name says.
+
+    Returns
+    -------
+    list[ColumnSet]
+        Sets without gaps in their numbers, the best first.
+    """
     of_quantity = {
         name: reading
         for name, reading in readings.items()
@@ -54,7 +67,7 @@ def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSe
             groups.setdefault((style, reading.rank, other_words), []).append(name)
     sets = list[ColumnSet]()
     for (style, rank, other_words), names in groups.items():
-        columns = _keyed(style, names, of_quantity)
+        columns = _columns_by_joint(style, names, of_quantity)
         if columns:
             sets.append(ColumnSet(quantity, rank, style, other_words, columns))
     return sorted(sets, key=lambda columns: columns.preference)
@@ -72,11 +85,11 @@ def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
     return styles
 
 
-def _keyed(
+def _columns_by_joint(
     style: str, names: Sequence[str], readings: Mapping[str, Reading]
 ) -> dict[Hashable, str]:
-    """Columns by their keys in the order of the joints; none where two have one key,
-    numbers have gaps, or a style needs more or fewer of them."""
+    """Columns of one set by their joint, in the joints' order; empty where two columns
+    name one joint, where numbers have gaps, or where the style needs another count."""
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
     columns = {_key_of(style, readings[name]): name for name in names}
@@ -117,11 +130,21 @@ class SetChoice:
 def choose_sets(
     readings: Mapping[str, Reading], n_joints: int | None
 ) -> SetChoice | None:
-    """The best set of positions that has torques, or commanded positions, of the same
-    joints, with those; None where there is none.
+    """Choose the best set of positions that has torques, or commanded positions, of the
+    same joints.
 
-    n_joints : of the robot; columns that are called by fewer of its joints than half
-    are not taken.
+    Parameters
+    ----------
+    readings : Mapping[str, Reading]
+        What each column's name says.
+    n_joints : int | None
+        Of the robot; columns that are called by fewer of its joints than half are not
+        taken.
+
+    Returns
+    -------
+    SetChoice | None
+        The sets by quantity, and rivals that are as good; None where there is none.
     """
     by_quantity = {
         quantity: column_sets(quantity, readings)

@@ -19,7 +19,7 @@ from sdp_vs_penalty.research.shootout.instances import Instance
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
 from sdp_vs_penalty.solvers.fit import Fit
-from sdp_vs_penalty.solvers.identification import unit_diagonals
+from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
 from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
 
 CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
@@ -295,7 +295,7 @@ def relative_violation(
     for c in constraints:
         value = c.value(theta)
         if c.cone == "psd":
-            (scale,) = unit_diagonals(c.value(inside)[None])
+            (scale,) = unit_diagonal_factors(c.value(inside)[None])
             margin = float(np.linalg.eigvalsh(value * scale)[0])
         else:
             terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
