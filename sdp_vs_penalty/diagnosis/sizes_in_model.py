@@ -71,8 +71,8 @@ def effect_of(
     """The model's effect that a finding names, and the indices of its parameters in
     theta; None where there is none.
 
-    Of several on the same joints the one counts that has most of the finding's constants
-    (a friction may come as two laws), and of those the last one: it was added last.
+    It has the finding's law. Of several on the same joints the one counts that has most
+    of the finding's constants, and of those the last one: it was added last.
     """
     joints = tuple(j - 1 for j in finding.joints)
     held = None
@@ -81,8 +81,19 @@ def effect_of(
         on_joints = () if effect.whole_robot else tuple(effect.joints)
         if effect.name != finding.effect or on_joints != joints:
             continue
+        if not _has_same_law(effect, finding):
+            continue
         n_equal = sum(effect.shape.get(k) == x for k, x in finding.shape.items())
         if n_equal >= most_equal:
             held = effect, indices
             most_equal = n_equal
     return held
+
+
+def _has_same_law(effect: Effect, finding: Finding) -> bool:
+    """Whether the constants that have a few choices only, such as a law, are equal."""
+    laws = [name for name, constant in effect.shapes.items() if constant.choices]
+    return all(
+        name not in finding.shape or effect.shape[name] == finding.shape[name]
+        for name in laws
+    )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import sdp_vs_penalty as sdp
-from sdp_vs_penalty.diagnosis import Diagnosis, Finding, size_in_model
+from sdp_vs_penalty.diagnosis import Diagnosis, Finding, effect_of, size_in_model
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.signals import REPETITION
 
@@ -132,16 +132,21 @@ def test_each_of_two_laws_has_its_own_size(two_link, law, size):
         (SimpleNamespace(**_as_one_parameter(free)), 5.0, 0.1),
         (SimpleNamespace(**_as_one_parameter(even)), 7.0, 0.1),
     ]
-    held = sdp.diagnosis.effect_of(
-        finding("maxwell_slip", 1, shape={"law": law}), model_with(*parts)
-    )
+    held = effect_of(finding("maxwell_slip", 1, shape={"law": law}), model_with(*parts))
     assert held is not None
     assert parts[int(held[1][0])][1] == size
 
 
+def test_a_law_that_a_model_lacks_has_no_size_in_it(two_link):
+    even = effect_types()["maxwell_slip"](two_link.robot, [0], law=2.0)
+    part = SimpleNamespace(**_as_one_parameter(even)), 7.0, 0.1
+    missing = finding("maxwell_slip", 1, shape={"law": 1.0})
+    assert effect_of(missing, model_with(part)) is None
+
+
 def _as_one_parameter(effect: Any) -> dict[str, Any]:
     """What identifies an effect in a model."""
-    names = ("name", "joints", "shape", "whole_robot")
+    names = ("name", "joints", "shape", "shapes", "whole_robot")
     return {name: getattr(effect, name) for name in names}
 
 
