@@ -1,25 +1,29 @@
 """What the check says of real logs that nothing is wrong with: whole, in halves, together.
 
-    python benchmarks/check_real.py --data DATA --out FOLDER
+    python benchmarks/check_real.py --data DATA --out FOLDER [--arms panda,emps]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Every error is false,
 and so is every claim about the dynamics but those of KNOWN. Facts are read from the file
-and count as right. Writes real_claims.csv for reliability.py.
+and count as right. Writes real_logs.csv, with what `identify` would refuse, and
+real_claims.csv for reliability.py. Arms that are in real_logs.csv are not judged again.
 """
 
 import argparse
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from reliability import OF_THE_MOTION, Claim, claim, write_claims
+import pandas
+from reliability import OF_THE_MOTION, Claim, claim, read_claims, write_claims
 
-from sdp_vs_penalty import load_problem
+from sdp_vs_penalty import load_measurements, load_problem
 from sdp_vs_penalty.checks import check_runs
 from sdp_vs_penalty.data.datasets import converted
 from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 
-ARMS = "panda", "ur10e", "tx40", "emps"
+ARMS = "panda,ur10e,ur10,tx40,emps"
 #: True claims, by a run's name and the kind: at 3062.75 s of this run joint 2's torque
 #: falls from 101 to 52 N m while it moves smoothly. That its load is another one than
 #: the other loaded run's no paper says; one arm for both leaves the wrists' torques with
@@ -44,17 +48,49 @@ def logs_of(runs: Sequence[Measurements]) -> Iterator[list[Measurements]]:
             yield group
 
 
-def claims_of(name: str, problem: Problem, log: list[Measurements]) -> list[Claim]:
+@dataclass(frozen=True)
+class JudgedLog:
+    """log : names of its runs and how long they are; is_refused : by `identify`."""
+
+    arm: str
+    log: str
+    is_refused: bool
+    n_claims: int
+    n_false: int
+
+
+def problem_and_runs(name: str, data: Path) -> tuple[Problem, list[Measurements]]:
+    """The problem of a real arm, and its runs."""
+    if name != "ur10":
+        return load_problem(name), [*converted(name, data / name).values()]
+    problem = load_problem(data / "ur10_salerno" / "robot.urdf")
+    path = data / "ur10_salerno" / "train.csv"
+    names = problem.robot.joint_names
+    return problem, [load_measurements(path, joints=problem.robot.n, names=names)]
+
+
+def judged(
+    name: str, problem: Problem, log: list[Measurements]
+) -> tuple[JudgedLog, list[Claim]]:
     """What is said of some runs of an arm."""
     claims = []
-    for report in check_runs(problem, log, problem.preprocessing, thorough=False):
+    reports = check_runs(problem, log, problem.preprocessing, thorough=False)
+    for report in reports:
         for issue in report.errors_and_warnings:
             if issue.kind in OF_THE_MOTION:
                 continue
             is_fact = issue.nature == "fact" and issue.severity != "error"
             is_right = is_fact or (report.run, issue.kind) in KNOWN
             claims.append(claim("real arms", f"{name}: {report.run}", issue, is_right))
-    return claims
+    seconds = sum(float(run.t[-1] - run.t[0]) for run in log)
+    row = JudgedLog(
+        arm=name,
+        log=f"{', '.join(run.names[0] for run in log)} ({seconds:.3g} s)",
+        is_refused=any(report.meaningless for report in reports),
+        n_claims=len(claims),
+        n_false=sum(not x.is_right for x in claims),
+    )
+    return row, claims
 
 
 def main() -> None:
@@ -63,18 +99,27 @@ def main() -> None:
     )
     parser.add_argument("--data", type=Path, default=Path("."))
     parser.add_argument("--out", type=Path, default=Path("results", "reliability"))
+    parser.add_argument("--arms", default=ARMS)
     options = parser.parse_args()
-    claims = []
-    n_logs = 0
-    for name in ARMS:
-        problem = load_problem(name)
-        runs = list(converted(name, options.data / name).values())
+    path = options.out / "real_logs.csv"
+    table = pandas.read_csv(path) if path.exists() else pandas.DataFrame()
+    claims = read_claims(options.out / "real_claims.csv") if len(table) else []
+    known = set(table["arm"]) if len(table) else set()
+    for name in options.arms.split(","):
+        if name in known:
+            continue
+        problem, runs = problem_and_runs(name, options.data)
+        rows = []
         for log in logs_of(runs):
-            n_logs += 1
-            claims += claims_of(name, problem, log)
-    n_errors = sum(not x.is_right for x in claims)
-    print(f"{n_logs} logs, {len(claims)} claims, {n_errors} wrong")
-    write_claims(claims, options.out / "real_claims.csv")
+            row, said = judged(name, problem, log)
+            rows.append(asdict(row))
+            claims += said
+        table = pandas.concat([table, pandas.DataFrame(rows)])
+        write_text(path, table.to_csv(index=False, lineterminator="\n"))
+        write_claims(claims, options.out / "real_claims.csv")
+    n_refused = int(table["is_refused"].sum())
+    print(f"{len(table)} logs, {n_refused} refused, {len(claims)} claims,", end=" ")
+    print(f"{int(table['n_false'].sum())} of them wrong")
 
 
 if __name__ == "__main__":

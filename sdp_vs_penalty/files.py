@@ -186,7 +186,7 @@ def limited_memory(room: int) -> Iterator[None]:
         Memory beyond what the process has now [bytes].
     """
     try:  # private memory, as the limit counts it; the sixth figure is its pages
-        pages = int(Path("/proc/self/statm").read_text().split()[5])
+        pages = int(Path("/proc/self/statm").read_text("utf-8").split()[5])
     except OSError:  # not Linux
         yield
         return

@@ -343,6 +343,8 @@ def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, caps
 def test_the_table_equals_the_generated_one():
     tool = runpy.run_path(str(ROOT / "tools" / "update_readme.py"))
     assert tool["with_results"](README, tool["headline"]()) == README
+    results = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
+    assert tool["with_results"](results, tool["all_routes"]()) == results
     headings = re.findall(r"^#+ (.*)$", README, re.MULTILINE)
     anchors = [heading.lower().replace(" ", "-") for heading in headings]
     for link in re.findall(r"\]\(([^):]*)\)", README):

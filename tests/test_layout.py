@@ -159,3 +159,16 @@ def test_every_error_has_a_remedy():
     assert [
         place for place in without if place.partition(":")[0] not in HANDED_ON
     ] == []
+
+
+def test_every_text_is_read_in_an_encoding():
+    """Where the locale is C, Python takes text for ASCII."""
+    without = []
+    for path in sorted(ROOT.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            name = getattr(node.func, "attr", "")
+            if name == "read_text" and not (node.args or node.keywords):
+                without.append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert without == []

@@ -89,8 +89,8 @@ class LoggerJudge:
                     "too little data", error, "certain: the filters need more"
                 )
                 self.reports[k] = with_issues(report, [issue])
-        none = LogTransform.none(problem.robot.n, problem.robot.gravity)
-        self.only_in = dict.fromkeys(self.logs, none)
+        as_logged = LogTransform.unchanged(problem.robot.n, problem.robot.gravity)
+        self.only_in = dict.fromkeys(self.logs, as_logged)
         self.issues_of_one: dict[int, list[Issue]] = {k: [] for k in self.logs}
 
     def rows_of(self, run: Measurements) -> Likelihood:
@@ -140,13 +140,13 @@ class LoggerJudge:
         cause = comparison.best_cause(lambda k: self._faults_of_one(numbers[k]))
         if cause is None:
             return False
-        number = numbers[cause.of.run]
+        number = numbers[cause.difference.run]
         issue = comparison.issue(cause)
         known = [(f.kind, f.where) for f in self.issues_of_one[number]]
         if (issue.kind, issue.where) in known:
             return False
         self.issues_of_one[number].append(issue)
-        repair = cause.repair(self.logs[number].none)
+        repair = cause.log_repair(self.logs[number].as_logged)
         return repair is not None and self._repaired(number, repair)
 
     def _contradicts_in_some(self, numbers: Sequence[int], net: LogTransform) -> bool:
@@ -159,15 +159,14 @@ class LoggerJudge:
         """What may be wrong in one run's log alone: a sign, an order of torques, and
         what a search of this run by itself finds, one thing each."""
         log = self.logs[number]
-        none = log.none
-        score = log.score(none)
+        score = log.score(log.as_logged)
         search = RepairSearch(log, [log], [self.reports[number].issues])
         of_this_run = search.run()
         repairs = [
             search.alone(of_this_run, fault) for fault in search.elements(of_this_run)
         ]
         for kind in (Sign(), Exchange()):
-            repairs += kind.proposals(log, none, score)
+            repairs += kind.proposals(log, log.as_logged, score)
         faults = []
         for repair in dict.fromkeys(repairs):
             elements = search.elements(repair)

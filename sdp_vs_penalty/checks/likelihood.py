@@ -61,7 +61,7 @@ class Likelihood:
         self.joints: list[int] = np.flatnonzero(self.moving).tolist()
         kinds = [joint.kind for joint in problem.robot.joints]
         self.revolute = [j for j in self.joints if kinds[j] == "revolute"]
-        self.none = LogTransform.none(self.n, problem.robot.gravity)
+        self.as_logged = LogTransform.unchanged(self.n, problem.robot.gravity)
         self.columns = lru_cache(128 if data.count <= FEW_ROWS else 12)(
             self._make_columns
         )
@@ -82,7 +82,9 @@ class Likelihood:
     def beside_physics(self) -> Likelihood:
         """With all laws of a joint's own motion that an arm may have as own columns:
         what these explain is no fault of the log."""
-        return Likelihood(self.problem, self.data.with_laws(self.nominal(self.none)))
+        return Likelihood(
+            self.problem, self.data.with_laws(self.nominal(self.as_logged))
+        )
 
     @cached_property
     def screen(self) -> Likelihood:
@@ -99,7 +101,7 @@ class Likelihood:
         parameters."""
         seconds = float(np.ptp(self.data.motion.t))
         n_samples = 2.0 * self.data.cutoff * seconds * len(self.joints)
-        n_shared = len(self.score(self.none).theta)
+        n_shared = len(self.score(self.as_logged).theta)
         n_parameters = n_shared + self.n * self.data.own_columns.shape[2]
         return 1.0 - n_parameters / max(n_samples, 1.0)
 

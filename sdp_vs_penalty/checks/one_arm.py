@@ -87,28 +87,39 @@ class Difference:
 
 @dataclass(frozen=True)
 class Cause:
-    """A difference, and how well it explains the runs.
+    """A difference of one run, and how well it explains the runs.
 
-    gain : by how much the logarithm of what is left falls, on parts that nothing was
-    fitted to, all parts and joints added; clearness : in standard errors; size : the
-    number, 0 for a fault; equivalents : what explains as much, in words.
+    gain : fall of log S on parts that nothing was fitted to, all parts and joints added.
+    clearness : of the mean fall, in standard errors. size : of the number (a gain less
+    one, an angle [rad], a length [m], a load [kg]), 0 for a fault. equivalents : what
+    explains as much, in words.
     """
 
-    of: Difference
+    difference: Difference
     gain: float
     clearness: float
     size: float = 0.0
     equivalents: tuple[str, ...] = ()
 
-    def repair(self, none: LogTransform) -> LogTransform | None:
-        """What makes the run's log that of the others' arm, from the repair that does
-        nothing; None for another load or arm."""
-        joints = (self.of.joint,)
-        if self.of.kind == "torque gain" and self.size:
-            return none.with_entries("gain", joints, 1.0 / (1.0 + self.size))
-        if self.of.kind == "encoder offset" and self.size:
-            return none.with_entries("zero", joints, self.size)
-        return self.of.repair
+    def log_repair(self, as_logged: LogTransform) -> LogTransform | None:
+        """Repair that makes the run's log that of the others' arm.
+
+        Parameters
+        ----------
+        as_logged : LogTransform
+            The repair that changes nothing.
+
+        Returns
+        -------
+        LogTransform or None
+            None for another load or arm, which no change of the log undoes.
+        """
+        joints = (self.difference.joint,)
+        if self.difference.kind == "torque gain" and self.size:
+            return as_logged.with_entries("gain", joints, 1.0 / (1.0 + self.size))
+        if self.difference.kind == "encoder offset" and self.size:
+            return as_logged.with_entries("zero", joints, self.size)
+        return self.difference.repair
 
 
 class RunComparison:
@@ -322,7 +333,7 @@ class RunComparison:
         evidence = 0.5 * self.samples * best.gain / (2.0 * c.PARTS)
         is_clear = best.clearness >= c.SIGMAS and evidence >= 3.0 * c.ODDS
         # Friction that the model lacks differs from run to run, as another arm does.
-        is_unspecific = best.of.is_another_arm and self.times < c.TIMES
+        is_unspecific = best.difference.is_another_arm and self.times < c.TIMES
         return best if is_clear and not is_unspecific else None
 
     @property
@@ -338,25 +349,25 @@ class RunComparison:
 
     def issue(self, cause: Cause) -> Issue:
         """The cause in words."""
-        of = cause.of
-        run = self.runs[of.run]
-        unit = run.log.problem.robot.position_units[of.joint]
+        difference = cause.difference
+        run = self.runs[difference.run]
+        unit = run.log.problem.robot.position_units[difference.joint]
         distance = f"{-cause.size:.2g} {unit}"
         if unit == "rad":
             distance = f"{np.degrees(-cause.size):.2g} degrees"
-        x = 1.0 + cause.size if of.kind == "torque gain" else cause.size
-        names = {"run": run.name, "j": of.joint + 1, "x": x}
-        if of.fault is None:
-            words, remedy = _WORDS[of.kind]
+        x = 1.0 + cause.size if difference.kind == "torque gain" else cause.size
+        names = {"run": run.name, "j": difference.joint + 1, "x": x}
+        if difference.fault is None:
+            words, remedy = _WORDS[difference.kind]
             what = words.format(**names, distance=distance, unit=unit)
             remedy = remedy.format(**names, unit=unit)
-            joints = [] if of.joint < 0 else [of.joint]
+            joints = [] if difference.joint < 0 else [difference.joint]
         else:
-            what = f"in {run.name} only: {of.fault.what.rstrip('.')}"
-            remedy = f"{of.fault.remedy} in this run"
-            joints = [*of.fault.joints]
+            what = f"in {run.name} only: {difference.fault.what.rstrip('.')}"
+            remedy = f"{difference.fault.remedy} in this run"
+            joints = [*difference.fault.joints]
         return Issue(
-            kind=of.kind,
+            kind=difference.kind,
             severity="warning",
             where=joints_text(joints) if joints else "the run",
             what=f"{what}, beside the others.",
@@ -369,8 +380,8 @@ class RunComparison:
                 "times": self.times,
             },
             nature=EXPLANATION,
-            repair=None if of.repair is None else of.repair.apply,
-            apply="" if of.fault is None else of.fault.apply,
+            repair=None if difference.repair is None else difference.repair.apply,
+            apply="" if difference.fault is None else difference.fault.apply,
             equivalents=cause.equivalents,
         )
 
@@ -380,8 +391,12 @@ def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
     comes before one of the positions. The others are its equivalents."""
     largest = max(cause.gain for cause in faults)
     tied = [cause for cause in faults if cause.gain > largest - odds]
-    tied = sorted(tied, key=lambda cause: not cause.of.kind.startswith("torque"))
-    words = tuple(cause.of.fault.what for cause in tied[1:] if cause.of.fault)
+    tied = sorted(
+        tied, key=lambda cause: not cause.difference.kind.startswith("torque")
+    )
+    words = tuple(
+        cause.difference.fault.what for cause in tied[1:] if cause.difference.fault
+    )
     return replace(tied[0], equivalents=words)
 
 
@@ -409,7 +424,7 @@ def compare_runs(
         return
     cause = comparison.best_cause()
     if cause is not None:
-        yield cause.of.run, comparison.issue(cause)
+        yield cause.difference.run, comparison.issue(cause)
 
 
 def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:

@@ -99,36 +99,48 @@ class RegressionData:
 
     @classmethod
     def together(cls, logs: Sequence[RegressionData]) -> RegressionData:
-        """The rows of several logs, one after the other, ROWS at most.
+        """Rows of several logs, one after the other, as of one log.
 
-        Each log has a constant of its own: the zeros of its torques.
+        Parameters
+        ----------
+        logs : sequence of RegressionData
+            Of one problem.
+
+        Returns
+        -------
+        RegressionData
+            With ROWS rows at most. Each log's clock begins a second after the end of the
+            one before; each has a constant of its own, the zeros of its torques.
         """
-
         thinned = [log.some(slice(None, None, len(logs))) for log in logs]
         shifts = _shifts_one_after_the_other(thinned)
-        pairs = list(zip(thinned, shifts, strict=True))
-        own_columns = [
-            np.concatenate([log.own_columns, _zeros_of_runs(log, k, len(logs))], axis=2)
-            for k, log in enumerate(thinned)
-        ]
-        laws = {
-            name: np.concatenate([log.laws[name] for log in thinned], axis=1)
-            for name in logs[0].laws
-        }
-        times = np.concatenate([log.torque.x + shift for log, shift in pairs])
-        torques = np.concatenate([log.torque(log.torque.x) for log in thinned])
-        motions = [replace(log.motion, t=log.motion.t + shift) for log, shift in pairs]
+        moved = [log.later(shift) for log, shift in zip(thinned, shifts, strict=True)]
+        own_columns = []
+        for k, log in enumerate(moved):
+            zeros = _zeros_of_runs(log, k, len(logs))
+            own_columns.append(np.concatenate([log.own_columns, zeros], axis=2))
+        laws = {}
+        for name in logs[0].laws:
+            laws[name] = np.concatenate([log.laws[name] for log in moved], axis=1)
         return replace(
             logs[0],
-            motion=joined(motions),
-            torque=scipy.interpolate.CubicSpline(times, torques),
+            motion=joined([log.motion for log in moved]),
+            torque=_one_spline([log.torque for log in moved]),
             own_columns=np.concatenate(own_columns, axis=1),
             laws=laws,
-            heard=np.concatenate([log.heard * log.moving for log in thinned]),
+            heard=np.concatenate([log.heard * log.moving for log in moved]),
             moving=np.any([log.moving for log in logs], axis=0),
             largest=np.max([log.largest for log in logs], axis=0),
             cutoff=min(log.cutoff for log in logs),
         )
+
+    def later(self, seconds: float) -> RegressionData:
+        """The same, so much later [s]."""
+        torque = scipy.interpolate.CubicSpline(
+            self.torque.x + seconds, self.torque(self.torque.x)
+        )
+        motion = replace(self.motion, t=self.motion.t + seconds)
+        return replace(self, motion=motion, torque=torque)
 
     @classmethod
     def of(
@@ -187,6 +199,15 @@ class RegressionData:
             largest=np.abs(run.tau).max(axis=0),
             cutoff=cutoff,
         )
+
+
+def _one_spline(
+    torques: Sequence[scipy.interpolate.CubicSpline],
+) -> scipy.interpolate.CubicSpline:
+    """One spline through the knots of several, which follow each other."""
+    times = np.concatenate([torque.x for torque in torques])
+    values = np.concatenate([torque(torque.x) for torque in torques])
+    return scipy.interpolate.CubicSpline(times, values)
 
 
 def _shifts_one_after_the_other(logs: Sequence[RegressionData]) -> list[float]:

@@ -67,7 +67,7 @@ class LogTransform:
     events: tuple[LogEvent, ...] = ()
 
     @classmethod
-    def none(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
+    def unchanged(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same = tuple(range(n))
         one = (1.0,) * n
@@ -143,8 +143,8 @@ class LogTransform:
     def reset(self, *names: str) -> LogTransform:
         """With these entries as a log has them that is right; itself where it is, as
         most hypotheses."""
-        none = LogTransform.none(self.n, self.gravity)
-        right: dict[str, Any] = {name: getattr(none, name) for name in names}
+        unchanged = LogTransform.unchanged(self.n, self.gravity)
+        right: dict[str, Any] = {name: getattr(unchanged, name) for name in names}
         same = all(getattr(self, name) == value for name, value in right.items())
         return self if same else replace(self, **right)
 
@@ -180,8 +180,8 @@ class LogTransform:
     def apply(self, run: Measurements) -> Measurements:
         """The log repaired; gravity, weight and events are the model's matter and are
         left alone."""
-        none = LogTransform.none(self.n, self.gravity)
-        if self.reset("lacks", "longer", "bend", "events") == none:
+        unchanged = LogTransform.unchanged(self.n, self.gravity)
+        if self.reset("lacks", "longer", "bend", "events") == unchanged:
             return run
         t = run.t
         is_inside = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])

@@ -43,7 +43,7 @@ class RepairSearch:
     ) -> None:
         self.log = log
         self.logs = logs or [log]
-        self.samples = log.samples(log.score(log.none))
+        self.samples = log.samples(log.score(log.as_logged))
         issues = [issue for of_run in facts for issue in of_run]
         self.known = {issue.kind for issue in issues}
         ranks = [f.figures["rank"] for f in issues if f.kind == "lockstep motion"]
@@ -96,7 +96,7 @@ class RepairSearch:
 
     def run(self) -> LogTransform:
         """The net repair."""
-        now = self.log.none
+        now = self.log.as_logged
         for _ in range(c.MOST):
             better = self.add_best_fault(now)
             if better is None:
@@ -122,70 +122,113 @@ class RepairSearch:
         return None
 
     def proposals(self, now: LogTransform) -> list[LogTransform]:
-        """One more thing that may be believed, the best first.
+        """Repairs with one more fault that may be believed, the likeliest first.
+
+        Parameters
+        ----------
+        now : LogTransform
+            The repair that is extended.
+
+        Returns
+        -------
+        list of LogTransform
+            Of each fault the best number, MOST faults in all; and those of the same fit
+            as ``now``, which physics alone tells apart.
+        """
+        gains = self._gains_on_few_rows(self._one_fault_more(now), now)
+        likeliest = sorted(gains, key=lambda repair: -round(gains[repair]))
+        same_fit = [repair for repair in likeliest if _same_fit(repair, now)]
+        # A grid's neighbours must not crowd out another fault.
+        best_of_fault: dict[frozenset[object], LogTransform] = {}
+        for repair in likeliest:
+            names = frozenset(fault.name for fault in self.elements(repair))
+            best_of_fault.setdefault(names, repair)
+        best = [*best_of_fault.values()]
+        return list(dict.fromkeys(best[: c.MOST] + same_fit[: c.MOST]))
+
+    def _one_fault_more(self, now: LogTransform) -> list[LogTransform]:
+        """What each kind of fault proposes beside a repair."""
+        score = self.log.score(now)
+        repairs: list[LogTransform] = []
+        for kind in self.faults:
+            repairs += kind.proposals(self.log, now, score)
+        return [repair for repair in dict.fromkeys(repairs) if repair != now]
+
+    def _gains_on_few_rows(
+        self, repairs: Sequence[LogTransform], now: LogTransform
+    ) -> dict[LogTransform, float]:
+        """By how much each repair raises the log-likelihood, on a third of the rows; of
+        those alone that may reach the odds.
 
         A number's best value explains at most twice what a rough one does, and physics
-        gives back at most what it takes of ``now``: what does not reach the odds so is
-        not looked at.
+        gives back at most what it takes of ``now``.
         """
-        score = self.log.score(now)
-        screen = self.log.screen
-        proposed = [
-            r for kind in self.faults for r in kind.proposals(self.log, now, score)
-        ]
-        repairs = [r for r in dict.fromkeys(proposed) if r != now]
-        score_now = screen.score(now)
-        scores = dict(zip(repairs, screen.scores(repairs), strict=True))
-        self._learn_samples(sorted(scores.values(), key=lambda s: s.score)[:1])
-        threshold = c.ODDS - self.likelihood(score, now) + self.posterior(now)
-        before = self.likelihood(score_now, now)
-        worth: dict[LogTransform, float] = {}
-        for repair, fit in scores.items():
-            gain = 0.5 * self.samples * (score_now.score - fit.score)
-            more = max(gain, 0.0)
-            # Before its cost, which takes longer to work out.
-            if gain + more <= threshold:
+        fits = self.log.screen.scores(repairs)
+        fit_now = self.log.screen.score(now)
+        self._learn_samples(sorted(fits, key=lambda fit: fit.score)[:1])
+        taken_by_physics = self.likelihood(self.log.score(now), now)
+        taken_by_physics -= self.posterior(now)
+        least = c.ODDS - taken_by_physics
+        before = self.likelihood(fit_now, now)
+        gains = {}
+        for repair, fit in zip(repairs, fits, strict=True):
+            fall = 0.5 * self.samples * (fit_now.score - fit.score)
+            at_best_number = max(fall, 0.0)
+            # Before the repair's cost, which takes longer to work out.
+            if fall + at_best_number <= least:
                 continue
-            value = self.likelihood(fit, repair) - before
-            if value + more > threshold:
-                worth[repair] = value
-        order = sorted(worth, key=lambda r: -round(worth[r]))
-        tied = [r for r in order if _same_fit(r, now)]
-        # Of each thing its best number: a grid's neighbours must not crowd out another
-        # thing.
-        best: dict[frozenset[object], LogTransform] = {}
-        for repair in order:
-            names = frozenset(e.name for e in self.elements(repair))
-            best.setdefault(names, repair)
-        return list(dict.fromkeys([*best.values()][: c.MOST] + tied[: c.MOST]))
+            gain = self.likelihood(fit, repair) - before
+            if gain + at_best_number > least:
+                gains[repair] = gain
+        return gains
 
     # -- what is believed
 
     def is_confirmed(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether it predicts what the arm was not fitted to, better than physics does,
-        and its numbers are beyond what is usual.
+        """Whether a repair predicts what the arm was not fitted to, better than physics
+        does, and its numbers are beyond what is usual.
 
-        Of a number, whose interval tells as well, half as clear a prediction of several
-        joints is enough.
+        Parameters
+        ----------
+        repair : LogTransform
+            With one more fault.
+        now : LogTransform
+            Without it.
+
+        Returns
+        -------
+        bool
+            Whether the fault is believed.
         """
         new = self.new(repair, now)
-        if not all(self._is_determined(e.number) for e in new if e.number):
+        if not all(self._is_determined(fault.number) for fault in new if fault.number):
             return False
         clearness = self.log.predicts(self._left_out(now), self._left_out(repair))
-        is_number = len(self.log.joints) > 1 and all(e.number for e in new)
-        threshold = c.SIGMAS * (0.5 if is_number else 1.0)
+        threshold = self._least_clearness(new)
         if _same_fit(repair, now):
-            # Where the fit is the same, physics alone may tell.
-            gain = self.posterior(repair) - self.posterior(now)
-            is_told = not self.is_poor and gain > c.LOUDEST_INERTIA
-            return is_told and clearness > -threshold
-        if not self.is_poor and all(e.kind == "torque sign" for e in new):
+            return clearness > -threshold and self._is_told_by_physics(repair, now)
+        if not self.is_poor and all(fault.kind == "torque sign" for fault in new):
             # Friction that drives its joint tells, whatever the fit.
             return clearness > -0.5 * threshold
         if clearness <= threshold:
             return False
-        is_law = all(e.severity == "note" for e in new)
+        is_law = all(fault.severity == "note" for fault in new)
         return is_law or self.beats_physics(self.log, repair, now)
+
+    def _least_clearness(self, new: Sequence[Fault]) -> float:
+        """Standard errors by which new faults have to predict.
+
+        Of a number, whose interval tells as well, half as clear a prediction of several
+        joints is enough.
+        """
+        are_numbers = all(fault.number for fault in new)
+        is_enough = are_numbers and len(self.log.joints) > 1
+        return 0.5 * c.SIGMAS if is_enough else c.SIGMAS
+
+    def _is_told_by_physics(self, repair: LogTransform, now: LogTransform) -> bool:
+        """Whether positive inertia and friction tell two repairs of the same fit apart."""
+        gain = self.posterior(repair) - self.posterior(now)
+        return not self.is_poor and gain > c.LOUDEST_INERTIA
 
     def _left_out(self, repair: LogTransform) -> Array:
         """(PARTS, n) errors on the parts left out in turn."""

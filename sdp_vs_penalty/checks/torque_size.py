@@ -223,7 +223,7 @@ def _times(factor: float) -> partial[Measurements]:
 def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     """Torques that a controller's model made, and no motor: the weight of an arm alone,
     without inertia and friction. Nothing else can be asked of such torques."""
-    if log.data.shared is None or not any(log.none.gravity) or log.spare <= 0.0:
+    if log.data.shared is None or not any(log.as_logged.gravity) or log.spare <= 0.0:
         return
     shares = _left_by_weight(log)
     if shares[log.moving].max() < c.MODEL_OF_WEIGHT:
@@ -243,9 +243,9 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
 
 def _left_by_weight(log: Likelihood) -> Array:
     """(n,) share of each channel's energy that weight and an offset leave."""
-    score = log.score(log.none)
-    is_heard = log.filter_gain(log.none)[:, :, None]
-    weight = is_heard * log.shared(log.none, 0.0, 0.0)
+    score = log.score(log.as_logged)
+    is_heard = log.filter_gain(log.as_logged)[:, :, None]
+    weight = is_heard * log.shared(log.as_logged, 0.0, 0.0)
     offsets = np.eye(log.n)[:, None, :] * is_heard
     size = np.sqrt(np.maximum(score.total, 1e-280))[:, None]
     columns = np.concatenate([weight, offsets], axis=2) / size[:, :, None]

@@ -61,7 +61,7 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     name = re.sub(r"\W", "_", robot.name) or "robot"
     name = name if name.isascii() and not name[0].isdigit() else "robot"
     joints = robot.joints
-    text = Template(_TEMPLATE.read_text().replace("@", name)).substitute(
+    text = Template(_TEMPLATE.read_text("utf-8").replace("@", name)).substitute(
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),

@@ -35,12 +35,10 @@ _COOKIE = "sdp-vs-penalty-page"
 _HERE = Path(__file__).parent
 _SHOWN = ", ".join(f"[data-at={s.anchor}] [data-stage={s.anchor}]" for s in STAGES)
 _STYLE = (
-    f"{(_HERE / 'look.css').read_text()}\n{PICTURES}\n:is({_SHOWN}) {{ display:"
+    f"{(_HERE / 'look.css').read_text('utf-8')}\n{PICTURES}\n:is({_SHOWN}) {{ display:"
     " block; }"
 )
-_LOOK = (
-    f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text()}</script>"
-)
+_LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text('utf-8')}</script>"
 
 
 def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) -> None:

@@ -49,7 +49,7 @@ def links_page(tables: Sequence[Table], study: Study) -> str:
         _figure(title, links, study.problem.robot, pose)
         for title, links in drawn.items()
     )
-    template = Template(Path(__file__).with_name("links_page.html").read_text())
+    template = Template(Path(__file__).with_name("links_page.html").read_text("utf-8"))
     return template.substitute(
         title=escape(f"Links of {study.problem.title}"),
         sentence=escape(study.sentence),

@@ -56,7 +56,7 @@ def remembered(
         return _plain(compute())
     path = folder / f"{kind}-{content_key(content)}.json"
     try:
-        return json.loads(path.read_text())
+        return json.loads(path.read_text("utf-8"))
     except (OSError, ValueError):
         result = _plain(compute())
     folder.mkdir(parents=True, exist_ok=True)
@@ -214,4 +214,4 @@ def source_version() -> str:
     """A hash of the sources that an estimate depends on."""
     home = Path(__file__).parents[1]
     sources = (path for name in _COMPUTING for path in (home / name).rglob("*.py"))
-    return content_key(path.read_text() for path in sorted(sources))
+    return content_key(path.read_text("utf-8") for path in sorted(sources))

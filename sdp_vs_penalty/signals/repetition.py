@@ -333,16 +333,11 @@ def new_differences(both: NDArray[np.intp], count: int) -> int:
     int
         Their number.
     """
-
-    entries = (np.ones(len(both)), tuple(both.T))
-    graph = scipy.sparse.coo_array(entries, shape=(count, count))
-    n_motions = scipy.sparse.csgraph.connected_components(
-        graph, directed=False, return_labels=False
-    )
-    return count - int(n_motions)
+    n_motions, _ = _motions_of_rows(both, count)
+    return count - n_motions
 
 
-def phases(both: NDArray[np.intp], count: int) -> Array:
+def phases(both: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     """Find the phase of the motion in each difference.
 
     Parameters
@@ -354,17 +349,31 @@ def phases(both: NDArray[np.intp], count: int) -> Array:
 
     Returns
     -------
-    Array
-        (D,) the first row at which that motion is known.
+    NDArray
+        (D,) the first row with that motion, of all rows that pairs connect.
     """
-    phase = np.arange(count, dtype=float)
-    for first, second in both[np.argsort(both[:, 0], kind="stable")]:
-        phase[second] = min(phase[second], phase[first])
-    return phase[both[:, 0]]
+    n_motions, motion = _motions_of_rows(both, count)
+    first_rows = np.full(n_motions, count, dtype=np.intp)
+    np.minimum.at(first_rows, motion, np.arange(count))
+    return first_rows[motion[both[:, 0]]]
+
+
+def _motions_of_rows(
+    both: NDArray[np.intp], count: int
+) -> tuple[int, NDArray[np.intp]]:
+    """How many motions the rows show, and the number (count,) of each row's motion: pairs
+    (D, 2) connect rows of the same motion."""
+    entries = (np.ones(len(both)), tuple(both.T))
+    graph = scipy.sparse.coo_array(entries, shape=(count, count))
+    n_motions, motion = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    return int(n_motions), motion.astype(np.intp)
 
 
 def recurring(
-    both: NDArray[np.intp], phase: Array, reach: int, marked: NDArray[np.bool_]
+    both: NDArray[np.intp],
+    phase: NDArray[np.intp],
+    reach: int,
+    marked: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Tell which marked differences come back between two other instants.
 

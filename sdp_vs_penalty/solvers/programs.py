@@ -84,7 +84,7 @@ class Program(Solver):
         ArithmeticError, LookupError, OSError, ValueError
             Where there is no answer.
         """
-        lines = (folder / "solution").read_text().splitlines()
+        lines = (folder / "solution").read_text("utf-8").splitlines()
         x = np.array([float(word) for word in lines[0].split()])
         entries = np.array(
             [[float(w) for w in line.split()] for line in lines[1:] if line.strip()]
@@ -170,7 +170,7 @@ def _write_parameters(folder: Path, name: str, options: Mapping[str, Any]) -> No
     """The file of options of a program that takes them from one."""
     template = Path(__file__).with_name(name)
     if template.is_file():
-        (folder / name).write_text(template.read_text().format(**options))
+        (folder / name).write_text(template.read_text("utf-8").format(**options))
 
 
 def _raise_on_signal(program: str, number: int) -> None:
@@ -299,7 +299,7 @@ class SdpaProgram(Program):
         tuple
             x (m,) and z (r,).
         """
-        text = (folder / "answer").read_text()
+        text = (folder / "answer").read_text("utf-8")
         x = _numbers(text.split("xVec =")[1].split("xMat =")[0])
         values = _numbers(text.split("yMat =")[1].split("main loop time")[0])
         z = list[Array]()

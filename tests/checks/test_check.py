@@ -180,7 +180,7 @@ def test_few_rows_far_apart_are_not_asked_for_two_arms(small):
     problem, run = small
     data = RegressionData.of(problem, run, problem.preprocessing.resolve(run))
     log = Likelihood(problem, data).some(slice(None, None, data.count // 4))
-    assert list(two_arms(log, log.none)) == []
+    assert list(two_arms(log, log.as_logged)) == []
 
 
 @pytest.mark.parametrize(

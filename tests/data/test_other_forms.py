@@ -127,6 +127,15 @@ def test_an_array_without_names_is_refused_with_its_command(tmp_path):
     assert "q3=#4,tau1=#5" in said
 
 
+@pytest.mark.parametrize("suffix", ["csv", "npy"])
+def test_without_header_and_clock_the_rate_is_proposed(suffix, tmp_path):
+    q = np.sin(np.outer(T, [9.0, 12.0, 15.0]))
+    dq = np.cos(np.outer(T, [9.0, 12.0, 15.0])) * [9.0, 12.0, 15.0]
+    path = table(tmp_path / "run.csv", None, q, dq, TAU)
+    np.save(tmp_path / "run.npy", np.column_stack([q, dq, TAU]))
+    refusal(lambda: silently(path.with_suffix(f".{suffix}")), "tau3=#9' --rate 200 ")
+
+
 def test_an_array_of_objects_is_refused(tmp_path):
     np.save(tmp_path / "run.npy", np.array({"q": Q}, object))
     refusal(lambda: silently(tmp_path / "run.npy"), "numpy.savez")

@@ -258,9 +258,7 @@ def test_what_the_repeats_of_a_motion_share(seed):
             group[[a, b]] = min(group[a], group[b])
     assert repetition.new_differences(both, count) == count - len(set(group.tolist()))
     phase = repetition.phases(both, count)
-    first = both[:, 0] == group[both[:, 0]]
-    assert np.all(phase >= group[both[:, 0]])
-    assert np.all(phase[first] == both[first, 0])
+    assert phase.tolist() == group[both[:, 0]].tolist()
     marked = rng.random(len(both)) < 0.4
     reach = int(rng.integers(0, 2))
     expected = [
@@ -274,6 +272,11 @@ def test_what_the_repeats_of_a_motion_share(seed):
         for k in range(len(both))
     ]
     assert repetition.recurring(both, phase, reach, marked).tolist() == expected
+
+
+def test_rows_that_only_a_later_row_connects_are_one_motion():
+    both = np.array([[0, 2], [1, 2]])
+    assert repetition.phases(both, 3).tolist() == [0, 0]
 
 
 def test_the_resolution_of_positions_is_four_of_their_noises_deviations():

@@ -13,7 +13,7 @@ from sdp_vs_penalty.data.formats.units import (
     units_of_name,
 )
 
-_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text())
+_TABLE = tomllib.loads(Path(__file__).with_name("words.toml").read_text("utf-8"))
 #: The words of each quantity, the best first.
 WORDS: dict[str, tuple[str, ...]] = {
     name: tuple(words) for name, words in _TABLE["quantities"].items()
@@ -70,8 +70,18 @@ class JointNames:
                 self._joint_by_tokens.setdefault(words, k)
 
     def find(self, tokens: Sequence[str]) -> tuple[int, list[str]] | None:
-        """The joint that a name holds, and the name's other tokens; None without one.
-        The longest joint's name counts."""
+        """Find the joint that a name holds; the longest joint's name counts.
+
+        Parameters
+        ----------
+        tokens : Sequence[str]
+            Words and numbers of the name.
+
+        Returns
+        -------
+        tuple[int, list[str]] | None
+            The joint's place from 0, and the other tokens; None without a joint.
+        """
         by_length = sorted(self._joint_by_tokens, key=len, reverse=True)
         for words in by_length:
             if not words:
@@ -96,12 +106,22 @@ def _common_prefix(names: Sequence[tuple[str, ...]]) -> int:
 
 
 def split_tokens(name: str) -> list[str]:
-    """Words and numbers of a name in small letters, without accents.
+    """Split a column's name into words and numbers, in small letters without accents.
 
     >>> split_tokens("stampNanoSec[3]")
     ['stamp', 'nano', 'sec', '3']
     >>> split_tokens("axisQMsr")
     ['axis', 'q', 'msr']
+
+    Parameters
+    ----------
+    name : str
+        As the file writes it.
+
+    Returns
+    -------
+    list[str]
+        Words and numbers in their order.
     """
     with_blanks = re.sub(
         r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", name.strip()
@@ -112,14 +132,36 @@ def split_tokens(name: str) -> list[str]:
 
 
 def is_no_measurement(name: str) -> bool:
-    """Whether a name says that its column is something else than was measured, such as a
-    target."""
+    """Tell whether a column is something else than was measured, such as a target.
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+
+    Returns
+    -------
+    bool
+        True where one of its words says so.
+    """
     return bool(_OTHERS & set(split_tokens(name)))
 
 
 def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
-    """What a name says; None where it says nothing, or of something that was not
-    measured."""
+    """Read what a column's name says: quantity, joint, unit.
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+    joints : JointNames | None
+        The robot's joints.
+
+    Returns
+    -------
+    Reading | None
+        None where it says nothing, or of something that was not measured.
+    """
     for unit in units_of_name(name):
         reading = _read_tokens(split_tokens(unit.remainder), joints)
         if reading is not None and reading.quantity == unit.quantity:

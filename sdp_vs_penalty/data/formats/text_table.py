@@ -88,7 +88,18 @@ class TextTable:
         return len(self.names)
 
     def first_cells(self, column: int) -> list[str]:
-        """The cells of a column in the first rows, those that are not empty."""
+        """List the cells of a column in the first rows, those that are not empty.
+
+        Parameters
+        ----------
+        column : int
+            Its place, from 0.
+
+        Returns
+        -------
+        list[str]
+            Texts as the file writes them.
+        """
         cells = (row[column] for row in self.sample if len(row) > column)
         return [cell for cell in cells if cell]
 
@@ -164,10 +175,22 @@ def _join_wrapped(lines: Sequence[str]) -> list[str]:
 
 
 def plain_number(text: str, decimal: str = ".") -> str:
-    """A number with a point and without separators of thousands.
+    """Write a number with a point and without separators of thousands.
 
     >>> plain_number("1.007,5", decimal=","), plain_number("1,007.5")
     ('1007.5', '1007.5')
+
+    Parameters
+    ----------
+    text : str
+        Of one cell.
+    decimal : str
+        The table's decimal mark.
+
+    Returns
+    -------
+    str
+        The text itself where it is no number.
     """
     if decimal == ",":
         text = text.replace(".", "") if _POINT_GROUPS.fullmatch(text) else text
@@ -176,8 +199,20 @@ def plain_number(text: str, decimal: str = ".") -> str:
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
-    """Whether NumPy reads it, but for separators of thousands: unlike Python neither
-    1_000 nor the digits of other scripts."""
+    """Tell whether NumPy reads a cell, but for separators of thousands.
+
+    Parameters
+    ----------
+    text : str
+        Of one cell.
+    decimal : str
+        The table's decimal mark.
+
+    Returns
+    -------
+    bool
+        Unlike with Python's float neither 1_000 nor digits of other scripts count.
+    """
     try:
         float(plain_number(text, decimal))
     except ValueError:
@@ -186,7 +221,20 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
-    """The cells of a row, stripped; what is in quotes or brackets is one cell."""
+    """Split a row into cells; what is in quotes or brackets is one cell.
+
+    Parameters
+    ----------
+    line : str
+        The row without its end.
+    delimiter : str | None
+        Between cells; None for any number of blanks.
+
+    Returns
+    -------
+    list[str]
+        The cells without blanks around them.
+    """
     if '"' not in line and "[" not in line and "(" not in line:
         return [cell.strip() for cell in line.split(delimiter)]
     cells = list[str]()
@@ -213,7 +261,23 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
 
 
 def inspect_table(path: Path) -> TextTable:
-    """The table of a text file; InputError where its first row is empty or no text."""
+    """Find out what a text file is made of from its first hundred rows.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    TextTable
+        Separator, decimal mark, names and kinds of the columns.
+
+    Raises
+    ------
+    InputError
+        Its first row is empty, or it is no text or no table.
+    """
     with_numbers = _first_rows(path)
     if not with_numbers or not with_numbers[0][1].strip():
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)

@@ -72,7 +72,7 @@ def _choose(view: View) -> None:
     for file in sorted(problems_folder().glob("*/problem.toml")):
         there[file.parent.name] = (
             file.parent.name,
-            tomllib.loads(file.read_text())["title"],
+            tomllib.loads(file.read_text("utf-8"))["title"],
             None,
         )
     for folder in view.folder_problems():

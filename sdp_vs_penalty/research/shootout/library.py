@@ -53,9 +53,9 @@ def write_library(
     table = pandas.DataFrame(rows or {"name": []})
     write_text(folder / "index.csv", table.to_csv(index=False, lineterminator="\n"))
     proved = sum(r["status"] != "not proved" for r in rows)
-    card = (_HERE / "card.md").read_text()
+    card = (_HERE / "card.md").read_text("utf-8")
     write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
-    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text())
+    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text("utf-8"))
     return rows
 
 

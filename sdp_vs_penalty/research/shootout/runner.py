@@ -610,7 +610,7 @@ def _child(
         )  # whole seconds: the kernel's grain
         resource.setrlimit(resource.RLIMIT_CPU, (whole_seconds, whole_seconds + 2))
         try:  # the address space in use, where the system says it
-            pages = int(Path("/proc/self/statm").read_text().split()[0])
+            pages = int(Path("/proc/self/statm").read_text("utf-8").split()[0])
             size = pages * resource.getpagesize() + int(memory * 1e9)
         except OSError:
             size = int(8e9 + memory * 1e9)

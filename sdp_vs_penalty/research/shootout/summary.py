@@ -572,7 +572,9 @@ def write_summary(
     shown = pandas.DataFrame(forms).rename(
         columns={name: head for name, (head, _) in _SHOWN.items()}
     )
-    text = Path(__file__).with_suffix(".md").read_text()  # a file beside this one
+    text = (
+        Path(__file__).with_suffix(".md").read_text("utf-8")
+    )  # a file beside this one
     content = text.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
         minutes=runs["seconds"].sum() / 60.0,

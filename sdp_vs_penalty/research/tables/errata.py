@@ -105,7 +105,7 @@ def _panda(problem: Problem) -> dict[int, str]:
     if (file := real_file("panda", "bounds_gM.csv")) is not None:
         rows = {
             row[0].strip(): row[1:3]
-            for row in csv.reader(file.read_text().splitlines())
+            for row in csv.reader(file.read_text("utf-8").splitlines())
             if row
         }
         authors = (

@@ -237,7 +237,9 @@ def notes(table: str, **values: object) -> list[str]:
         Paragraphs; those that are empty are left out.
     """
     written = Path(__file__).with_name("notes") / f"{table}.md"
-    paragraphs = (" ".join(part.split()) for part in written.read_text().split("\n\n"))
+    paragraphs = (
+        " ".join(part.split()) for part in written.read_text("utf-8").split("\n\n")
+    )
     return [note for note in (part.format(**values) for part in paragraphs) if note]
 
 
