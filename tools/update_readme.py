@@ -78,8 +78,8 @@ def long_annealing() -> str:
             and float(row["xi"]) == LARGEST_WEIGHT
         ]
     return (
-        f"Of {len(above)} such runs the best ends {min(above):.0f} % above the certified"
-        f" optimum of the two-step objective, the median {median(above):.0f} %"
+        f"Of {len(above)} runs as long as theirs the best ends {min(above):.0f} % above the"
+        f" certified optimum of the two-step objective, the median {median(above):.0f} %"
     )
 
 
@@ -155,8 +155,8 @@ def headline() -> str:
     return "\n\n".join(
         [
             (
-                "**Choose the SDP** (the default): on the same problem both find the same"
-                f" optimum, the SDP in 1/{times:.0f} of the time and with a proof; choose"
+                "**Choose the SDP** (the default). On the same problem both find the same"
+                f" optimum, the SDP in 1/{times:.0f} of the time and with a proof. Choose"
                 " the penalty only where a demand is not convex, such as a box on"
                 " inertias about centres of mass."
             ),
@@ -196,8 +196,8 @@ def all_routes() -> str:
                 " problem. Errors are on five stretches of motion that were not trained"
                 " on; a difference whose interval holds zero does not tell a method from"
                 " the SDP. A loss below 0 belongs to links that cannot exist. As"
-                " published: one run of annealing with as many evaluations as the"
-                " authors' program allows, 1 365 000; theirs took the best of ten."
+                " published: one run of annealing and local search within the budget of"
+                " the authors' program, 1 365 000 evaluations; they took the best of ten."
             ),
             markdown(list(ROUTE_COLUMNS.values()), shown),
             beside_least_squares(),
