@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
@@ -34,8 +35,8 @@ from challenge.judge import (
     sizes,
 )
 from sdp_vs_penalty.data.measurements import concatenate
-from sdp_vs_penalty.diagnosis.diagnose import diagnose
-from sdp_vs_penalty.diagnosis.rules import ALL_RULES
+from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns, diagnose_runs
+from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import folder_lock, write_text
 from sdp_vs_penalty.parallel import spread
@@ -46,6 +47,23 @@ WITH_ALL = "none"
 
 #: By rule, or WITH_ALL, what the diagnosis says of a case.
 Arms = dict[str, Record]
+
+
+class WatchedRules(Rules):
+    """All rules; they remember which of them a search has asked.
+
+    A rule that no decision has asked changes nothing when it is left out.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        object.__setattr__(self, "asked", set[str]())
+
+    def __getattribute__(self, name: str) -> Any:
+        value = super().__getattribute__(name)
+        if isinstance(value, bool):
+            self.asked.add(name)
+        return value
 
 
 def run_without(rules: Sequence[str], case: Case) -> tuple[str, Arms]:
@@ -61,11 +79,20 @@ def run_without(rules: Sequence[str], case: Case) -> tuple[str, Arms]:
         refused = base | {"verdict": "refused", "error": str(error)}
         return case.key, dict.fromkeys((WITH_ALL, *rules), rounded(refused))
     base |= {"energy": all_hidden_energies(kind, estimate, built)}
+    if not counted(base):
+        hidden = base | {"verdict": "not shown"}
+        return case.key, dict.fromkeys((WITH_ALL, *rules), rounded(hidden))
+    prepared = DiagnosisRuns(estimate, runs, test.run, frozen=kind.frozen)
+    prepared.candidates  # noqa: B018 (all rules share them, none pays for them)
     out: Arms = {}
+    watched = WatchedRules()
     for rule in (WITH_ALL, *rules):
-        applied = ALL_RULES if rule == WITH_ALL else replace(ALL_RULES, **{rule: False})
+        if rule != WITH_ALL and rule not in watched.asked:
+            out[rule] = out[WITH_ALL]
+            continue
+        applied = watched if rule == WITH_ALL else replace(ALL_RULES, **{rule: False})
         begin = time.process_time()
-        found = diagnose(estimate, runs, test.run, frozen=kind.frozen, rules=applied)
+        found = diagnose_runs(prepared, rules=applied)
         result = found.to_dict()
         out[rule] = rounded(
             base

@@ -179,8 +179,8 @@ def identify_case(case: Case, built: BuiltCase) -> Estimate:
     learnt: Sequence[Logged] = built.logged[:-1]
     if CLASSES[case.kind].frozen:
         world = built.world
-        runs = range(built.conditions.runs)
-        others = [draw_motion(world, k, built.rng) for k in runs]
+        n_runs = built.conditions.runs
+        others = [draw_motion(world, k, built.rng) for k in range(n_runs)]
         learnt = [log_run(world, m, built.rng) for m in others]
     effects = [name for name in USUAL if name not in built.names]
     problem = load_problem(urdf_of(built.conditions.arm))

@@ -1,14 +1,16 @@
-"""Make this folder again: python results/global/make.py [--budget single|paper] [--jobs N]
+"""Make this folder again: python results/global/make.py [--budget single|paper] [--runs N] [--jobs N]
 
 Needs SDP_VS_PENALTY_DATA for the measured rows, the extra [plot] for the figure and
 [solvers] for the column of CVXPY. Every solve and every step of annealing is kept
-(SDP_VS_PENALTY_CACHE): a run that was stopped goes on where it was. The table alone:
-sdp-vs-penalty tables global.
+(SDP_VS_PENALTY_CACHE): what was stopped goes on where it was. With --budget single,
+--runs says how many long runs of annealing the measured rows get, a minute each. The
+table alone: sdp-vs-penalty tables global.
 """
 
 import argparse
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -51,12 +53,15 @@ def draw(study: Study) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--budget", default="quick", choices=list(BUDGETS))
+    parser.add_argument("--runs", type=int)
     parser.add_argument("--jobs", default=1, type=int)
     options = parser.parse_args()
     matplotlib.use("Agg")
     for name, folder in FOLDERS.items():
         workers = Workers(options.jobs)
         study = Study(load_problem(name), options.budget, workers=workers)
+        if options.runs and study.run is not None:
+            study.effort = replace(study.effort, global_runs=options.runs)
         make(study, folder)
         if name == "panda":
             draw(study)

@@ -6,9 +6,13 @@ line is what to do next. Three significant digits, units in the headings.
 """
 
 import json
+import re
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -28,27 +32,115 @@ def _shown(text: str) -> str:
     return escape(printable(text))
 
 
+@dataclass
+class Transcript:
+    """What a command has said, for --json of the commands without a format of their
+    own."""
+
+    sentences: list[str] = field(default_factory=list)
+    tables: list[dict[str, Any]] = field(default_factory=list)
+    written: list[str] = field(default_factory=list)
+    next: list[str] = field(default_factory=list)
+
+
+#: Of the command that runs.
+transcript = Transcript()
+
+
+@contextmanager
+def listening(is_quiet: bool) -> Iterator[Transcript]:
+    """A new transcript of what is said meanwhile; is_quiet : nothing is printed but
+    remarks and errors."""
+    global transcript
+    before = transcript
+    transcript = Transcript()
+    out.quiet = is_quiet
+    try:
+        yield transcript
+    finally:
+        transcript = before
+        out.quiet = False
+
+
 @contextmanager
 def progress(start: str) -> Iterator[Callable[[str], None]]:
-    """A line on stderr that says where a long computation stands.
+    """A line on stderr that says where a long computation stands, with the elapsed
+    time; with the time left where the text counts ("3 of 40").
 
-    It is silent where nobody watches. Variables that force colours (as notebooks set
-    them) make no terminal of a pipe.
+    It is silent where nobody watches, and with --quiet. Variables that force colours
+    (as notebooks set them) make no terminal of a pipe.
     """
-    if not (err.is_terminal and err.file.isatty()):
+    if out.quiet or not (err.is_terminal and err.file.isatty()):
         yield lambda _: None
         return
-    with err.status(_shown(start)) as status:
-        yield lambda text: status.update(_shown(text))
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
+    with Progress(*columns, console=err, transient=True) as display:
+        task = display.add_task(_shown(start), total=None)
+        clock = Remaining()
+
+        def show(text: str) -> None:
+            display.update(task, description=_shown(clock.with_time_left(text)))
+
+        yield show
+
+
+_COUNT = re.compile(r"\b(\d+) of (\d+)\b")
+
+
+class Remaining:
+    """Estimates the time left from texts that count, such as "run 3 of 40"."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._begin = clock()
+        self._first = 0
+        self._work = ""
+
+    def with_time_left(self, text: str) -> str:
+        """Append the time left, by the pace so far.
+
+        Parameters
+        ----------
+        text : str
+            The state of the work.
+
+        Returns
+        -------
+        str
+            The same text where it counts nothing, says the time left already, or
+            less than five seconds are left.
+        """
+        count = _COUNT.search(text)
+        if count is None or " left" in text:
+            return text
+        done, total = int(count[1]), int(count[2])
+        work = text[: count.start()] + count[2]
+        if work != self._work:  # another piece of work begins
+            self._work = work
+            self._begin = self._clock()
+            self._first = done
+        if done <= self._first:
+            return text
+        pace = (self._clock() - self._begin) / (done - self._first)
+        seconds = pace * (total - done)
+        if seconds < 5.0:
+            return text
+        minutes, rest = divmod(round(seconds), 60)
+        left = f"{minutes} min {rest} s" if minutes else f"{rest} s"
+        return f"{text}, about {left} left"
 
 
 def say(text: str, style: str | None = None) -> None:
     """A line on stdout, to be copied or searched: not broken, no markup."""
+    transcript.sentences.append(text)
     out.print(printable(text), style=style, markup=False, soft_wrap=True)
 
 
 def paragraph(text: str) -> None:
     """Sentences on stdout, broken between words at the terminal's width."""
+    transcript.sentences.append(text)
     out.print(printable(text), markup=False)
 
 
@@ -59,7 +151,8 @@ def warn(text: str) -> None:
 
 def written(path: str | Path, note: str = "") -> None:
     """The line about a file that was written."""
-    say(f"written: {path}" + (f" ({note})" if note else ""))
+    transcript.written.append(str(path))
+    _line(f"written: {path}" + (f" ({note})" if note else ""))
 
 
 def save_json(path: Path | None, content: object) -> None:
@@ -71,18 +164,36 @@ def save_json(path: Path | None, content: object) -> None:
 
 def next_step(words: Sequence[object]) -> None:
     """The command to run next, ready to be copied."""
-    say(f"Next: {command_line(['sdp-vs-penalty', *words])}")
+    command = command_line(["sdp-vs-penalty", *words])
+    transcript.next.append(command)
+    _line(f"Next: {command}")
+
+
+def _line(text: str) -> None:
+    """A line on stdout that is no sentence of the transcript."""
+    out.print(printable(text), markup=False, soft_wrap=True)
 
 
 def table(table: Table) -> None:
-    """A table under its title."""
+    """A table under its title, never cut: as blocks of columns in a terminal that is
+    too narrow for it, as wide as it is where nobody looks."""
+    transcript.tables.append(table.to_dict())
     if table.title:
-        say(table.title, style="italic")
-    out.print(table)
+        out.print(printable(table.title), style="italic", markup=False, soft_wrap=True)
+    if table.least_width <= out.width:
+        out.print(table)
+    elif out.is_terminal:
+        for block in table.blocks(out.width):
+            out.print(block)
+    else:
+        lines = replace(table, title="").text(table.least_width).splitlines()
+        for line in lines:
+            _line(line)
 
 
 def details(entries: Sequence[tuple[str, str]]) -> None:
     """Names and texts, a line each; empty texts are left out."""
+    transcript.sentences += [f"{name}: {text}" for name, text in entries if text]
     grid = Grid.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)
     for name, text in entries:

@@ -97,6 +97,10 @@ VERBS = {
         "list": (
             "List the names that the other verbs take, or say all about one of them."
         ),
+        "completion": (
+            "Print the script that completes commands, options and file names in your "
+            "shell."
+        ),
     },
     "Research": {
         "tables": "Regenerate the paper's comparison tables.",
@@ -199,17 +203,44 @@ def _run(words: Sequence[str]) -> None:
         )
     _require_folder()
     verb = named(first)
-    arguments = Parser(first, verb).given(words[1:])
+    parser = Parser(first, verb)
+    arguments = parser.given(words[1:])
     _require_different({name: x for name, x in arguments.items() if name in OUTPUTS})
     for name, value in arguments.items():
         if name not in OUTPUTS:
             for path in _paths(value):
                 opened(path)
+    is_quiet = arguments.pop("quiet")
+    has_own_json = "json_" in parser.options
+    json_file = None if has_own_json else arguments.pop("json_")
     try:
-        with _ending_politely():
+        with _ending_politely(), _transcribed(words, is_quiet, json_file):
             verb(**arguments)
     except RepairableError as error:
         raise _naming_the_repair(error, arguments) from error
+
+
+@contextmanager
+def _transcribed(
+    words: Sequence[str], is_quiet: bool, json_file: Path | None
+) -> Iterator[None]:
+    """Meanwhile nothing is printed where ``is_quiet``; at the end what was said is
+    written as JSON, with the exit code, where a file is named."""
+    from sdp_vs_penalty.cli import console
+
+    with console.listening(is_quiet) as transcript:
+        code: Any = 0
+        try:
+            yield
+        except SystemExit as ending:
+            code = ending.code
+            raise
+        finally:
+            ended = sys.exc_info()[0]
+            if ended is None or ended is SystemExit:
+                command = ["sdp-vs-penalty", *words]
+                content = {"command": command, "exit_code": code, **vars(transcript)}
+                console.save_json(json_file, content)
 
 
 def _naming_the_repair(

@@ -10,6 +10,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Sequence
 from enum import StrEnum
+from pathlib import Path
 from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -118,6 +119,18 @@ class Parser(argparse.ArgumentParser):
             p.name: self._declared(p, kinds[p.name], *option_lines[p.name.rstrip("_")])
             for p in inspect.signature(verb).parameters.values()
         }
+        self.add_argument(
+            "--quiet", "-q", action="store_true", help="Nothing but remarks and errors."
+        )
+        if "json_" not in self.options:
+            self.add_argument(
+                "--json",
+                dest="json_",
+                type=Path,
+                metavar="out.json",
+                help="JSON file for what is printed: sentences, tables, files, the "
+                "next command.",
+            )
         some = [o for o in self.options.values() if not o.option_strings]
         words = [f"{o.metavar}{' ...' * (o.nargs in ('+', '*'))}" for o in some]
         self.usage = " ".join([self.prog, *words, "[OPTIONS]"]).replace("%", "%%")
@@ -150,6 +163,8 @@ class Parser(argparse.ArgumentParser):
             "type": _value(kind, *limits),
             "default": None if required else default,
         }
+        if issubclass(kind, StrEnum):
+            how["choices"] = list(kind)  # for the shell's completion
         how["metavar"] = metavar.removesuffix(" ...") or p.name.strip("_").upper()
         if not flags:
             how["nargs"] = "+*"[not required] if several else None if required else "?"
@@ -182,12 +197,10 @@ class Parser(argparse.ArgumentParser):
         Returns
         -------
         dict
-            Values by the verb's parameters.
+            Values by the verb's parameters, and ``quiet``; ``json_`` of every verb.
         """
         words = self._in_current_order(words)
-        known = [
-            flag for option in self.options.values() for flag in option.option_strings
-        ]
+        known = [flag for option in self._actions for flag in option.option_strings]
         for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
             if flag != "--help":
                 require_known("option", flag, known, self.prog.partition(" ")[2])
@@ -235,7 +248,7 @@ class Parser(argparse.ArgumentParser):
 
     def _n_values(self, flag: str) -> float:
         """How many words a flag takes at most; 1 for an unknown one."""
-        for option in self.options.values():
+        for option in self._actions:
             if flag in option.option_strings:
                 most: dict[Any, float] = {0: 0.0, "+": math.inf}
                 return most.get(option.nargs, 1.0)

@@ -46,7 +46,20 @@ class Dataset(JsonRecord):
     drive_gains: tuple[float, ...] = ()
 
     def address(self, file: RemoteFile, base: str = GITHUB) -> str:
-        """Where a file is, at GitHub or another address with its layout."""
+        """Build the address of a file, at GitHub or at another place with its layout.
+
+        Parameters
+        ----------
+        file : RemoteFile
+            One of ``files``.
+        base : str
+            The address of the server.
+
+        Returns
+        -------
+        str
+            The address of the pinned version.
+        """
         return f"{base}/{self.source}/{self.commit}/{file.path}"
 
 
@@ -60,13 +73,40 @@ DATASETS = {
 
 
 def dataset(name: str) -> Dataset:
-    """The data set of a name; InputError where there is none."""
+    """Find a public data set.
+
+    Parameters
+    ----------
+    name : str
+        As `sdp-vs-penalty list datasets` shows it.
+
+    Returns
+    -------
+    Dataset
+        Its files, commit and licence.
+
+    Raises
+    ------
+    InputError
+        There is none of this name.
+    """
     require_known("dataset", name, DATASETS)
     return DATASETS[name]
 
 
 def dataset_of_raw_file(path: Path) -> str | None:
-    """The data set that a raw file of this name belongs to; None without."""
+    """Find the data set that a raw file belongs to by its name.
+
+    Parameters
+    ----------
+    path : Path
+        Of any file.
+
+    Returns
+    -------
+    str | None
+        The data set's name; None where no data set has such a file.
+    """
     for candidate in DATASETS.values():
         if path.name in (PurePosixPath(file.path).name for file in candidate.files):
             return candidate.name
@@ -74,7 +114,18 @@ def dataset_of_raw_file(path: Path) -> str | None:
 
 
 def fetch_remedy(path: Path) -> str | None:
-    """What to do with a raw file of a public data set; None for another file."""
+    """Say what to do with a raw file of a public data set.
+
+    Parameters
+    ----------
+    path : Path
+        Of any file.
+
+    Returns
+    -------
+    str | None
+        A part of a sentence; None for a file of none.
+    """
     name = dataset_of_raw_file(path)
     if name is None:
         return None

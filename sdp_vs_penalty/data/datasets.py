@@ -80,8 +80,20 @@ def fetch(
 
 
 def converted(name: str, folder: str | Path) -> dict[str, Measurements]:
-    """The runs of a data set by name, at the joints, from a folder that holds its
-    authors' files."""
+    """Convert a data set's raw files to runs at the joints.
+
+    Parameters
+    ----------
+    name : str
+        Of the data set.
+    folder : str | Path
+        That holds its authors' files.
+
+    Returns
+    -------
+    dict[str, Measurements]
+        One run a recording, by its name, in SI units.
+    """
     runs = _CONVERTERS[name](Path(folder))
     text = (problems_folder() / dataset(name).problem / "problem.toml").read_text(
         encoding="utf-8"
@@ -96,10 +108,25 @@ def converted(name: str, folder: str | Path) -> dict[str, Measurements]:
 
 
 def to_joints(measurements: Measurements, transmission: Transmission) -> Measurements:
-    """Runs that were logged at the motors, on the joint side: q = A^-1 (q_m - b), tau =
-    A^T tau_m, channel by channel as the transmission says where they were logged.
+    """Convert runs that were logged at the motors to the joint side.
 
-    Raises InputError where the runs have another number of channels.
+    Parameters
+    ----------
+    measurements : Measurements
+        Positions and torques of motors [rad, N m], (N, n) each.
+    transmission : Transmission
+        The motors' positions q_m = A q + b.
+
+    Returns
+    -------
+    Measurements
+        q = A^-1 (q_m - b) and tau = A^T tau_m, by channel as the transmission says
+        where it was logged.
+
+    Raises
+    ------
+    InputError
+        The runs have another number of channels than the transmission.
     """
     m = measurements
     if m.n != transmission.n:
@@ -120,8 +147,22 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
 
 
 def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
-    """Every file of a data set into a folder; those there, or where SDP_VS_PENALTY_DATA
-    points, are only checked."""
+    """Download every file of a data set that is not there yet, and check its SHA-256.
+
+    Parameters
+    ----------
+    chosen : Dataset
+        The data set.
+    folder : Path
+        Where its files go; those where SDP_VS_PENALTY_DATA points are copied.
+    base : str
+        The address of the server.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be downloaded, or is another one than was pinned.
+    """
     import pooch
 
     pooch.get_logger().setLevel("WARNING")

@@ -93,15 +93,33 @@ def as_measurements(
     *,
     usable: bool = True,
 ) -> Measurements:
-    """Measurements from a path, arrays, a table, Measurements, or a sequence of these
-    (one a run).
+    """Make measurements of whatever a caller has.
 
-    source : a path (see :func:`load_measurements`); a mapping with t (N,) s, q, tau and optionally dq
-        (N, n) in rad, N m, rad/s (m, N, m/s); a DataFrame or mapping with RUN.csv's columns.
-    joints : the number of joints expected; names : the robot's joint names, for files that name theirs.
-    what : how messages call it, such as "compare(measurements=...)".
-    usable : refuse a run with a broken clock or numbers that are not finite (the data check does not).
-    Raises InputError naming what was given where it is no measurement, or cannot be used.
+    Parameters
+    ----------
+    source : Source
+        A path (see :func:`load_measurements`); a mapping with t (N,) [s], q, tau and
+        optionally dq (N, n) [rad, N m, rad/s; m, N, m/s]; a DataFrame or mapping with
+        RUN.csv's columns; Measurements; or a sequence of these, one a run.
+    joints : int | None
+        The number of joints expected.
+    names : Sequence[str] | None
+        The robot's joint names, for files that name theirs.
+    what : str
+        How messages call it, such as "compare(measurements=...)".
+    usable : bool
+        Refuse a run with a broken clock or numbers that are not finite; the data check
+        does not.
+
+    Returns
+    -------
+    Measurements
+        All runs, kept apart.
+
+    Raises
+    ------
+    InputError
+        What is no measurement, or cannot be used.
     """
     several = source if isinstance(source, list | tuple) else [source]
     paths = str, Path
@@ -178,16 +196,40 @@ def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
 
 
 def for_testing(name: str | Path) -> bool:
-    """Whether a run's name says that it is kept for testing."""
+    """Tell whether a run is kept for testing, by its name.
+
+    Parameters
+    ----------
+    name : str | Path
+        Of the run, or its path.
+
+    Returns
+    -------
+    bool
+        True where "test" is in it.
+    """
     return "test" in Path(name).stem.lower()
 
 
 def run_files(path: str | Path) -> list[Path]:
-    """The files that a path stands for: itself, those that match a pattern like
-    runs/*.csv, or for a folder that is no run itself those in it whose suffix is a
-    format's, in the order of their names.
+    """List the files of runs that a path stands for.
 
-    Raises InputError for a pattern that matches nothing.
+    Parameters
+    ----------
+    path : str | Path
+        A file; a pattern like runs/*.csv; a folder of runs; or files of one run joined
+        by plus signs, or a folder with a file a quantity.
+
+    Returns
+    -------
+    list[Path]
+        The path itself, or the files of a pattern or folder in the order of their
+        names.
+
+    Raises
+    ------
+    InputError
+        A pattern that matches nothing.
     """
     path = Path(path)
     if files_of_run(path):
@@ -208,10 +250,24 @@ def run_files(path: str | Path) -> list[Path]:
 def windowed(
     full_run: Measurements, windows: Sequence[tuple[float, float]]
 ) -> Measurements:
-    """Of each run its windows (start, stop) [s after its beginning], each a run of its
-    own.
+    """Cut windows out of each run.
 
-    Raises InputError naming the run of which a window leaves nothing.
+    Parameters
+    ----------
+    full_run : Measurements
+        One or more runs.
+    windows : Sequence[tuple[float, float]]
+        Start and stop of each window [s after the run's beginning].
+
+    Returns
+    -------
+    Measurements
+        One run a window.
+
+    Raises
+    ------
+    InputError
+        A window leaves nothing of a run, which is named.
     """
     if list(windows) == [(0.0, np.inf)]:
         return full_run
@@ -236,12 +292,34 @@ def read_run(
     rename: Mapping[str, str] | None = None,
     rate: float | None = None,
 ) -> Measurements:
-    """One file as it is: columns and shapes are checked, clock and numbers are not;
-    denormals are zeros.
+    """Read one run as it is in its file: columns and shapes are checked, clock and
+    numbers are not; denormals are zeros.
 
-    names, topic, rename, rate : see
-    :class:`sdp_vs_penalty.data.formats.columns.Choice`. Raises InputError for a channel
-    that is never a number; of those that need not be there it is left out.
+    Parameters
+    ----------
+    path : str | Path
+        Of the file or folder, or of several files joined by plus signs.
+    joints : int | None
+        The number of joints expected.
+    names : Sequence[str] | None
+        The robot's joint names in order, for files that name theirs.
+    topic : str | None
+        Of a bag with several.
+    rename : Mapping[str, str] | None
+        Our names to the file's.
+    rate : float | None
+        Samples a second in place of a clock [Hz].
+
+    Returns
+    -------
+    Measurements
+        The run in SI units; without groups, such as dq, that hold no number in some
+        joint.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, and a channel that is needed and never a number.
     """
     if rate is not None and not 0.0 < rate < np.inf:
         what = f"rate {rate!r} is not a frequency above 0 Hz"
@@ -289,7 +367,20 @@ def _require_joints(run: Measurements, names: Sequence[str], path: Path) -> None
 
 
 def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements:
-    """The run without the columns of joints that the robot holds."""
+    """Leave out the columns of joints that the robot holds.
+
+    Parameters
+    ----------
+    run : Measurements
+        (N, n) channels.
+    names : Sequence[str] | None
+        The robot's joint names, which say what it holds.
+
+    Returns
+    -------
+    Measurements
+        The run itself where it has no such columns.
+    """
     held = getattr(names, "held", ())
     if not held or names is None or run.n != len(names) + len(held):
         return run
@@ -383,8 +474,20 @@ def _require_advancing_clock(
 
 
 def save(measurements: Measurements, path: str | Path) -> None:
-    """Write one run in the format of the suffix: .csv, .npz, .parquet or .mat, whole or
-    not at all."""
+    """Write one run, whole or not at all.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The run.
+    path : str | Path
+        The suffix chooses the format: .csv, .npz, .parquet or .mat.
+
+    Raises
+    ------
+    InputError
+        A suffix that names no format.
+    """
     path = Path(path)
     home = format_of(path)
     if not hasattr(home, "write"):

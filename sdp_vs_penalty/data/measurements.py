@@ -74,8 +74,24 @@ class Measurements(Shown):
         names: tuple[str, ...],
         run: NDArray[np.int64] | None = None,
     ) -> Measurements:
-        """Measurements of the blocks (N, n) that there are, by the names of their
-        columns in a file."""
+        """Make measurements of the blocks that there are.
+
+        Parameters
+        ----------
+        t : Array
+            (N,) instants [s].
+        groups : Mapping[str, Array]
+            (N, n) blocks by the names of their columns in a file.
+        names : tuple[str, ...]
+            One a run.
+        run : NDArray[np.int64] | None
+            (N,) index of the run that each sample belongs to.
+
+        Returns
+        -------
+        Measurements
+            Without tau the feed-forward torque stands in its place, or zeros.
+        """
         q, tau = groups["q"], groups.get("tau")
         commanded = {
             name: groups[name] for name in (*COMMANDED, *SIMULATED) if name in groups
@@ -149,7 +165,20 @@ class Measurements(Shown):
         return [self.rows(run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
-        """The samples with start <= t < stop, t in seconds from the start of each run."""
+        """Cut a window out of each run.
+
+        Parameters
+        ----------
+        start : float
+            Where it begins [s after the run's first sample].
+        stop : float
+            Where it ends [s], itself outside.
+
+        Returns
+        -------
+        Measurements
+            The samples inside.
+        """
         cut = []
         for run in self.runs():
             since = (part - run.t[0] for _, part in iter_chunks(run.t))
@@ -167,13 +196,36 @@ class Measurements(Shown):
         keep: NDArray[np.bool_] | NDArray[np.intp] | slice,
         name: str | None = None,
     ) -> Measurements:
-        """Some of the samples, as one run; name : of the run, the first one's by
-        default."""
+        """Take some of the samples as one run.
+
+        Parameters
+        ----------
+        keep : NDArray[np.bool_] | NDArray[np.intp] | slice
+            (N,) which, indices, or a slice.
+        name : str | None
+            Of the run; the first one's by default.
+
+        Returns
+        -------
+        Measurements
+            A view where a slice is given.
+        """
         groups = {group: block[keep] for group, block in self.groups.items()}
         return Measurements.of(self.t[keep], groups, (name or self.names[0],))
 
     def without_joints(self, places: Sequence[int]) -> Measurements:
-        """The same without the channels of some joints, by their places from 0."""
+        """Leave out the channels of some joints.
+
+        Parameters
+        ----------
+        places : Sequence[int]
+            Of the joints, from 0.
+
+        Returns
+        -------
+        Measurements
+            The other channels.
+        """
         stays = [k for k in range(self.n) if k not in places]
         groups = {group: block[:, stays] for group, block in self.groups.items()}
         return Measurements.of(self.t, groups, self.names, self.run)
@@ -184,7 +236,18 @@ class Measurements(Shown):
             yield self.rows(slice(start, start + PART))
 
     def require_torque(self, what: str) -> None:
-        """Raises InputError where no torque was logged; what : needs it."""
+        """Refuse what needs a torque where none was logged.
+
+        Parameters
+        ----------
+        what : str
+            What needs it, for the message.
+
+        Raises
+        ------
+        InputError
+            No torque was logged.
+        """
         if not self.torque_logged:
             remedy = (
                 "identify from it (the servo's law stands for its torque), or log"
@@ -244,10 +307,20 @@ LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {
 
 
 def without_traces(measured: Measurements) -> Measurements:
-    """The same with zeros for numbers that are none but in the computer's arithmetic (5e-324): with
-    :data:`LARGEST_VALUE` the one place that keeps squares and quotients of samples within range.
+    """Replace numbers that exist in the computer's arithmetic only (5e-324) by zeros:
+    with :data:`LARGEST_VALUE` the one place that keeps squares and quotients of
+    samples within range. Whatever the unit, no sensor resolves 1e-30, and filters
+    that fade out leave less.
 
-    Whatever the unit, no sensor resolves 1e-30, and filters that fade out leave less.
+    Parameters
+    ----------
+    measured : Measurements
+        One or more runs.
+
+    Returns
+    -------
+    Measurements
+        The same object where there are none.
     """
     groups = {"t": measured.t, **measured.groups}
     smallest = 1e-30
@@ -269,8 +342,18 @@ def without_traces(measured: Measurements) -> Measurements:
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:
-    """One run from consecutive pieces of it, at least one; on the disk where there are
-    many."""
+    """Make one run of consecutive pieces, on the disk where there are many.
+
+    Parameters
+    ----------
+    pieces : Iterable[Measurements]
+        At least one, in order.
+
+    Returns
+    -------
+    Measurements
+        One run under the first piece's name.
+    """
     arrays: dict[str, AppendableArray] = {}
     for piece in pieces:
         first = piece
@@ -281,8 +364,23 @@ def gathered(pieces: Iterable[Measurements]) -> Measurements:
 
 
 def concatenate(several: Sequence[Measurements]) -> Measurements:
-    """Several measurements of one robot as one, their runs kept apart; one alone as it
-    is."""
+    """Put several measurements of one robot together, their runs kept apart.
+
+    Parameters
+    ----------
+    several : Sequence[Measurements]
+        At least one; one alone is returned as it is.
+
+    Returns
+    -------
+    Measurements
+        All runs, with the groups that every run has.
+
+    Raises
+    ------
+    InputError
+        Runs of different numbers of joints, or with and without torque.
+    """
     if len(several) == 1:
         return several[0]
     runs = [run for part in several for run in part.runs()]

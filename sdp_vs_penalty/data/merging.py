@@ -12,8 +12,23 @@ from sdp_vs_penalty.robot.arrays import Array
 def nearest_rows(
     clock: Array, other: Array, within: float
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """For each instant of ``clock`` (N,) the nearest of ``other`` (M,), both ascending,
-    and whether it is no farther than ``within`` [s]."""
+    """Find the nearest stamp of another clock.
+
+    Parameters
+    ----------
+    clock : Array
+        (N,) stamps, ascending [s].
+    other : Array
+        (M,) stamps, ascending [s].
+    within : float
+        How far away a stamp may be [s].
+
+    Returns
+    -------
+    tuple[NDArray[np.intp], NDArray[np.bool_]]
+        (N,) the nearest row of ``other`` for each of ``clock``, and whether it is near
+        enough.
+    """
     if len(other) == 0:
         return np.zeros(len(clock), np.intp), np.zeros(len(clock), bool)
     after = np.clip(np.searchsorted(other, clock), 0, len(other) - 1)
@@ -24,8 +39,19 @@ def nearest_rows(
 
 
 def half_period(clock: Array) -> float:
-    """Half of the usual step of a clock [s]; 0 without steps. A hair more, for stamps
-    that are rounded."""
+    """Estimate half of the usual step of a clock, a hair more for stamps that are
+    rounded.
+
+    Parameters
+    ----------
+    clock : Array
+        (N,) stamps [s].
+
+    Returns
+    -------
+    float
+        Half of the median step [s]; 0 without steps.
+    """
     steps = np.diff(clock)
     steps = steps[steps > 0.0]
     return 0.5001 * float(np.median(steps)) if len(steps) else 0.0

@@ -4,8 +4,27 @@ from sdp_vs_penalty.errors import InputError
 
 
 def numbers(option: str, text: str, count: int | None = None) -> list[float]:
-    """Numbers separated by commas, ``count`` of them where that is given; InputError
-    naming the option otherwise."""
+    """Parse an option that holds numbers.
+
+    Parameters
+    ----------
+    option : str
+        Its name, for messages.
+    text : str
+        Numbers separated by commas.
+    count : int | None
+        How many are expected.
+
+    Returns
+    -------
+    list[float]
+        The numbers.
+
+    Raises
+    ------
+    InputError
+        Other texts, or another count.
+    """
     try:
         values = [float(word) for word in text.split(",")]
     except ValueError:
@@ -19,7 +38,25 @@ def numbers(option: str, text: str, count: int | None = None) -> list[float]:
 
 
 def pairs(option: str, text: str | None) -> dict[str, str] | None:
-    """OURS=THEIRS separated by commas; InputError naming the option otherwise."""
+    """Parse an option that holds pairs.
+
+    Parameters
+    ----------
+    option : str
+        Its name, for messages.
+    text : str | None
+        "a=b,c=d"; None where the option is not given.
+
+    Returns
+    -------
+    dict[str, str] | None
+        Right sides by left ones; None for None.
+
+    Raises
+    ------
+    InputError
+        A pair without an equals sign.
+    """
     if text is None:
         return None
     words = [word.partition("=") for word in text.split(",")]
@@ -34,10 +71,24 @@ def pairs(option: str, text: str | None) -> dict[str, str] | None:
 def time_windows(
     text: str | None, option: str = "--window"
 ) -> list[tuple[float, float]]:
-    """START:STOP in seconds, several separated by commas; either may be left out of
-    each.
+    """Parse windows of time.
 
-    Raises InputError naming the option otherwise.
+    Parameters
+    ----------
+    text : str | None
+        "0:14,20:30", in order; None for all of the run.
+    option : str
+        Its name, for messages.
+
+    Returns
+    -------
+    list[tuple[float, float]]
+        Start and stop of each [s].
+
+    Raises
+    ------
+    InputError
+        A window that is empty or out of order.
     """
     if text is None:
         return [(0.0, float("inf"))]

@@ -94,11 +94,21 @@ def _many_turns(run: Measurements, j: int, travel: float) -> InputError:
 
 
 def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, float]:
-    """Joints that stand still in all runs while their torque channel reads exactly
-    nothing, and where [rad, m]: a gripper's, a wheel's. None where no torque is logged.
+    """Find joints that stand still in all runs while their torque channel reads exactly
+    nothing: a gripper's, a wheel's. An arm's joint that stands still needs a torque,
+    and a broken channel of one that moves is no idle joint.
 
-    An arm's joint that stands still needs a torque, and a broken channel of one that
-    moves is no idle joint.
+    Parameters
+    ----------
+    robot : Robot
+        Whose joints are meant.
+    measurements : Measurements
+        One or more runs.
+
+    Returns
+    -------
+    dict[str, float]
+        Where each stands by its name [rad, m]; none where no torque is logged.
     """
     idle: dict[str, float] = {}
     if not measurements.torque_logged or measurements.n != robot.n:
@@ -115,8 +125,21 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
 
 
 def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
-    """Joints farther outside their ranges than an encoder's zero or a turn brings them:
-    twice their travel on a straight axis."""
+    """Find joints that are farther outside their ranges than an encoder's zero or a
+    turn brings them: twice their travel on a straight axis.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose joints' ranges are known.
+    q : np.ndarray
+        (N, n) positions [rad, m].
+
+    Returns
+    -------
+    tuple[int, ...]
+        Places of the joints, from 0.
+    """
     largest = [
         math.tau if j.kind == "revolute" else 2.0 * (j.upper - j.lower)
         for j in robot.joints
@@ -133,7 +156,18 @@ def _place(run: Measurements, k: int) -> str:
 
 
 def check_torque(run: Measurements) -> None:
-    """InputError where no channel holds anything: zeros, or less than an arm needs."""
+    """Refuse torques that hold nothing: zeros, or less than an arm needs.
+
+    Parameters
+    ----------
+    run : Measurements
+        One run.
+
+    Raises
+    ------
+    InputError
+        No channel holds a torque.
+    """
     if not run.torque_logged:
         return
     # No sensor resolves the first, and no arm of a gram and a centimetre needs as little
@@ -186,11 +220,21 @@ def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
-    """Joints outside their ranges, if they are few and their travel would fit: their
-    zero is wrong.
-
-    Where many joints are outside, or travel farther than they can, something else is
+    """Find joints whose zero is wrong: few are outside their ranges, and their travel
+    would fit. Where many are, or travel farther than they can, something else is
     wrong with all.
+
+    Parameters
+    ----------
+    robot : Robot
+        Whose joints' ranges are known.
+    q : np.ndarray
+        (N, n) positions [rad, m].
+
+    Returns
+    -------
+    tuple[int, ...]
+        Places of the joints, from 0.
     """
     outside = np.flatnonzero(_beyond(robot, q) > _ZERO)
     fits = np.ptp(q, axis=0) <= [j.upper - j.lower + _ZERO for j in robot.joints]

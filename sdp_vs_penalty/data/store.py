@@ -33,16 +33,37 @@ PART = 1 << 15
 def iter_chunks(
     array: NDArray[Any], overlap: int = 0
 ) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Consecutive parts of an array with the index of their first row.
+    """Go through an array in consecutive chunks.
 
-    overlap : rows that each part shares with the next one.
+    Parameters
+    ----------
+    array : NDArray[Any]
+        (N, ...) numbers.
+    overlap : int
+        How many rows of the next chunk belong to each one too.
+
+    Yields
+    ------
+    tuple[int, NDArray[Any]]
+        The first row of each chunk, and its rows.
     """
     for start in range(0, len(array), PART):
         yield start, array[start : start + PART + overlap]
 
 
 def digest(arrays: Iterable[NDArray[Any]]) -> str:
-    """SHA-256 over the numbers and shapes of arrays."""
+    """Hash arrays over their numbers.
+
+    Parameters
+    ----------
+    arrays : Iterable[NDArray[Any]]
+        Of any shape.
+
+    Returns
+    -------
+    str
+        SHA-256 as hexadecimal digits.
+    """
     hasher = hashlib.sha256()
     for array in arrays:
         hasher.update(repr(array.shape).encode())
@@ -61,7 +82,13 @@ class AppendableArray:
     _file: BinaryIO | None = None
 
     def append(self, rows: NDArray[Any]) -> None:
-        """Add rows, of the shape and type of the first ones."""
+        """Append rows.
+
+        Parameters
+        ----------
+        rows : NDArray[Any]
+            (N, ...) numbers.
+        """
         self._pieces.append(rows)
         self._bytes, self._rows = self._bytes + rows.nbytes, self._rows + len(rows)
         if self._bytes > LARGEST_IN_MEMORY:
@@ -151,7 +178,18 @@ def _room() -> Iterator[None]:
 
 
 def concatenate_chunks(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
-    """Arrays one after the other, in memory or in a file as their size demands."""
+    """Put chunks together, on the disk where they are many.
+
+    Parameters
+    ----------
+    arrays : Iterable[NDArray[Any]]
+        (N, ...) each.
+
+    Returns
+    -------
+    NDArray[Any]
+        (sum of N, ...) numbers.
+    """
     joined = AppendableArray()
     for array in arrays:
         joined.append(array)

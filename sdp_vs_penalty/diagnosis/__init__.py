@@ -6,6 +6,7 @@ from sdp_vs_penalty.plugins import lazy_exports
 __getattr__ = lazy_exports(
     __name__,
     candidates="list_candidates",
+    causes="CauseShares held_out_share",
     comparison="compare predicted upper_relative_error",
     conclude="Conclusion",
     confidence="Judged reasons_for_doubt",
@@ -20,7 +21,8 @@ __getattr__ = lazy_exports(
     rules="Rules",
     search="Search",
     sizes="Size size_of size_with_interval",
-    where_it_fails="dependences",
+    sizes_in_model="effect_of size_in_model",
+    where_it_fails="dependences JointFailure",
     refit="least_squares_refit",
     unexplained="remainder unexplained_error",
     white_rows="diagnosis_rows mask_unsettled_rows whiten_rows",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,10 @@ _TURNS = (1, 2, 3, 4)
 _OTHERS_COUNT = 0.75
 #: Share of a column's energy below which the model makes it itself.
 _ABSORBED = 1e-3
+#: Ridges that are tried, over the mean energy of a column.
+_RIDGES = np.array([1e-3, 1e-2, 1e-1])
+#: Shares that differ by less are of causes that data do not tell apart.
+_SAME_SHARE = 0.02
 #: Powers of time: a drift goes on where it was not seen, hats do not.
 _TIME_POWERS = (1, 2, 3)
 
@@ -277,56 +282,133 @@ CAUSE_COLUMNS: Mapping[str, Callable[[States, JointError], Array | list[Array]]]
 }
 
 
-def ranked_causes(shares: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Causes with the share that each explains, the likeliest first.
+@dataclass(frozen=True)
+class CauseShares:
+    """What each cause explains on data left out, as shares by its name.
 
-    What other joints do is looked for in more ways, so that it has to explain more.
+    of_error : of the error's variance; beyond_model : of the variance of that part of
+    the error that no parameters of the model can make. Only that part tells causes
+    apart: what the model makes itself looks like the model wherever it comes from.
+    refit_share : of the error's variance, which other parameters of the model take.
     """
 
-    def rank(item: tuple[str, float]) -> float:
-        name, share = item
-        return -share * (_OTHERS_COUNT if name in (POSE, OTHER_JOINTS) else 1.0)
+    of_error: Mapping[str, float]
+    beyond_model: Mapping[str, float]
+    refit_share: float = 0.0
 
-    return sorted(shares.items(), key=rank)
+    @cached_property
+    def equivalent_causes(self) -> list[str]:
+        """The causes that explain as much as the likeliest one, to within 2 % of the
+        part that tells causes apart: the one first that explains most of the error."""
+        likelihood = {
+            name: self._weight(name, self.beyond_model) for name in self.names
+        }
+        best = max(self.names, key=likelihood.__getitem__)
+        least = self.beyond_model[best] - _SAME_SHARE
+        tied = [best]
+        for name in self.names:
+            share = self.beyond_model[name]
+            if name != best and share > 0.0 and share >= least:
+                tied.append(name)
+        return sorted(tied, key=lambda name: -self._weight(name, self.of_error))
+
+    @cached_property
+    def ranking(self) -> list[str]:
+        """All causes, the likeliest first."""
+        first = self.equivalent_causes
+        others = [name for name in self.names if name not in first]
+        others.sort(
+            key=lambda name: (
+                -self._weight(name, self.beyond_model),
+                -self._weight(name, self.of_error),
+            )
+        )
+        return [*first, *others]
+
+    @property
+    def names(self) -> list[str]:
+        """The causes in the order of a heat map's rows."""
+        return list(self.of_error)
+
+    @staticmethod
+    def _weight(name: str, shares: Mapping[str, float]) -> float:
+        """A share; what other joints do is looked for in more ways, so it counts less."""
+        return shares[name] * (_OTHERS_COUNT if name in (POSE, OTHER_JOINTS) else 1.0)
 
 
-def explained_share(
-    features: Array, error: Array, fold: NDArray[np.intp], basis: Array
-) -> float:
-    """What columns (M, k) explain of an error (M,) on data left out.
+@dataclass(frozen=True)
+class SplitError:
+    """The error (M,) of one joint, split into what other parameters of the model would
+    take, and what they would leave.
 
-    basis (M, r) : an orthonormal one of the model's columns. A model that was fitted to
-    these rows has taken its part of what it lacks: columns may explain the error by
-    themselves, or beside the model.
+    basis (M, r) : an orthonormal one of the model's columns; fold (M,) : of each row.
     """
-    alone = held_out_share(features, error, fold)
-    beyond = error - basis @ (basis.T @ error)
-    left = features - basis @ (basis.T @ features)
-    # What the model makes itself is rounding.
-    energy = np.sum(features**2, axis=0)
-    left = left[:, np.sum(left**2, axis=0) > _ABSORBED * energy]
-    part = float(np.sum(beyond**2) / max(np.sum(error**2), 1e-300))
-    return max(alone, part * held_out_share(left, beyond, fold))
+
+    error: Array
+    basis: Array
+    fold: NDArray[np.intp]
+
+    @cached_property
+    def beyond_model(self) -> Array:
+        """(M,) what other parameters of the model would leave."""
+        return self._without_model(self.error)
+
+    @property
+    def refit_share(self) -> float:
+        """Share of the error's variance that they would take."""
+        energy = max(float(np.sum(self.error**2)), 1e-300)
+        return max(0.0, 1.0 - float(np.sum(self.beyond_model**2)) / energy)
+
+    def explained_shares(self, alternatives: Sequence[Array]) -> tuple[float, float]:
+        """What the best of several sets of columns (M, k) explains on data left out: its
+        share of the error, and its share of what is beyond the model.
+
+        A model that was fitted to these rows has taken its part of what it lacks: columns
+        may explain the error by themselves, or beside the model.
+        """
+        of_error = of_beyond = 0.0
+        for columns in alternatives:
+            left = self._without_model(columns)
+            # What the model makes itself is rounding.
+            energy = np.sum(columns**2, axis=0)
+            left = left[:, np.sum(left**2, axis=0) > _ABSORBED * energy]
+            share = held_out_share(left, self.beyond_model, self.fold)
+            of_beyond = max(of_beyond, share)
+            of_error = max(of_error, held_out_share(columns, self.error, self.fold))
+        return max(of_error, (1.0 - self.refit_share) * of_beyond), of_beyond
+
+    def _without_model(self, columns: Array) -> Array:
+        """(M, ...) less what the model's columns make of them."""
+        return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
 
 def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
     """1 - squared error of the prediction / squared error of none, over held-out folds;
-    >= 0."""
-    if not features.shape[1]:
+    >= 0.
+
+    Of several ridges the best one counts: columns that a few reversals hardly determine
+    need a large one, or they predict nothing.
+    """
+    n_features = features.shape[1]
+    folds = np.unique(fold)
+    total = float(np.sum(error**2))
+    if not n_features or len(folds) < 2 or total == 0.0:
         return 0.0
-    norms = nonzero_or_one(np.sqrt(np.mean(features**2, axis=0)))
-    features = features / norms
-    left = total = 0.0
-    for f in np.unique(fold):
-        out = fold == f
-        if out.all():
+    scaled = features / nonzero_or_one(np.sqrt(np.mean(features**2, axis=0)))
+    pieces = [(scaled[fold == f], error[fold == f]) for f in folds]
+    grams = np.array([A.T @ A for A, _ in pieces])
+    pulls = np.array([A.T @ y for A, y in pieces])
+    explained = np.zeros(len(_RIDGES))
+    for gram_left_out, pull_left_out in zip(grams, pulls, strict=True):
+        gram = grams.sum(axis=0) - gram_left_out
+        ridges = _RIDGES * np.trace(gram) / n_features
+        if not ridges[0] > 0.0:  # the cause does not occur
             return 0.0
-        A = features[~out]
-        gram = A.T @ A
-        ridge = 1e-3 * np.trace(gram) / A.shape[1]
-        if ridge == 0.0:  # the cause does not occur
-            return 0.0
-        theta = np.linalg.solve(gram + ridge * np.eye(len(gram)), A.T @ error[~out])
-        left += float(np.sum((error[out] - features[out] @ theta) ** 2))
-        total += float(np.sum(error[out] ** 2))
-    return max(0.0, 1.0 - left / total) if total > 0.0 else 0.0
+        pull = pulls.sum(axis=0) - pull_left_out
+        values, vectors = np.linalg.eigh(gram)
+        along = vectors.T @ pull
+        for k, ridge in enumerate(ridges):
+            theta = vectors @ (along / (np.maximum(values, 0.0) + ridge))
+            explained[k] += 2.0 * theta @ pull_left_out
+            explained[k] -= theta @ gram_left_out @ theta
+    return max(0.0, float(explained.max()) / total)

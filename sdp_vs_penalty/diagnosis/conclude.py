@@ -138,10 +138,11 @@ class Conclusion:
     def harmful_together(self) -> list[bool]:
         """Which constants and findings do harm beside those that are sure: data left out
         have the last word on these, too, as a whole."""
-        if not self.search.rules.second_veto:
-            return [False] * len(self.ladder.offered)
         is_sure = [f.torque_is_certain for f in self.findings_alone]
-        return self.ladder.harmful_together(is_sure)
+        harmful = self.ladder.harmful_together(is_sure)
+        if any(harmful) and not self.search.rules.second_veto:
+            return [False] * len(harmful)
+        return harmful
 
     def retunes(self, harmful: Sequence[bool]) -> tuple[Retune, ...]:
         """The constants of the model's own effects that should change."""

@@ -22,10 +22,12 @@ from sdp_vs_penalty.diagnosis.explanation import (
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData
 from sdp_vs_penalty.diagnosis.late_torque import refer_columns_to_current_model
+from sdp_vs_penalty.diagnosis.library import Library
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.diagnosis.search import search
 from sdp_vs_penalty.diagnosis.unexplained import unexplained_error
 from sdp_vs_penalty.diagnosis.white_rows import (
+    WhiteData,
     diagnosis_rows,
     whiten_rows,
     with_estimate,
@@ -63,35 +65,35 @@ def diagnose(
     """The diagnosis of a model on recordings that are read already; ``rules`` may leave
     steps of the search out."""
     progress("filtering the runs")
-    runs = DiagnosisRuns(model, measurements, test, noise_from)
-    out = _searched(runs, frozen, gain_uncertainty, seed, progress, rules)
-    remark = runs.subsample_remark
+    runs = DiagnosisRuns(model, measurements, test, noise_from, frozen)
+    diagnosis = diagnose_runs(
+        runs,
+        seed=seed,
+        progress=progress,
+        gain_uncertainty=gain_uncertainty,
+        rules=rules,
+    )
     del runs  # with all filtered rows
     give_back_memory(measurements.samples)
     floor, _ = noise_floor(model, judged_recordings or test or measurements)
-    if floor is not None:
-        out = replace(out, noise_floor=floor)
-    if remark:
-        out = replace(out, remarks=(remark, *out.remarks))
-    return out
+    return diagnosis if floor is None else replace(diagnosis, noise_floor=floor)
 
 
-def _searched(
+def diagnose_runs(
     runs: DiagnosisRuns,
-    frozen: bool,
-    gain_uncertainty: float | None,
-    seed: int,
-    progress: Progress,
-    rules: Rules,
+    *,
+    seed: int = 0,
+    progress: Progress = no_progress,
+    gain_uncertainty: float | None = None,
+    rules: Rules = ALL_RULES,
 ) -> Diagnosis:
-    """The diagnosis of filtered runs, whose columns are freed with it; arguments as of
-    :func:`diagnose`."""
+    """The method, one function a step. Rows and candidates are computed once for the
+    same ``runs``, whatever the rules."""
     progress("noise, and columns of all candidates")
-    data = whiten_rows(runs.rows, runs.estimate, frozen, runs.noise_rows)
-    found = search(data, list_candidates(data), rules, progress)
+    found = search(runs.white_data, runs.candidates, rules, progress)
     found = refer_columns_to_current_model(found, progress)
     progress("held-out errors")
-    judge = HeldOutData(runs.estimate, runs.test_rows, frozen)
+    judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
     explanation = explain_in_order(found, runs.estimate)
     judged = explanation.terms
     held_out = held_out_errors(explanation, judge)
@@ -107,10 +109,14 @@ def _searched(
         curves=curves,
         ladder=Ladder.of(explanation, held_out, judged),
         gain_errors=gain_errors(runs.estimate, gain_uncertainty),
-        new_motion_share=runs.new_motion_share(frozen),
+        new_motion_share=runs.new_motion_share,
         seed=seed,
     )
-    return conclusion.diagnosis()
+    diagnosis = conclusion.diagnosis()
+    if runs.subsample_remark:
+        remarks = (runs.subsample_remark, *diagnosis.remarks)
+        diagnosis = replace(diagnosis, remarks=remarks)
+    return diagnosis
 
 
 def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:
@@ -125,13 +131,15 @@ class DiagnosisRuns:
     """Recordings as a diagnosis sees them: with the drives' torque, windows of what is
     long, filtered.
 
-    noise_from : the runs whose repetition shows the noise, if not the measurements.
+    noise_from : the runs whose repetition shows the noise, if not the measurements;
+    frozen : whether the model's parameters are kept.
     """
 
     model: Estimate
     measurements: Measurements
     test: Measurements | None
-    noise_from: Measurements | None
+    noise_from: Measurements | None = None
+    frozen: bool = False
 
     def __post_init__(self) -> None:
         named = {
@@ -169,6 +177,16 @@ class DiagnosisRuns:
             self.searched, self._driven[1], "effects were searched for in"
         )
 
+    @cached_property
+    def white_data(self) -> WhiteData:
+        """The rows that are searched, white."""
+        return whiten_rows(self.rows, self.estimate, self.frozen, self.noise_rows)
+
+    @cached_property
+    def candidates(self) -> Library:
+        """What a search chooses from."""
+        return list_candidates(self.white_data)
+
     @property
     def rows(self) -> SegmentedRuns:
         """Filtered rows of what is searched."""
@@ -187,7 +205,7 @@ class DiagnosisRuns:
     def _test_windows(self) -> Measurements | None:
         return None if self.test is None else self._windows(self.test)
 
-    @property
+    @cached_property
     def test_rows(self) -> SegmentedRuns | None:
         """Filtered rows of the test run."""
         if self._test_windows is None:
@@ -197,13 +215,14 @@ class DiagnosisRuns:
     def _windows(self, runs: Measurements) -> Measurements:
         return window_subsample(driven(self.model, runs)[1], self.settings)
 
-    def new_motion_share(self, frozen: bool) -> float | None:
+    @cached_property
+    def new_motion_share(self) -> float | None:
         """Of the test run's rows those whose motion is not in the runs that were
         searched; nor, of a frozen model, in those that it was identified from."""
         if self._test_windows is None:
             return None
         record = record_motion(FilteredRuns.of(self.searched, self.settings))
-        if frozen and record is not None:
+        if self.frozen and record is not None:
             known = self.estimate.training_motion
             record = None if known is None else record.joined(known)
         if record is None:

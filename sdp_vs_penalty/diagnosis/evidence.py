@@ -248,14 +248,14 @@ class EvidenceScorer(WhiteFitter):
         Joints of an arm are built alike: beside findings half of the odds are for
         effects that act on another joint already.
         """
-        if not self.rules.joints_alike:
-            return float(self.n_candidates)
         keys = fit.design.keys
         effects_in_fit = {keys[i] for i in fit.columns_kept if i in keys}
+        if not effects_in_fit or not self.rules.joints_alike:
+            return float(self.n_candidates)
         name, joint = form.key
         if any(other == name and j != joint for other, j in effects_in_fit):
             return 2.0 * self.laws_by_effect[name]
-        return self.n_candidates * (2.0 if effects_in_fit else 1.0)
+        return 2.0 * self.n_candidates
 
     def rows_worth_one(
         self, T: Array, left: Array, inverse: Array, freedom: float

@@ -177,7 +177,8 @@ class Nuisances:
     @cached_property
     def frequencies(self) -> dict[int, list[float]]:
         """By joint those of its hums [Hz]; a search beside another model keeps them."""
-        return find_frequencies(self.data) if self.rules.hums_first else {}
+        found = find_frequencies(self.data)
+        return found if found and self.rules.hums_first else {}
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
         """What a term's law may get wrong, joint by joint.

@@ -187,16 +187,15 @@ class Search:
         if not ranked:
             return None
         best = ranked[0]
-        if not self.rules.simplest:
-            return best
         margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * best.evidence
         tied = [
             t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
         plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
-        return min(
+        simplest = min(
             plain, key=lambda t: (simplicity(t.form), -t.evidence_with_worth_of(best))
         )
+        return simplest if simplest is best or self.rules.simplest else best
 
     # The steps.
 
@@ -318,7 +317,7 @@ class Search:
         """The terms with another one in the place of this one, if that is as good and
         simpler, or better."""
         other = self._best_instead([term], candidates)
-        if other is None or not self.rules.exchange:
+        if other is None:
             return None
         J = term.evidence
         J_other = other.evidence_with_worth_of(term)
@@ -327,7 +326,8 @@ class Search:
         rank_of_other = simplicity(other.form), -J_other
         is_simpler = not other.form.refines(term.form) and rank_of_other < rank
         is_preferred = is_simpler or term.form.refines(other.form)
-        if J + margin < J_other or (J - margin < J_other and is_preferred):
+        is_as_good = J + margin < J_other or (J - margin < J_other and is_preferred)
+        if is_as_good and self.rules.exchange:
             return self._if_it_stays(other, others)
         return None
 
@@ -371,8 +371,6 @@ class Search:
     ) -> list[list[ScoredEffect]]:
         """Groups of terms of one effect that may be one candidate that acts on all of
         their joints."""
-        if not self.rules.merge_one_effect:
-            return []
         batches = self.library.batches
         joint_sets = {frozenset(b.joints) for b in batches if len(b.joints) > 1}
         findings = [t for t in terms if not t.form.replaces_own_constant]
@@ -385,7 +383,7 @@ class Search:
             for group in groups:
                 if frozenset().union(*(t.joints for t in group)) in joint_sets:
                     out.append(group)
-        return out
+        return out if out and self.rules.merge_one_effect else []
 
     @staticmethod
     def equivalence_set(

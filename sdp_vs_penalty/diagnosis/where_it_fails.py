@@ -6,13 +6,14 @@ like, joint by joint, beside the noise. Causes are what a person sees in a log: 
 reversal, a standstill, high speed, a position, a wave per turn, time, another joint.
 Shares are held out: a smooth function of the quantity is fitted to some stretches of
 the motion and judged on others, so that a share above zero is no accident of the fit,
-nor of a motion that comes back.
+nor of a motion that comes back. They are shares of what other parameters of the model
+would leave: what those would take looks like the model, whatever it comes from.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
@@ -30,11 +31,11 @@ from sdp_vs_penalty.diagnosis.causes import (
     HIGH_SPEED,
     REVERSAL,
     STANDSTILL,
+    CauseShares,
     JointError,
+    SplitError,
     States,
-    explained_share,
     from_reversal,
-    ranked_causes,
 )
 from sdp_vs_penalty.diagnosis.constants import FOLDS, SPECTRUM_NOISE_FACTOR
 from sdp_vs_penalty.diagnosis.linear_fit import orthonormal
@@ -90,8 +91,10 @@ class JointFailure(JsonRecord):
     """How one joint's residual looks (joint from 1).
 
     rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the
-    residual's variance, which repeats; held_out_shares : by cause the held-out share of
-    the residual's variance that a function of it explains; reversal_lift : RMS within
+    residual's variance, which repeats; refit_share : of the residual's variance, which
+    other parameters of the model would take; held_out_shares : by cause the share of
+    what they would leave that a function of it explains on data left out, by which
+    causes are ranked; shares_of_error : the same of all of the residual; reversal_lift : RMS within
     0.15 s of velocity reversals over that elsewhere; orders : (waves per revolution,
     amplitude [N m], amplitude over its surroundings), most conspicuous first; stretches
     : where the error is large, with the cause seen there.
@@ -105,10 +108,23 @@ class JointFailure(JsonRecord):
     reversal_lift: float
     orders: tuple[tuple[int, float, float], ...]
     stretches: tuple[FailingStretch, ...] = ()
+    shares_of_error: dict[str, float] = field(default_factory=dict)
+    refit_share: float = 0.0
+
+    @property
+    def causes(self) -> CauseShares:
+        """What each cause explains; older files have one kind of share only."""
+        of_error = self.shares_of_error or self.held_out_shares
+        return CauseShares(of_error, self.held_out_shares, self.refit_share)
 
     def numbers(self) -> dict[str, float | None]:
-        """Every number by its name; shares in per cent of the error's variance."""
-        shares = {"all that repeats": self.explainable_share, **self.held_out_shares}
+        """Every number by its name; shares in per cent of the error's variance, those of
+        causes of what a refit would leave of it."""
+        shares = {
+            "all that repeats": self.explainable_share,
+            "a refit would take": self.refit_share,
+            **self.held_out_shares,
+        }
         numbers = {
             "error [N m or N]": self.rmse,
             "noise floor [N m or N]": self.noise_floor,
@@ -142,14 +158,20 @@ class JointFailure(JsonRecord):
                 for one in data["orders"]
             ),
             stretches=tuple(FailingStretch(**one) for one in data["stretches"]),
+            shares_of_error=dict(data.get("shares_of_error", {})),
+            refit_share=float(data.get("refit_share", 0.0)),
         )
 
 
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
-    """The ``most_named`` likeliest causes of an error, with the share that each
-    explains."""
-    best = ranked_causes(failure.held_out_shares)[:most_named]
-    return [(name, share) for name, share in best if share >= CHANGES]
+    """The ``most_named`` likeliest causes of an error, with the share that each explains
+    of what a refit would leave; none that explains less than 5 % of the error."""
+    causes = failure.causes
+    return [
+        (name, causes.beyond_model[name])
+        for name in causes.ranking[:most_named]
+        if causes.of_error[name] >= CHANGES
+    ]
 
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
@@ -158,6 +180,9 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
     named = [f"{name} ({100.0 * share:.0f} %)" for name, share in strongest]
     if named:
         out = [f"The error depends most on {words(named)}."]
+        equivalent = failure.causes.equivalent_causes
+        if len(equivalent) > 1 and set(equivalent) & set(dict(strongest)):
+            out.append(f"These data do not tell {words(equivalent)} apart.")
     else:
         out = [
             f"No function of one cause explains {100.0 * CHANGES:.0f} % of the error on"
@@ -336,7 +361,9 @@ class _Judge:
             rmse=rmse,
             noise_floor=floor,
             explainable_share=explainable,
-            held_out_shares=shares,
+            held_out_shares=dict(shares.beyond_model),
+            shares_of_error=dict(shares.of_error),
+            refit_share=shares.refit_share,
             reversal_lift=_reversal_lift(velocity, error, self.rows, keep),
             orders=orders,
             stretches=failing_stretches(
@@ -350,20 +377,22 @@ class _Judge:
             return ()
         return _orders([_full_rate(self.runs[s.run], s, j) for s in self.rows.segments])
 
-    def shares(self, error: JointError) -> dict[str, float]:
+    def shares(self, error: JointError) -> CauseShares:
         """By cause what it explains on data left out."""
         keep = self.keep
-        basis = orthonormal(self.model_columns[error.joint][keep])
-        out = {}
+        errors = SplitError(
+            error=error.error[keep],
+            basis=orthonormal(self.model_columns[error.joint][keep]),
+            fold=self.folds[keep],
+        )
+        of_error = dict[str, float]()
+        beyond_model = dict[str, float]()
         for name, columns_of in CAUSE_COLUMNS.items():
             columns = columns_of(self.states, error)
             alternatives = columns if isinstance(columns, list) else [columns]
-            shares = [
-                explained_share(x[keep], error.error[keep], self.folds[keep], basis)
-                for x in alternatives
-            ]
-            out[name] = max(shares, default=0.0)
-        return out
+            shares = errors.explained_shares([x[keep] for x in alternatives])
+            of_error[name], beyond_model[name] = shares
+        return CauseShares(of_error, beyond_model, errors.refit_share)
 
     @cached_property
     def model_columns(self) -> Array:
@@ -430,7 +459,7 @@ def failing_stretches(
     velocity: Array,
     still: Array,
     rows: SegmentedRuns,
-    shares: dict[str, float],
+    shares: CauseShares,
 ) -> tuple[FailingStretch, ...]:
     """Where a joint's error (M,) is large, with the cause that is seen there: its RMS
     over 2 NEAR beyond the factor within which a floor may be known, or of its own RMS
@@ -453,13 +482,13 @@ def failing_stretches(
 
 
 def _causes_of_rows(
-    velocity: Array, still: Array, rows: SegmentedRuns, shares: dict[str, float]
+    velocity: Array, still: Array, rows: SegmentedRuns, shares: CauseShares
 ) -> NDArray[np.object_]:
     """(M,) the cause that is seen at each row: what explains most of the error, if that
     is said at all; else what is particular to the instant."""
-    acts_always = {k: x for k, x in shares.items() if k not in _AT_INSTANTS}
-    best, share = ranked_causes(acts_always)[0]
-    known = share >= CHANGES
+    best = next(name for name in shares.ranking if name not in _AT_INSTANTS)
+    share = shares.beyond_model[best]
+    known = shares.of_error[best] >= CHANGES
     names = np.array([best if known else UNNAMED], dtype=object).repeat(len(velocity))
     places = {
         HIGH_SPEED: np.abs(velocity) > FAST * np.abs(velocity).max(),
@@ -468,6 +497,6 @@ def _causes_of_rows(
     if not known:
         places[REVERSAL] = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
     for name, at in places.items():
-        if not known or shares.get(name, 0.0) > share:
+        if not known or shares.beyond_model.get(name, 0.0) > share:
             names[at] = name
     return names

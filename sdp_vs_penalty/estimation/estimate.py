@@ -291,8 +291,18 @@ class Estimate(Record):
         return base_frame(self)
 
     def covariance_frame(self, base: bool = False) -> pandas.DataFrame:
-        """Covariance with labelled rows and columns, of the parameters or of the base
-        parameters; NaN for parameters that the data do not determine."""
+        """Covariance with labelled rows and columns.
+
+        Parameters
+        ----------
+        base : bool
+            Of the base parameters, not of all parameters.
+
+        Returns
+        -------
+        DataFrame
+            (p, p) or (b, b), NaN for parameters that the data do not determine.
+        """
         from sdp_vs_penalty.estimation import frames
 
         if base:
@@ -300,18 +310,54 @@ class Estimate(Record):
         return frames.covariance_frame(self)
 
     def to_pinocchio(self, force: bool = False) -> Any:
-        """The links, armature and friction as a Pinocchio Model; see
-        :func:`~sdp_vs_penalty.exporters.simulators.to_pinocchio`."""
+        """The links, armature and friction as a Pinocchio Model.
+
+        Parameters
+        ----------
+        force : bool
+            Also for links whose mass lies farther out than their bodies reach.
+
+        Returns
+        -------
+        pinocchio.Model
+            See :func:`~sdp_vs_penalty.exporters.simulators.to_pinocchio`.
+        """
         return _SIMULATORS("to_pinocchio")(self, force)
 
     def to_mjspec(self, force: bool = False) -> Any:
-        """The model as MuJoCo's MjSpec; see
-        :func:`~sdp_vs_penalty.exporters.simulators.to_mjspec`."""
+        """The model as MuJoCo's MjSpec.
+
+        Parameters
+        ----------
+        force : bool
+            Also for links whose mass lies farther out than their bodies reach.
+
+        Returns
+        -------
+        mujoco.MjSpec
+            See :func:`~sdp_vs_penalty.exporters.simulators.to_mjspec`.
+        """
         return _SIMULATORS("to_mjspec")(self, force)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Estimate:
-        """What :meth:`to_dict` wrote."""
+        """Read an estimate from plain JSON.
+
+        Parameters
+        ----------
+        data : dict
+            What :meth:`to_dict` wrote.
+
+        Returns
+        -------
+        Estimate
+            The same.
+
+        Raises
+        ------
+        InputError
+            For a dictionary that is none.
+        """
         return _from_dict(data)
 
     @property
@@ -330,17 +376,45 @@ class Estimate(Record):
         return dataclasses.replace(default, **settings)  # type: ignore[type-var]
 
     def torque(self, motion: Motion) -> Array:
-        """Modelled torque (N, n) of a motion."""
+        """Modelled torque of a motion.
+
+        Parameters
+        ----------
+        motion : Motion
+            At N instants.
+
+        Returns
+        -------
+        (N, n) array
+            [N m, N].
+        """
         return self.model.torque(self.theta, motion)
 
     def predict(
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike | None = None
     ) -> Array:
-        """Torque (N, n) [N m or N] at states q, dq, ddq, each (N, n) [rad, rad/s,
-        rad/s^2; m].
+        """Modelled torque at states.
 
-        t : (N,) instants [s], needed where an effect depends on time or on earlier
-        motion. Raises InputError for arrays of other shapes, and where t is needed.
+        Parameters
+        ----------
+        q : (N, n) array
+            Positions [rad, m].
+        dq : (N, n) array
+            Velocities [rad/s, m/s].
+        ddq : (N, n) array
+            Accelerations [rad/s^2, m/s^2].
+        t : (N,) array, optional
+            Instants [s], needed where an effect depends on time or on earlier motion.
+
+        Returns
+        -------
+        (N, n) array
+            [N m, N].
+
+        Raises
+        ------
+        InputError
+            For arrays of other shapes, and where t is needed.
         """
         n = self.robot.n
         states = [np.atleast_2d(np.asarray(x, float)) for x in (q, dq, ddq)]
@@ -367,11 +441,24 @@ class Estimate(Record):
                 raise InputError(what, "pass t, (N,) in seconds")
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw link masses and the other effects' parameters with 95 % intervals; what
-        the prior or the bounds decide is hatched.
+        """Draw link masses and the other effects' parameters with 95 % intervals.
 
-        axes : one for each effect (default: a new figure); returns them.
-        Raises InputError without matplotlib (extra [plot]).
+        What the prior or the bounds decide is hatched.
+
+        Parameters
+        ----------
+        axes : sequence of matplotlib Axes, optional
+            One for each effect; default: a new figure.
+
+        Returns
+        -------
+        sequence of matplotlib Axes
+            Which were drawn in.
+
+        Raises
+        ------
+        InputError
+            Without matplotlib (extra [plot]).
         """
         table = self.to_frame()
         mass = table.index.str.fullmatch("m[0-9]+")

@@ -60,7 +60,24 @@ class Regressor:
     scale: Array | float = 1.0
 
     def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
-        """(N, n, p) rows of each sample and joint."""
+        """Rows of states.
+
+        Parameters
+        ----------
+        t : (N,) array
+            Instants [s].
+        q : (N, n) array
+            Positions [rad, m].
+        dq : (N, n) array
+            Velocities [rad/s, m/s].
+        ddq : (N, n) array
+            Accelerations [rad/s^2, m/s^2].
+
+        Returns
+        -------
+        (N, n, p) array
+            Of each instant and joint.
+        """
         wide = np.stack(
             list(self.model.dense_columns(Motion(t, q, dq, ddq))[..., self.columns]),
             axis=1,
@@ -68,18 +85,59 @@ class Regressor:
         return wide * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = RATE) -> Array:
-        """W of a trajectory, sampled at ``rate`` [Hz]."""
+        """W of a trajectory.
+
+        Parameters
+        ----------
+        trajectory : FourierTrajectory
+            To be sampled.
+        rate : float
+            At which [Hz].
+
+        Returns
+        -------
+        (N n, p) array
+            W.
+        """
         t = np.arange(0.0, trajectory.duration, 1.0 / rate)
         return self.at(t, *trajectory.states(t)).reshape(-1, len(self.columns))
 
     def condition(self, trajectory: FourierTrajectory) -> float:
-        """Ratio of the extreme singular values of W."""
+        """Condition number of W.
+
+        Parameters
+        ----------
+        trajectory : FourierTrajectory
+            Along which.
+
+        Returns
+        -------
+        float
+            Ratio of the extreme singular values.
+        """
         return float(np.linalg.cond(self.along(trajectory)))
 
     @classmethod
     def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
-        """The columns of a problem's own base parameters; InputError for effects with a
-        memory."""
+        """The columns of a problem's own base parameters.
+
+        Parameters
+        ----------
+        problem : Problem
+            With its robot.
+        effects : str, optional
+            Names with commas between them; default: the problem's.
+
+        Returns
+        -------
+        Regressor
+            Of the parameters that lead the base parameters.
+
+        Raises
+        ------
+        InputError
+            For effects with a memory.
+        """
         model = problem.model(effects)
         for effect in model.effects:
             if effect.has_memory or depends(effect):
@@ -133,7 +191,18 @@ class Limits:
 
     @classmethod
     def of_robot(cls, robot: Robot) -> Limits:
-        """The robot's own, with plain assumptions where it states none."""
+        """The robot's own limits, with plain assumptions where it states none.
+
+        Parameters
+        ----------
+        robot : Robot
+            With its joints.
+
+        Returns
+        -------
+        Limits
+            Of its n joints.
+        """
         lower, upper, velocity = joint_limits(robot)
         # Acceleration limit of a joint whose robot states none: reached from rest
         # within so many seconds of its velocity limit.
@@ -141,8 +210,18 @@ class Limits:
 
     @classmethod
     def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
-        """What another trajectory needs: its extremes of position, velocity and
-        acceleration."""
+        """The limits that a trajectory uses up.
+
+        Parameters
+        ----------
+        trajectory : FourierTrajectory
+            Any.
+
+        Returns
+        -------
+        Limits
+            Its extremes of position, velocity and acceleration.
+        """
         q, dq, ddq = trajectory.states(_instants(trajectory))
         return cls(
             q.min(axis=0),
@@ -152,8 +231,18 @@ class Limits:
         )
 
     def excess(self, trajectory: FourierTrajectory) -> float:
-        """Largest ratio of the motion to its limits at 1 kHz, about the middle: <= 1
-        where kept."""
+        """Largest ratio of a motion to its limits, about the middle of the range.
+
+        Parameters
+        ----------
+        trajectory : FourierTrajectory
+            Looked at 1000 times a second.
+
+        Returns
+        -------
+        float
+            At most 1 where all limits are kept.
+        """
         q, dq, ddq = trajectory.states(_instants(trajectory))
         ratios = (
             (q - self.middle) / self.half,
@@ -181,7 +270,18 @@ class Excitation(Shown):
         )
 
     def save(self, path: str | Path) -> None:
-        """Write t, q, dq, ddq at 1 kHz as CSV, whole or not at all."""
+        """Write t, q, dq, ddq at 1 kHz.
+
+        Parameters
+        ----------
+        path : str or Path
+            A .csv file.
+
+        Returns
+        -------
+        None
+            The file is written whole, or not at all.
+        """
         save_trajectory(self.trajectory, path)
 
 
@@ -340,8 +440,22 @@ class _Search:
         self.maps = np.array(constraints.states(self.t))
 
     def at(self, x: Array) -> tuple[Array, float, Array]:
-        """States, the objective and its gradient with respect to W, in the shape of the
-        regressor."""
+        """The objective of coefficients.
+
+        Parameters
+        ----------
+        x : (n, w) array
+            Coefficients of each joint.
+
+        Returns
+        -------
+        (3, K, n) array
+            Positions, velocities and accelerations at K instants.
+        float
+            The objective.
+        (K, n, p) array
+            Its gradient with respect to W.
+        """
         states = np.stack([linear @ x.T for linear in self.maps])
         regressor = self.regressor.at(self.t, *states)
         value, outer = _objective(
@@ -350,7 +464,20 @@ class _Search:
         return states, value, outer.reshape(regressor.shape)
 
     def evaluated(self, x: Array) -> tuple[float, Array]:
-        """The objective and its gradient with respect to x."""
+        """The objective of coefficients, and its slope.
+
+        Parameters
+        ----------
+        x : (n, w) array
+            Coefficients of each joint.
+
+        Returns
+        -------
+        float
+            The objective.
+        (n, w) array
+            Its gradient with respect to x.
+        """
         states, value, outer = self.at(x)
         slope = np.zeros_like(x)
         for (which, linear), j in product(enumerate(self.maps), self.joints):
@@ -363,7 +490,22 @@ class _Search:
         return value, slope
 
     def best_of_linear_model(self, x: Array, slope: Array, radius: float) -> Array:
-        """Within the trust region; limits do not couple joints."""
+        """The coefficients with the least linear model of the objective.
+
+        Parameters
+        ----------
+        x : (n, w) array
+            Present coefficients.
+        slope : (n, w) array
+            Gradient of the objective there.
+        radius : float
+            Of the trust region, in units of the amplitudes.
+
+        Returns
+        -------
+        (n, w) array
+            Within the trust region and the limits, which do not couple joints.
+        """
         out = x.copy()
         for j in self.joints:
             rows = self.rows[j]

@@ -21,7 +21,7 @@ from sdp_vs_penalty.effects.motion import Command
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import EstimationProblem
 from sdp_vs_penalty.estimation.estimate import Estimate
-from sdp_vs_penalty.estimators.estimator import Estimator, Fit
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
 from sdp_vs_penalty.regression.linalg import column_space
 from sdp_vs_penalty.regression.regression import LeastSquares
 from sdp_vs_penalty.robot.arrays import Array
@@ -49,12 +49,31 @@ class Course:
 def courses_of(
     run: Measurements, estimate: Estimate, plant: Plant, shortest: float
 ) -> list[Course]:
-    """The stretches of a run that last ``shortest`` [s] or more behind the state
-    filter, a row a step of the simulation: a sample, or as many as STEP holds, whose
-    torques are averaged (triangular weights).
+    """The stretches of a run behind the state filter, a row a step of the simulation.
 
-    Raises InputError where there is none, or an effect needs temperatures that were not
-    logged.
+    A step is a sample, or as many as STEP holds, whose torques are averaged (triangular
+    weights).
+
+    Parameters
+    ----------
+    run : Measurements
+        A single run.
+    estimate : Estimate
+        Whose filters and effects hold.
+    plant : Plant
+        Its model in motion.
+    shortest : float
+        Shorter stretches are left out [s].
+
+    Returns
+    -------
+    list of Course
+        One a stretch.
+
+    Raises
+    ------
+    InputError
+        Where there is none, or an effect needs temperatures that were not logged.
     """
     filters = RunFilter(run, estimate.preprocessing.resolve(run)).every_sample
     half = filters.state.half
@@ -103,6 +122,13 @@ DESCRIPTION = (
 STEP = 2.5e-3
 _WINDOWS = (np.inf, 10.0, 3.0, 1.0, 0.3, 0.1)
 _STAYS = 0.3
+#: Gauss-Newton steps at most; shares of a step that are tried; least relative fall of
+#: the error of one that is taken.
+_MOST_STEPS = 12
+_SHARES = (1.0, 0.5, 0.25, 0.1)
+_LEAST_FALL = 1e-3
+#: Step of the slopes, in standard deviations of the parameters.
+_SLOPE_STEP = 0.1
 
 
 @dataclass(frozen=True)
@@ -152,45 +178,27 @@ def refine(
             "M(q) is not positive definite: the model cannot be simulated", "add bounds"
         )
     courses = [
-        c
+        course
         for run in measurements.runs()
-        for c in courses_of(run, start, plant, _WINDOWS[-1])
+        for course in courses_of(run, start, plant, _WINDOWS[-1])
     ]
-    size = np.concatenate([c.states.q for c in courses]).std(axis=0)
+    size = np.concatenate([course.states.q for course in courses]).std(axis=0)
     windows, seconds = _chosen(plant, courses, size)
-
-    directions = column_space(task.data.R)[1] * np.sqrt(
-        task.data.loss(task.ols) / task.data.rows
-    )
     theta = start.theta
     error = _errors(plant, windows, size)[0]
     units = np.resize(size, error.shape)  # of the errors [rad, m]
-    # of a slope, in standard deviations
     begin = _rms(error * units)
-    step = 0.1
-    for k in range(12):
-        task.progress(
-            f"output error, step {k + 1}: {1e3 * _rms(error * units):.4g} thousandths"
-        )
-        # The simulation's errors as least squares in theta, in units of the torque's
-        # variance.
-        solution = _errors(
-            Plant(model, np.vstack([theta, theta + step * directions.T])), windows, size
-        )
-        slopes = (solution[1:] - solution[0]).T / step
-        rows = slopes @ np.linalg.pinv(directions)  # d theta = directions x
-        scale = np.sqrt(
-            task.data.loss(task.ols) / task.data.rows / np.mean(solution[0] ** 2)
-        )
-        both = scale * np.column_stack([rows, rows @ theta - solution[0]])
-        linearised = replace(task, data=LeastSquares.stacked([both], len(both)))
+    for k in range(_MOST_STEPS):
+        thousandths = 1e3 * _rms(error * units)
+        task.progress(f"output error, step {k + 1}: {thousandths:.4g} thousandths")
+        linearised = _linearised(task, theta, windows, size)
         fit = estimator.fit(linearised)
-        tried = np.array(
-            [theta + share * (fit.theta - theta) for share in (1.0, 0.5, 0.25, 0.1)]
-        )
+        step = fit.theta - theta
+        tried = np.array([theta + share * step for share in _SHARES])
         errors = _errors(Plant(model, tried), windows, size)
         best = int(np.argmin([_rms(e) for e in errors]))
-        if not 1.0 - _rms(errors[best]) / _rms(error) > 1e-3:
+        fall = 1.0 - _rms(errors[best]) / _rms(error)
+        if not fall > _LEAST_FALL:
             break
         theta = tried[best]
         error = errors[best]
@@ -199,54 +207,93 @@ def refine(
     return replace(posed, task=linearised), fit
 
 
+def _linearised(
+    task: Task, theta: Array, windows: Sequence[_Window], size: Array
+) -> Task:
+    """The task whose data are the simulation's errors, linear in theta (p,), in units of
+    the torque's variance; size (n,) : of the motion [rad, m]."""
+    variance = task.data.loss(task.ols) / task.data.rows
+    directions = column_space(task.data.R)[1] * np.sqrt(variance)
+    moved = theta + _SLOPE_STEP * directions.T
+    plant = Plant(task.model, np.vstack([theta, moved]))
+    errors = _errors(plant, windows, size)
+    slopes = (errors[1:] - errors[0]).T / _SLOPE_STEP
+    rows = slopes @ np.linalg.pinv(directions)  # d theta = directions x
+    scale = np.sqrt(variance / np.mean(errors[0] ** 2))
+    both = scale * np.column_stack([rows, rows @ theta - errors[0]])
+    return replace(task, data=LeastSquares.stacked([both], len(both)))
+
+
 def _chosen(
     plant: Plant, courses: Sequence[Course], size: Array
 ) -> tuple[list[_Window], float]:
     """The courses in the longest windows in which the plant stays with the motion, and
     how long [s]."""
     for seconds in _WINDOWS:
-        windows = list[_Window]()
-        for c in courses:
-            steps = len(c.torque) - 1
-            torque = 0.5 * (c.torque[:-1] + c.torque[1:])
-            count = int(
-                min(steps, max(1, round(seconds / c.dt) if seconds < np.inf else steps))
-            )
-            for k in range(0, steps - count + 1, count):
-                start = c.states.rows(np.array([k]))
-                q = c.states.q[k + 1 : k + 1 + count]
-                windows.append(_Window(start, c.dt, torque[k : k + count], q))
+        windows = [
+            window for course in courses for window in _windows_of(course, seconds)
+        ]
         if windows and _rms(_errors(plant, windows, size)[0]) <= _STAYS:
             break
-    return windows, float(min(seconds, max(len(w.torque) * w.h for w in windows)))
+    longest = max(len(window.torque) * window.h for window in windows)
+    return windows, float(min(seconds, longest))
+
+
+def _windows_of(course: Course, seconds: float) -> list[_Window]:
+    """A course cut into windows of so many seconds, whole where it is shorter."""
+    steps = len(course.torque) - 1
+    count = steps
+    if seconds < np.inf:
+        count = int(min(steps, max(1, round(seconds / course.dt))))
+    between = 0.5 * (course.torque[:-1] + course.torque[1:])
+    windows = []
+    for first in range(0, steps - count + 1, count):
+        start = course.states.rows(np.array([first]))
+        torque = between[first : first + count]
+        q = course.states.q[first + 1 : first + 1 + count]
+        windows.append(_Window(start, course.dt, torque, q))
+    return windows
 
 
 def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
     """(P, R) position errors over the motion's size, one row for each of the plant's P
     parameters."""
     count = len(plant.theta)
-    longest = max(len(w.torque) for w in windows)
-    repeated_plant = Plant(plant.model, np.repeat(plant.theta, len(windows), axis=0))
-    starts = [np.concatenate(x) for x in zip(*(w.start for w in windows), strict=True)]
-    state = State(*(np.tile(x, (count,) + (1,) * (x.ndim - 1)) for x in starts))
+    n_windows = len(windows)
+    lengths = np.array([len(window.torque) for window in windows])
+    torques = _padded([window.torque for window in windows])
+    measured = _padded([window.q for window in windows])
+    repeated_plant = Plant(plant.model, np.repeat(plant.theta, n_windows, axis=0))
+    state = _repeated_start(windows, count)
     out = []
     with np.errstate(all="ignore"):
-        for k in range(longest):
-            torque = np.array([w.torque[min(k, len(w.torque) - 1)] for w in windows])
-            state = advance(
-                repeated_plant, state, np.tile(torque, (count, 1)), windows[0].h
-            )
-            q = state.q.reshape(count, len(windows), -1)
-            real = np.array(
-                [w.q[k] if k < len(w.q) else q[0, m] for m, w in enumerate(windows)]
-            )
-            out.append(
-                np.where([k < len(w.q) for w in windows], 1.0, 0.0)[:, None]
-                * (q - real)
-                / size
-            )
+        for k in range(len(torques)):
+            torque = np.tile(torques[k], (count, 1))
+            state = advance(repeated_plant, state, torque, windows[0].h)
+            q = state.q.reshape(count, n_windows, -1)
+            is_inside = (k < lengths)[:, None]
+            target = np.where(is_inside, measured[k], q[0])
+            out.append(is_inside * (q - target) / size)
     errors = np.swapaxes(np.array(out), 0, 1).reshape(count, -1)
     return np.clip(np.nan_to_num(errors, nan=1e3), -1e3, 1e3)
+
+
+def _padded(courses: Sequence[Array]) -> Array:
+    """(K, W, n) of W courses (K_w, n), the shorter ones with their last row repeated."""
+    longest = max(len(course) for course in courses)
+    edges = [((0, longest - len(course)), (0, 0)) for course in courses]
+    padded = [np.pad(c, edge, "edge") for c, edge in zip(courses, edges, strict=True)]
+    return np.stack(padded, axis=1)
+
+
+def _repeated_start(windows: Sequence[_Window], count: int) -> State:
+    """The states (count W) at the start of W windows, once for each of so many plants."""
+    fields = []
+    for parts in zip(*(window.start for window in windows), strict=True):
+        values = np.concatenate(parts)
+        repeats = (count,) + (1,) * (values.ndim - 1)
+        fields.append(np.tile(values, repeats))
+    return State(*fields)
 
 
 def _rms(error: Array) -> float:

@@ -102,7 +102,18 @@ class Sandwich:
         self._basis = np.linalg.qr(V * self.norms[:, None])[0]
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
-        """Which linear functions (k, p) of theta the data determine."""
+        """Whether the data determine linear functions of theta.
+
+        Parameters
+        ----------
+        contrasts : (k, p) array
+            The functions.
+
+        Returns
+        -------
+        (k,) array of bool
+            One each.
+        """
         norms = self.norms
         dark = self.norms <= 0.0
         scaled = contrasts / np.where(dark, 1.0, norms)
@@ -114,8 +125,18 @@ class Sandwich:
         return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
 
     def half_widths(self, contrasts: Array) -> Array:
-        """(k,) half-widths of intervals of linear functions (k, p) of theta, or of its
-        first parameters alone; NaN for unseen ones."""
+        """Half-widths of the intervals of linear functions of theta.
+
+        Parameters
+        ----------
+        contrasts : (k, p) array
+            The functions; with fewer columns, of the first parameters alone.
+
+        Returns
+        -------
+        (k,) array
+            At LEVEL; NaN where the data do not determine the function.
+        """
         contrasts = np.pad(
             contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1]))
         )
@@ -189,8 +210,18 @@ class Sandwich:
         )
 
     def response(self, torques: Sequence[Array]) -> Array:
-        """(p, e) change of the estimate where the torque changes by ``torques``: (rows
-        of its factor's triangle, e) for each factor of the regression."""
+        """Change of the estimate with the torque.
+
+        Parameters
+        ----------
+        torques : sequence of (r, e) arrays
+            e changes of the torque, in the rows of each factor's triangle.
+
+        Returns
+        -------
+        (p, e) array
+            Changes of theta.
+        """
         moved = np.zeros(
             (self.directions.shape[1], torques[0].shape[1] if torques else 0)
         )
@@ -204,8 +235,18 @@ class Sandwich:
         return np.asarray(self.directions @ moved)
 
     def gain_response(self, theta: Array) -> Array:
-        """(p, n) change of the estimate theta for a unit relative error of each
-        channel's gain."""
+        """Change of the estimate with the torque channels' gains.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            The estimate.
+
+        Returns
+        -------
+        (p, n) array
+            For a unit relative error of each gain.
+        """
         theta = np.pad(theta, (0, len(self.norms) - len(theta)))
         torque_by_joint = (
             (f, f.triangle[:, :-1] @ theta[f.indices]) for f in self.regression.factors
@@ -368,8 +409,20 @@ class Uncertainty(JsonRecord):
         return out
 
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
-        """With gains known otherwise than they were; base (b, p) : the base parameters'
-        rows. A lower end at zero is a bound and stays."""
+        """The intervals where the gains are known otherwise than they were.
+
+        Parameters
+        ----------
+        errors : (n, e) array
+            Factor of the covariance of the gains' relative errors.
+        base : (b, p) array
+            Rows of the base parameters.
+
+        Returns
+        -------
+        Uncertainty
+            With wider or narrower intervals; a lower end at zero is a bound and stays.
+        """
 
         def widened(
             intervals: tuple[Interval, ...], response: Array
@@ -393,8 +446,22 @@ class Uncertainty(JsonRecord):
     def band(
         self, theta: Array, columns: Sequence[JointColumns]
     ) -> tuple[Array, Array]:
-        """(N, n) modelled torque of columns and its standard deviation, without the
-        noise."""
+        """Modelled torque and its standard deviation, without the noise.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            The estimate.
+        columns : sequence of n JointColumns
+            Of N instants.
+
+        Returns
+        -------
+        (N, n) array
+            Torque [N m, N].
+        (N, n) array
+            Standard deviation.
+        """
         count = len(columns[0].columns)
         torque, std = np.empty((2, count, len(columns)))
         for j, block in enumerate(columns):

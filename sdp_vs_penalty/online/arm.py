@@ -7,6 +7,7 @@ from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.online import constants as c
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 
 #: Entries of a table of one effect over velocity, its finest step [rad/s, m/s] and its
 #: largest velocity.
@@ -42,50 +43,65 @@ class ArmModel:
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
+        if not len(model.rigid_indices):
+            raise InputError("the model has no rigid body", "identify one with links")
         robot = model.robot
         self.model = model
         self.theta = np.array(theta, float)
         self.n = robot.n
-        if not len(model.rigid_indices):
-            raise InputError("the model has no rigid body", "identify one with links")
-        self._regressor = robot._pin.computeJointTorqueRegressor
-        self._pinocchio = robot._model
-        self._data = robot._model.createData()
-        links = self.theta[model.rigid_indices].reshape(-1, 10)
-        maps = robot._link_maps
-        tree = np.zeros((len(robot.tree), 10))
-        moved = links if maps is None else np.einsum("kij,kj->ki", maps, links)
-        tree[list(robot.link_joints)] = moved
-        self._tree_links = tree.ravel()
-        last = 10 * robot.link_joints[-1]
-        self._last = slice(last, last + 10)
-        self._map = np.eye(10) if maps is None else np.ascontiguousarray(maps[-1])
         self._mechanism = robot.mechanism
-        gains = np.ones(robot.n) if model.gains is None else np.array(model.gains)
-        self._gains = gains
-        self._table = np.zeros(robot.n * _ENTRIES)
-        self._first = _ENTRIES * np.arange(robot.n)
-        self._index = np.zeros(robot.n, np.intp)
-        self._place = np.zeros(robot.n)
-        self._low = np.zeros(robot.n)
-        self._high = np.zeros(robot.n)
-        self._stiffness = np.zeros(robot.n)
-        self._armature = np.zeros(robot.n)
-        self._scale = (_ENTRIES - 1) / (2.0 * np.arcsinh(_FASTEST / _FINEST))
+        self._gains = np.ones(robot.n)
+        if model.gains is not None:
+            self._gains = np.array(model.gains)
+        self._gain_column = np.ascontiguousarray(self._gains[:, None])
+        self._place_links(robot)
+        self._allocate(len(robot.tree))
         for effect, indices in model.parts:
             if not np.array_equal(indices, model.rigid_indices):
                 self._take(effect, self.theta[indices])
-        forwards, backwards = np.zeros((2, robot.n))
+        forwards = np.zeros(robot.n)
+        backwards = np.zeros(robot.n)
         self._add_table(np.full(robot.n, c.REST_SPEED), forwards)
         self._add_table(np.full(robot.n, -c.REST_SPEED), backwards)
-        self.dry_friction = 0.5 * gains * np.abs(forwards - backwards)
-        self.torque, self.friction = np.zeros((2, robot.n))
-        self.columns = np.zeros((robot.n, 10))
-        n_tree = len(robot.tree)
+        self.dry_friction = 0.5 * self._gains * np.abs(forwards - backwards)
+
+    def _place_links(self, robot: Robot) -> None:
+        """Put the links' parameters where Pinocchio's regressor has its joints, and find
+        the payload's columns there."""
+        self._regressor = robot._pin.computeJointTorqueRegressor
+        self._pinocchio = robot._model
+        self._data = robot._model.createData()
+        links = self.theta[self.model.rigid_indices].reshape(-1, 10)
+        maps = robot._link_maps
+        self._map = np.eye(10)
+        if maps is not None:
+            links = np.einsum("kij,kj->ki", maps, links)
+            self._map = np.ascontiguousarray(maps[-1])
+        tree = np.zeros((len(robot.tree), 10))
+        tree[list(robot.link_joints)] = links
+        self._tree_links = tree.ravel()
+        first = 10 * robot.link_joints[-1]
+        self._last = slice(first, first + 10)
+
+    def _allocate(self, n_tree: int) -> None:
+        """Arrays that every instant is worked out in, of n joints and of as many as the
+        tree has."""
+        n = self.n
+        self._scale = (_ENTRIES - 1) / (2.0 * np.arcsinh(_FASTEST / _FINEST))
+        self._table = np.zeros(n * _ENTRIES)
+        self._first = _ENTRIES * np.arange(n)
+        self._index = np.zeros(n, np.intp)
+        self._place = np.zeros(n)
+        self._low = np.zeros(n)
+        self._high = np.zeros(n)
+        self._stiffness = np.zeros(n)
+        self._armature = np.zeros(n)
+        self._part = np.zeros(n)
+        self.torque = np.zeros(n)
+        self.friction = np.zeros(n)
+        self.columns = np.zeros((n, 10))
         self._tree_torque = np.zeros(n_tree)
         self._tree_columns = np.zeros((n_tree, 10))
-        self._part = np.zeros(robot.n)
-        self._gain_column = np.ascontiguousarray(gains[:, None])
 
     def update(self, q: Array, dq: Array, ddq: Array) -> None:
         """Write ``torque`` and ``columns`` of one instant.

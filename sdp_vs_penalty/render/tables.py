@@ -139,8 +139,8 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
             rows.setdefault(name, []).append(number(value))
     joints = [str(failure.joint) for failure in failures]
     title = (
-        "Error of each joint; per cent: share of its variance that each cause explains"
-        " on data left out"
+        "Error of each joint; per cent of its variance, of causes: what each explains, on"
+        " data left out, of what a refit would leave"
     )
     return Table(
         ["", *joints], [[name, *cells] for name, cells in rows.items()], title=title

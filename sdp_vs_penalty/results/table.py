@@ -8,8 +8,8 @@ import math
 import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any, Self
@@ -44,6 +44,8 @@ _LIGATURE = re.compile("(?<=-)(?=-)|(?<=`)(?=`)|(?<=')(?=')|(?<=[?!])(?=`)")
 _WIDEST_HEADING = 11
 #: Letters up to which words are not broken.
 _SHORT = 12
+#: Letters of a word that a column is not made narrower than.
+_LONGEST_WORD = 24
 #: Longer text wraps in LaTeX.
 _WRAPPED = 80
 
@@ -110,16 +112,78 @@ class Table:
         grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
         for k, column in enumerate(self.columns()):
             is_number = self.numeric()[k]
-            is_short = max(map(len, column), default=0) <= _SHORT
+            heading = _in_lines(printable(self.headings[k]))
+            longest = max(map(len, column), default=0)
+            is_one_line = k == 0 or is_number or longest <= _SHORT
             grid.add_column(
-                escape(_in_lines(printable(self.headings[k]))),
+                escape(heading),
                 justify="right" if is_number else "left",
-                no_wrap=k == 0 or is_number or is_short,
+                no_wrap=is_one_line,
+                min_width=self._widths[k],
                 overflow="fold",
             )
         for row in self.cells():
             grid.add_row(*[escape(printable(cell)) for cell in row])
         return grid
+
+    @cached_property
+    def _widths(self) -> list[int]:
+        """The least characters of each column: cells of numbers, short ones and those
+        of the first column stand on one line, others break between words."""
+        widths = []
+        for k, (column, is_number) in enumerate(
+            zip(self.columns(), self.numeric(), strict=True)
+        ):
+            lines = _in_lines(printable(self.headings[k])).splitlines()
+            longest = max(map(len, column), default=0)
+            if k > 0 and not is_number and longest > _SHORT:
+                words = [word for cell in column for word in cell.split()]
+                longest = min(max(map(len, words), default=0), _LONGEST_WORD)
+            widths.append(max([longest, *map(len, lines)]))
+        return widths
+
+    @property
+    def least_width(self) -> int:
+        """Characters of a line below which a terminal would cut the table."""
+        return sum(self._widths) + 2 * len(self._widths)
+
+    def blocks(self, width: int) -> list[Table]:
+        """Split the columns into tables that a terminal shows whole.
+
+        Parameters
+        ----------
+        width : int
+            Characters of a line.
+
+        Returns
+        -------
+        list of Table
+            Each with the first column; only the first block has the title.
+        """
+        first, *others = range(len(self.headings))
+        groups: list[list[int]] = []
+        used = width + 1
+        for k in others:
+            needed = self._widths[k] + 2
+            if used + needed > width:
+                groups.append([first])
+                used = self._widths[first] + 2
+            groups[-1].append(k)
+            used += needed
+        blocks = [self._with_columns(columns) for columns in groups] or [self]
+        return [blocks[0], *(replace(block, title="") for block in blocks[1:])]
+
+    def _with_columns(self, columns: Sequence[int]) -> Table:
+        """The same table with some of its columns."""
+        words = None
+        if self.words is not None:
+            words = [place for place, k in enumerate(columns) if k in self.words]
+        return replace(
+            self,
+            headings=[self.headings[k] for k in columns],
+            rows=[[row[k] for k in columns] for row in self.rows],
+            words=words,
+        )
 
     def text(self, width: int = 100) -> str:
         """As it stands in a terminal of so many characters."""

@@ -67,6 +67,14 @@ def test_a_packed_table_that_ends_early_is_refused(plain):
     refusal(lambda: silently(path), "ends early")
 
 
+@pytest.mark.parametrize("pack", [gzip, bz2, lzma])
+def test_a_packed_table_that_is_broken_is_refused(pack, plain):
+    content = bytearray(pack.compress(plain.read_bytes()))
+    content[len(content) // 2] ^= 0xFF
+    plain.write_bytes(content)
+    refusal(lambda: silently(plain))
+
+
 @pytest.mark.parametrize("letters", ["utf-16", "cp1252", "utf-8-sig"])
 def test_letters_of_other_programs_are_read(letters, tmp_path):
     names = ["t", *(f"q{k} [°]" for k in (1, 2, 3)), *HEAD[4:]]
@@ -125,6 +133,15 @@ def test_an_array_without_names_is_refused_with_its_command(tmp_path):
     np.save(tmp_path / "run.npy", np.column_stack([T, Q, TAU]))
     said = refusal(lambda: silently(tmp_path / "run.npy", names=JOINTS), "t, q and tau")
     assert "q3=#4,tau1=#5" in said
+
+
+@pytest.mark.parametrize("suffix", ["csv", "npy"])
+def test_without_header_and_clock_the_rate_is_proposed(suffix, tmp_path):
+    q = np.sin(np.outer(T, [9.0, 12.0, 15.0]))
+    dq = np.cos(np.outer(T, [9.0, 12.0, 15.0])) * [9.0, 12.0, 15.0]
+    path = table(tmp_path / "run.csv", None, q, dq, TAU)
+    np.save(tmp_path / "run.npy", np.column_stack([q, dq, TAU]))
+    refusal(lambda: silently(path.with_suffix(f".{suffix}")), "tau3=#9' --rate 200 ")
 
 
 def test_an_array_of_objects_is_refused(tmp_path):

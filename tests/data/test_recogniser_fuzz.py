@@ -22,9 +22,36 @@ FOLDER = Path(tempfile.mkdtemp(prefix="tables"))
 #: Joints' names, in the order of the robot that has them all.
 NAMES = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint")
 NUMBERED = {
-    "q": ("q{}", "q_{}", "pos[{}]", "joint_{}_position", "actual_q_{}", "position.{}"),
-    "dq": ("dq{}", "qd_{}", "vel[{}]", "joint_{}_velocity", "actual_qd_{}", "qdot{}"),
-    "tau": ("tau{}", "tau_{}", "effort[{}]", "joint_{}_effort", "torque_{}", "trq{}"),
+    "q": (
+        "q{}",
+        "q_{}",
+        "pos[{}]",
+        "joint_{}_position",
+        "actual_q_{}",
+        "position.{}",
+        "J{}_pos",
+        "Istposition A{}",
+    ),
+    "dq": (
+        "dq{}",
+        "qd_{}",
+        "vel[{}]",
+        "joint_{}_velocity",
+        "actual_qd_{}",
+        "qdot{}",
+        "J{}_vel",
+        "vitesse_{}",
+    ),
+    "tau": (
+        "tau{}",
+        "tau_{}",
+        "effort[{}]",
+        "joint_{}_effort",
+        "torque_{}",
+        "trq{}",
+        "J{}_eff",
+        "couple_{}",
+    ),
 }
 NAMED = {
     "q": ("{}_position", "/left/{}/position", "q_{}"),
@@ -37,7 +64,10 @@ ENDINGS = {
     "dq": {"": 1.0, "_deg_s": np.pi / 180.0, " [rad/s]": 1.0, " (rpm)": np.pi / 30.0},
     "tau": {"": 1.0, "_Nm": 1.0, " [mNm]": 1e-3},
 }
-OTHERS = ("mode", "frame_id", "target_q_{}", "battery", "tcp_pose_{}", "", "note")
+OTHERS = (
+    *("mode", "frame_id", "target_q_{}", "battery", "tcp_pose_{}", "", "note", "id"),
+    *("tick", "x", "name", "value", "i", "M{}", "force_{}", "J{} [V]", "T{}", "joint"),
+)
 CLOCKS = ("t", "time", "timestamp", "Time [s]", "%time", None)
 
 

@@ -474,6 +474,25 @@ def test_a_file_of_unknown_columns_offers_them_to_be_chosen(here, strange):
     assert chosen["tau1"] == ""
 
 
+def test_the_choice_of_columns_begins_with_what_is_recognised(here, hidden, tmp_path):
+    """By other programs' names; that of the clock says nothing."""
+    file = saved(tmp_path, hidden.runs[:1], "run.csv")["run.csv"]
+    head, *rows = file.read_text().splitlines()
+    for ours, theirs in {"q": "pos", "dq": "vel", "tau": "eff"}.items():
+        head = re.sub(rf"\b{ours}([0-9])", rf"j\1_{theirs}", head)
+    path = tmp_path / "foreign.csv"
+    path.write_text("\n".join([head.replace("t,", "nobody,", 1), *rows]) + "\n")
+    s = here.new()
+    do(s, lambda: s.choose_robot("two_link"))
+    s.arrived["foreign.csv"] = path
+    refusal(lambda: do(s, s.read_files), "foreign.csv")
+    (mapping,) = s.mappings
+    names = ["", "j1_pos", "j2_pos", "j1_eff", "j2_eff"]
+    assert dict(zip(mapping["ours"], mapping["chosen"], strict=True)) == dict(
+        zip(["t", "q1", "q2", "tau1", "tau2"], names, strict=True)
+    )
+
+
 def test_a_file_is_read_by_the_columns_that_were_chosen(here, strange, hidden):
     s = here.new()
     do(s, lambda: s.choose_robot("two_link"))

@@ -1,4 +1,5 @@
 from enum import StrEnum
+from pathlib import Path
 
 from sdp_vs_penalty.errors import require_known
 
@@ -9,18 +10,23 @@ Kind = StrEnum(
 )
 
 
-def verb(what: Kind, name: str | None = None) -> None:
+def verb(what: Kind, name: str | None = None, json_: Path | None = None) -> None:
     """List the names that the other verbs take, or say all about one of them.
 
     Example: sdp-vs-penalty list effects presliding_hysteresis
 
     what: Kind of names to list.
     name: One name, for all about it.
+    --json out.json: JSON file for all that is known of each name.
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.results.table import Table
 
     headings, rows = listing(what)
+    rows_shown = rows if name is None else [details(what, name)]
+    console.save_json(
+        json_, [dict(zip(headings, row, strict=True)) for row in rows_shown]
+    )
     if name is not None:
         console.details(list(zip(headings, details(what, name), strict=True)))
         return

@@ -21,15 +21,36 @@ def formats() -> tuple[ModuleType, ...]:
 
 
 def suffixes(ability: str = "read") -> tuple[str, ...]:
-    """The suffixes of all formats that can be read, or written."""
+    """List the suffixes of all formats.
+
+    Parameters
+    ----------
+    ability : str
+        What the format can do: "read" or "write".
+
+    Returns
+    -------
+    tuple[str, ...]
+        Suffixes with their point.
+    """
     return tuple(
         s for home in formats() if hasattr(home, ability) for s in home.SUFFIXES
     )
 
 
 def format_of(path: Path) -> ModuleType | None:
-    """The format of a file or folder by its suffix or content; None where nothing
-    claims it."""
+    """Find the format of a file by its suffix, or of a folder by its files.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file or folder.
+
+    Returns
+    -------
+    ModuleType | None
+        The module that reads it; None where nothing claims it.
+    """
     suffix = path.suffix.lower()
     folder = path.is_dir()
     for home in formats():

@@ -33,12 +33,24 @@ _FIELDS = ("position", "velocity", "effort")
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Joints by name: those of the robot, else those of the message with most joints, in
-    its order.
+    """Read the run of a bag from its JointState messages.
 
-    Messages come together by joint and nearest stamp: arm and gripper, left and right,
-    efforts of another topic. Time is the header's stamp, in seconds of its day, or the
-    recorder's where stamps are zero.
+    Parameters
+    ----------
+    path : Path
+        Of a .bag, .mcap or .db3 file, or a ROS 2 bag's folder.
+    choice : Choice
+        Joints and topic to take.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        No such messages, or joints that are missing.
     """
     from sdp_vs_penalty.robot.isolated import parse_isolated
 

@@ -26,6 +26,8 @@ _JOINTS = frozenset(_TABLE["joints"])
 _COUNTERS = frozenset(_TABLE["counters"])
 #: Words of columns that are something else than was measured.
 _OTHERS = frozenset(_TABLE["others"])
+#: Units by which a torque is a current.
+_AMPERES = ("a", "amps", "ma")
 #: Two words that mean one.
 _COMPOUNDS = {tuple(text.split()): word for text, word in _TABLE["compounds"].items()}
 
@@ -70,8 +72,18 @@ class JointNames:
                 self._joint_by_tokens.setdefault(words, k)
 
     def find(self, tokens: Sequence[str]) -> tuple[int, list[str]] | None:
-        """The joint that a name holds, and the name's other tokens; None without one.
-        The longest joint's name counts."""
+        """Find the joint that a name holds; the longest joint's name counts.
+
+        Parameters
+        ----------
+        tokens : Sequence[str]
+            Words and numbers of the name.
+
+        Returns
+        -------
+        tuple[int, list[str]] | None
+            The joint's place from 0, and the other tokens; None without a joint.
+        """
         by_length = sorted(self._joint_by_tokens, key=len, reverse=True)
         for words in by_length:
             if not words:
@@ -96,12 +108,22 @@ def _common_prefix(names: Sequence[tuple[str, ...]]) -> int:
 
 
 def split_tokens(name: str) -> list[str]:
-    """Words and numbers of a name in small letters, without accents.
+    """Split a column's name into words and numbers, in small letters without accents.
 
     >>> split_tokens("stampNanoSec[3]")
     ['stamp', 'nano', 'sec', '3']
     >>> split_tokens("axisQMsr")
     ['axis', 'q', 'msr']
+
+    Parameters
+    ----------
+    name : str
+        As the file writes it.
+
+    Returns
+    -------
+    list[str]
+        Words and numbers in their order.
     """
     with_blanks = re.sub(
         r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", name.strip()
@@ -112,14 +134,36 @@ def split_tokens(name: str) -> list[str]:
 
 
 def is_no_measurement(name: str) -> bool:
-    """Whether a name says that its column is something else than was measured, such as a
-    target."""
+    """Tell whether a column is something else than was measured, such as a target.
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+
+    Returns
+    -------
+    bool
+        True where one of its words says so.
+    """
     return bool(_OTHERS & set(split_tokens(name)))
 
 
 def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
-    """What a name says; None where it says nothing, or of something that was not
-    measured."""
+    """Read what a column's name says: quantity, joint, unit.
+
+    Parameters
+    ----------
+    name : str
+        Of the column.
+    joints : JointNames | None
+        The robot's joints.
+
+    Returns
+    -------
+    Reading | None
+        None where it says nothing, or of something that was not measured.
+    """
     for unit in units_of_name(name):
         reading = _read_tokens(split_tokens(unit.remainder), joints)
         if reading is not None and reading.quantity == unit.quantity:
@@ -147,12 +191,14 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
     joint, others = match or (None, tokens)
     letters = {token for token in others if token.isalpha()}
     numbers = [token for token in others if token.isdigit()]
-    if letters & _OTHERS:
-        return None
-    is_clock = unit.quantity == "t" and bool(letters & _COUNTERS) and not numbers
-    is_joint = joint is not None or bool(letters & _JOINTS and numbers)
-    is_told = unit.text in TELLING_UNITS.get(unit.quantity, ())
-    if not is_clock and not (is_joint and is_told and letters <= FILLERS):
+    has_joint = joint is not None or bool(letters & _JOINTS and numbers)
+    if has_joint:
+        is_read = letters <= FILLERS and unit.text in TELLING_UNITS.get(
+            unit.quantity, ()
+        )
+    else:
+        is_read = unit.quantity == "t" and bool(letters & _COUNTERS) and not numbers
+    if not is_read or letters & _OTHERS:
         return None
     return Reading(
         unit.quantity,
@@ -162,7 +208,7 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
         tuple(numbers[:-1]),
         unit=unit.text,
         factor=unit.factor,
-        words=("current",) if unit.text in ("a", "amps", "ma") else (),
+        words=("current",) if unit.text in _AMPERES else (),
     )
 
 

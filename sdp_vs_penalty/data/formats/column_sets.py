@@ -42,7 +42,20 @@ class ColumnSet:
 
 
 def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSet]:
-    """All sets of one quantity that are whole, the best first."""
+    """Collect the sets of columns of one quantity, one column a joint.
+
+    Parameters
+    ----------
+    quantity : str
+        q, dq, tau, temp or qcmd.
+    readings : Mapping[str, Reading]
+        What each column's name says.
+
+    Returns
+    -------
+    list[ColumnSet]
+        Sets without gaps in their numbers, the best first.
+    """
     of_quantity = {
         name: reading
         for name, reading in readings.items()
@@ -117,11 +130,21 @@ class SetChoice:
 def choose_sets(
     readings: Mapping[str, Reading], n_joints: int | None
 ) -> SetChoice | None:
-    """The best set of positions that has torques, or commanded positions, of the same
-    joints, with those; None where there is none.
+    """Choose the best set of positions that has torques, or commanded positions, of the
+    same joints.
 
-    n_joints : of the robot; columns that are called by fewer of its joints than half
-    are not taken.
+    Parameters
+    ----------
+    readings : Mapping[str, Reading]
+        What each column's name says.
+    n_joints : int | None
+        Of the robot; columns that are called by fewer of its joints than half are not
+        taken.
+
+    Returns
+    -------
+    SetChoice | None
+        The sets by quantity, and rivals that are as good; None where there is none.
     """
     by_quantity = {
         quantity: column_sets(quantity, readings)

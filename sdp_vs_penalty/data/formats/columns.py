@@ -74,8 +74,27 @@ class Choice:
 
 @contextmanager
 def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
-    """While a library reads a file, whose every layer fails in ways of its own:
-    InputError."""
+    """While a library reads a file, turn its failures into InputError.
+
+    Parameters
+    ----------
+    path : str | Path
+        Path of the file.
+    kind : str
+        How messages call such a file.
+    remedy : str
+        What to do about a broken one.
+
+    Returns
+    -------
+    Iterator[None]
+        A context; every layer of a library fails in ways of its own.
+
+    Raises
+    ------
+    InputError
+        The library fails, but for memory and the system's own errors.
+    """
     try:
         yield
     except (InputError, MemoryError):
@@ -226,12 +245,40 @@ class Header:
         return Measurements.of(t, blocks, (self.path.name,))
 
     def read(self, columns: Mapping[str, Array]) -> Measurements:
-        """The run of whole columns, as :meth:`gather` makes it of pieces."""
+        """Make a run of whole columns.
+
+        Parameters
+        ----------
+        columns : Mapping[str, Array]
+            (N,) numbers or (N, n) blocks by the file's names.
+
+        Returns
+        -------
+        Measurements
+            The run in SI units, one row a sample.
+
+        Raises
+        ------
+        InputError
+            As of :meth:`run`.
+        """
         return self.gather([self.run(columns)])
 
     def gather(self, pieces: Iterable[Measurements]) -> Measurements:
-        """The run of consecutive pieces; episodes come one after the other, a second
-        apart. One remark says what was guessed, and shows the first rows."""
+        """Make one run of consecutive pieces; one remark says what was guessed, and
+        shows the first rows.
+
+        Parameters
+        ----------
+        pieces : Iterable[Measurements]
+            In the order of the file.
+
+        Returns
+        -------
+        Measurements
+            Episodes come one after the other, a second apart; degrees that were cut at
+            a full turn go on.
+        """
         run = replace(gathered(pieces), joint_names=self.joints)
         if self.episode is not None and len(run.t) > 1:
             run = self._episodes_in_a_row(run)
@@ -335,8 +382,29 @@ def recognise_file(
     joints: Sequence[str] | None,
     table: CellTable | None,
 ) -> Recognition | None:
-    """What the columns of a file are; None where our own names are there, or nothing is
-    recognised. Raises InputError where two sets of columns are as good."""
+    """Recognise the columns of a file.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    names : Sequence[str]
+        Of its columns, in order.
+    joints : Sequence[str] | None
+        The robot's joint names.
+    table : CellTable | None
+        What the columns hold.
+
+    Returns
+    -------
+    Recognition | None
+        None where our own names are there, or nothing is recognised.
+
+    Raises
+    ------
+    InputError
+        Two sets of columns are as good.
+    """
     if has_our_names(names):
         return None
     try:
@@ -348,7 +416,20 @@ def recognise_file(
 
 
 def rows_shown(run: Measurements, recognition: Recognition) -> tuple[str, ...]:
-    """The first five rows of a run, a line a channel: our name, the file's, SI values."""
+    """Format the first five rows of a run, a line a channel.
+
+    Parameters
+    ----------
+    run : Measurements
+        In SI units.
+    recognition : Recognition
+        Which column each channel is.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Our name, the values, and the file's name in each line.
+    """
     first_rows = run.rows(slice(0, _ROWS_SHOWN))
     lines = list[str]()
     for name, values in columns_of(first_rows).items():
@@ -607,7 +688,27 @@ def _numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def real_numbers(path: str | Path, name: str, array: Any) -> Array:
-    """An array as floating-point numbers; InputError for anything but real numbers."""
+    """Convert an array to floating-point numbers.
+
+    Parameters
+    ----------
+    path : str | Path
+        Path of the file.
+    name : str
+        Of the array, for messages.
+    array : Any
+        Of any type and shape.
+
+    Returns
+    -------
+    Array
+        The same shape, at least (1,).
+
+    Raises
+    ------
+    InputError
+        The array holds anything but real numbers.
+    """
     if array.dtype.kind not in "fiu":
         what = f"array {name} holds {array.dtype}, not real numbers"
         raise InputError(what, "save it as floating-point numbers", path)
@@ -616,7 +717,18 @@ def real_numbers(path: str | Path, name: str, array: Any) -> Array:
 
 
 def table_of_arrays(arrays: Mapping[str, Array]) -> CellTable:
-    """What arrays by name hold: one a column, or blocks of several columns."""
+    """Describe arrays as the recogniser needs it.
+
+    Parameters
+    ----------
+    arrays : Mapping[str, Array]
+        (N,) one a column, or (N, n) and (n, N) blocks, by name.
+
+    Returns
+    -------
+    CellTable
+        Kinds and first cells.
+    """
     kinds = dict[str, str]()
     cells = dict[str, list[str]]()
     for name, array in arrays.items():
@@ -633,10 +745,20 @@ def _cell(row: Array) -> str:
 
 
 def brief_names(names: Sequence[str]) -> str:
-    """The names of columns in order, those that differ by their numbers as one.
+    """Format names of columns in order, those that differ by their numbers as one.
 
     >>> brief_names(["t", "q_0", "q_1", "q_2"])
     'q_0..2, t'
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Of columns.
+
+    Returns
+    -------
+    str
+        Names separated by commas.
     """
     families = dict[tuple[str, str], list[int]]()
     for name in names:
@@ -662,10 +784,22 @@ def _brief_family(head: str, tail: str, numbers: Sequence[int]) -> list[str]:
 
 
 def rate_from_velocities(q: Array, dq: Array) -> float | None:
-    """Samples a second [Hz] at which velocities (N, n) are the derivative of positions
-    (N, n), to three digits; None where they are not at any.
+    """Estimate the sampling rate at which velocities are the derivative of positions,
+    by least squares of the steps of q on the mean velocity between them: step = dq /
+    rate.
 
-    Least squares of the steps of q on the mean velocity between them: step = dq / rate.
+    Parameters
+    ----------
+    q : Array
+        (N, n) positions [rad, m].
+    dq : Array
+        (N, n) velocities [rad/s, m/s].
+
+    Returns
+    -------
+    float | None
+        Samples a second to three digits [Hz]; None where they are the derivative at no
+        rate.
     """
     steps = np.diff(q, axis=0)
     mean = 0.5 * (dq[1:] + dq[:-1])
@@ -683,7 +817,18 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
 
 
 def columns_of(measurements: Measurements) -> dict[str, Array]:
-    """The columns of a run by the names of RUN.csv."""
+    """List the columns of a run by the names of RUN.csv.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        One run.
+
+    Returns
+    -------
+    dict[str, Array]
+        (N,) each: t, q1 ..., in SI units.
+    """
     m = measurements
     out = {"t": m.t}
     for name, block in m.groups.items():

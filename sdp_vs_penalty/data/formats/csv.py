@@ -36,11 +36,31 @@ _SPARSE_ROWS = 3
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """The run of a table; InputError naming the row and column that cannot be used."""
+    """Read the run of a text table.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    choice : Choice
+        What of the file to take: joints, columns, rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        Naming the row and column that cannot be used.
+    """
     table = inspect_table(path)
     names = list(table.names)
     if not table.has_header and names[0] == "#1" and not choice.rename:
-        names = names_without_header(path, len(names), choice)
+        names = names_without_header(
+            path, len(names), choice, lambda: read_columns(path)
+        )
     form = find_long_form(table)
     if form is not None:
         return read_long(table, form, choice)
@@ -100,7 +120,18 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def inspect(path: Path) -> CellTable:
-    """What the columns of a table hold."""
+    """Describe what the columns of a text table hold.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    CellTable
+        Kinds and first cells, by name.
+    """
     table = inspect_table(path)
     return _cell_table(table, table.names)
 
@@ -113,7 +144,15 @@ def _cell_table(table: TextTable, names: Sequence[str]) -> CellTable:
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """Write one run as RUN.csv, whole or not at all."""
+    """Write one run as RUN.csv, whole or not at all.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The run.
+    path : Path
+        Of the file to write.
+    """
     with writing(path) as file:
         file.write((",".join(columns_of(measurements)) + "\n").encode())
         for part in measurements.parts():
@@ -124,8 +163,25 @@ def write(measurements: Measurements, path: Path) -> None:
 
 
 def numbers(path: Path, width: int) -> Array:
-    """The rows (N, width) of a file without a header; InputError naming the row that is
-    wrong."""
+    """Read the rows of a file without a header.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    width : int
+        How many columns it has.
+
+    Returns
+    -------
+    Array
+        (N, width) numbers.
+
+    Raises
+    ------
+    InputError
+        Naming the row that is wrong.
+    """
     table = TextTable(
         path,
         delimiter=",",

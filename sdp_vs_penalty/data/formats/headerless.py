@@ -1,17 +1,26 @@
 """Our names for the columns of a table that names none."""
 
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.catalogue import fetch_remedy
-from sdp_vs_penalty.data.formats.columns import HEADER, Choice
+from sdp_vs_penalty.data.formats.columns import HEADER, Choice, rate_from_velocities
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.robot.arrays import Array
 
 #: What research code writes of each joint, the commonest first.
 _GROUPS: tuple[tuple[str, ...], ...] = (("q", "dq", "tau"), ("q", "tau"))
 
 
-def names_without_header(path: Path, width: int, choice: Choice) -> list[str]:
+def names_without_header(
+    path: Path,
+    width: int,
+    choice: Choice,
+    read_columns: Callable[[], Mapping[str, Array]],
+) -> list[str]:
     """Name the columns of a table without a header: q, dq and tau of each joint, as
     research code writes them.
 
@@ -23,6 +32,8 @@ def names_without_header(path: Path, width: int, choice: Choice) -> list[str]:
         How many columns it has.
     choice : Choice
         With the rate that stands in for a clock, and the robot's joints.
+    read_columns : callable
+        Returns the columns (N,) in their order, of which a message proposes a rate.
 
     Returns
     -------
@@ -37,14 +48,18 @@ def names_without_header(path: Path, width: int, choice: Choice) -> list[str]:
     """
     layout = _layout(width, None if choice.joints is None else len(choice.joints))
     if choice.rate is None:
-        raise _no_header(path, layout)
+        raise _no_header(path, layout, read_columns)
     if layout is None:
         remedy = "keep q, dq and tau of each joint, or name columns by --rename q1=#2"
         raise InputError(f"{width} columns are not three a joint", remedy, path)
     return layout
 
 
-def _no_header(path: Path, layout: list[str] | None) -> InputError:
+def _no_header(
+    path: Path,
+    layout: list[str] | None,
+    read_columns: Callable[[], Mapping[str, Array]],
+) -> InputError:
     """The error of a table whose first row holds numbers, with the command that names
     its columns."""
     problem = "row 1 holds numbers instead of a header"
@@ -58,7 +73,7 @@ def _no_header(path: Path, layout: list[str] | None) -> InputError:
     words = ["--rename", ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))]
     has_clock = layout[0] == "t"
     if not has_clock:
-        words += ["--rate", "HZ"]
+        words += ["--rate", _rate_word(layout, list(read_columns().values()))]
     groups = [name for name in ("t", "q", "dq", "tau") if f"{name}1" in layout]
     groups = ["t", *groups] if has_clock else groups
     shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
@@ -66,6 +81,25 @@ def _no_header(path: Path, layout: list[str] | None) -> InputError:
     return InputError(
         problem, f"{remedy}where its columns are {shown}, `{command}`", path
     )
+
+
+def _rate_word(layout: Sequence[str], columns: Sequence[Array]) -> str:
+    """The rate at which velocities are the derivative of positions, "HZ" without."""
+    blocks = [
+        [
+            x
+            for name, x in zip(layout, columns, strict=False)
+            if name.rstrip("0123456789") == group
+        ]
+        for group in ("q", "dq")
+    ]
+    if not all(blocks):
+        return "HZ"
+    positions, velocities = blocks
+    rate = rate_from_velocities(
+        np.stack(positions, axis=1), np.stack(velocities, axis=1)
+    )
+    return "HZ" if rate is None else f"{rate:g}"
 
 
 def _layout(width: int, n_joints: int | None) -> list[str] | None:

@@ -76,8 +76,18 @@ class FilePart:
         )
 
     def channels(self, is_prefixed: bool) -> dict[str, str]:
-        """The names of the other columns in the run, by those in the file; is_prefixed :
-        with the file's name before them."""
+        """Name the channels of this file in the joined run.
+
+        Parameters
+        ----------
+        is_prefixed : bool
+            With the file's name before the columns'.
+
+        Returns
+        -------
+        dict[str, str]
+            Names in the run by names in the file, without the clock.
+        """
         others = [name for name in self.columns if name not in self.clock_columns]
         if not is_prefixed:
             return {name: name for name in others}
@@ -185,7 +195,8 @@ def read_joined(path: Path, files: Sequence[Path], choice: Choice) -> Measuremen
         run_table = _join(parts, is_prefixed=True)
     table, columns = run_table
     header = Header.of(path, list(columns), choice, table=table)
-    return replace(header.read(columns), names=(files[0].name,))
+    name = path.name if path.is_dir() else files[0].name
+    return replace(header.read(columns), names=(name,))
 
 
 def _has_channels(table: CellTable, choice: Choice) -> bool:

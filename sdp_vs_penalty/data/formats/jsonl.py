@@ -20,7 +20,25 @@ SAMPLE = "line"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """The run of a file; InputError naming the line that cannot be used."""
+    """Read the run of JSON lines.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    choice : Choice
+        What of the file to take: joints, columns, rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
+    """
     columns = read_columns(path)
     return Header.of(path, list(columns), choice, table=_cell_table(columns)).read(
         columns
@@ -28,7 +46,18 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def inspect(path: Path) -> CellTable:
-    """What the fields of a file hold."""
+    """Describe the fields of JSON lines.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    CellTable
+        Kinds and first cells, by name.
+    """
     return _cell_table(read_columns(path))
 
 

@@ -17,8 +17,21 @@ GROUPS_OF_LOGGERS = ("q", "dq", "tau", "temp", "qcmd")
 def columns_of_logger(
     logger: Mapping[str, Any], names: Sequence[str]
 ) -> dict[str, dict[Hashable, str]]:
-    """The file's columns of each group by joint; none where positions, or torques and
-    commands, are not among them."""
+    """Find the columns of a known logger.
+
+    Parameters
+    ----------
+    logger : Mapping[str, Any]
+        Its entry of loggers.toml.
+    names : Sequence[str]
+        Of the file's columns.
+
+    Returns
+    -------
+    dict[str, dict[Hashable, str]]
+        The file's names by group and joint; empty where positions, or torques and
+        commands, are not among them.
+    """
     groups = {
         group: columns_of_pattern(logger.get(group), names)
         for group in GROUPS_OF_LOGGERS
@@ -33,11 +46,20 @@ def columns_of_logger(
 
 
 def columns_of_pattern(patterns: Any, names: Sequence[str]) -> dict[Hashable, str]:
-    """The columns of the first pattern that fits, by joint: the number or the name in
-    the pattern.
+    """Find the columns of the first pattern that fits. Numbers stand behind any mark,
+    ``q_0``, ``q[0]``, ``q.0``, and count from 0 or from 1 without a gap.
 
-    Numbers stand behind any mark, ``q_0``, ``q[0]``, ``q.0``, and count from 0 or from
-    1 without a gap.
+    Parameters
+    ----------
+    patterns : Any
+        One pattern, several, or None.
+    names : Sequence[str]
+        Of the file's columns.
+
+    Returns
+    -------
+    dict[Hashable, str]
+        The file's names by the joint's number or name; empty where none fits.
     """
     for pattern in as_list(patterns):
         regex = _regex(pattern)
@@ -64,7 +86,18 @@ def _regex(pattern: str) -> re.Pattern[str]:
 
 
 def as_list(value: Any) -> list[Any]:
-    """A value of the table as a list: none, one, or several."""
+    """Make a list of a value of loggers.toml.
+
+    Parameters
+    ----------
+    value : Any
+        None, one text, or several.
+
+    Returns
+    -------
+    list[Any]
+        No, one or several values.
+    """
     if value is None:
         return []
     return [value] if isinstance(value, str) else list(value)

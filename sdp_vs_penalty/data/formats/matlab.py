@@ -22,18 +22,62 @@ SUFFIXES = (".mat",)
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Variables of the file, or the fields of its one struct; other variables are
-    ignored."""
+    """Read the run of a .mat file: its variables, or the fields of its structs.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    choice : Choice
+        What of the file to take: joints, columns, rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
+    """
     return run_of_columns(path, read_columns(path), choice)
 
 
 def inspect(path: Path) -> CellTable:
-    """What the variables of a file hold."""
+    """Describe the variables of a .mat file.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    CellTable
+        Kinds and first cells, by name.
+    """
     return table_of_arrays(read_columns(path))
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """The numeric variables by name, read by a process of its own."""
+    """Read the numeric variables of a .mat file, by a process of its own.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    dict[str, Array]
+        (N,) numbers or (N, n) blocks, by name.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
+    """
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
     arrays = dict[str, Array]()
@@ -58,8 +102,19 @@ def load_scipy() -> None:
 
 
 def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
-    """The numbers of a file by their names, one variable at a time; one wrong byte can
-    end this process."""
+    """Read the numbers of a .mat file, one variable at a time; one wrong byte can end
+    this process.
+
+    Parameters
+    ----------
+    path : str
+        Path of the file.
+
+    Yields
+    ------
+    dict[str, Array]
+        A mapping of one name to (N, n) numbers each.
+    """
     from scipy.io import loadmat
 
     content = loadmat(path, simplify_cells=True)
@@ -88,6 +143,15 @@ def _leaves(
 
 
 def write(measurements: Measurements, path: Path) -> None:
+    """Write one run, whole or not at all.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The run.
+    path : Path
+        Of the file to write.
+    """
     from scipy.io import savemat
 
     m = measurements

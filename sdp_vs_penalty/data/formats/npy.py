@@ -52,16 +52,47 @@ def read(path: Path, choice: Choice) -> Measurements:
 def run_of_columns(
     path: Path, columns: Mapping[str, Array], choice: Choice
 ) -> Measurements:
-    """The run of named columns, or of those of a table without names ("#1" ...)."""
+    """Make a run of named columns, or of those of a table without names.
+
+    Parameters
+    ----------
+    path : Path
+        How messages call the file.
+    columns : Mapping[str, Array]
+        (N,) numbers or (N, n) blocks by name; "#1", "#2" ... without names.
+    choice : Choice
+        What of the file to take: joints, columns, rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        Columns that are unknown.
+    """
     names = list(columns)
     if names[:1] == ["#1"] and not choice.rename:
-        names = names_without_header(path, len(names), choice)
+        names = names_without_header(path, len(names), choice, lambda: columns)
     named = dict(zip(names, columns.values(), strict=True))
     return Header.of(path, names, choice).read(named)
 
 
 def inspect(path: Path) -> CellTable:
-    """What the fields or columns of an array hold."""
+    """Describe the fields or columns of an array.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    CellTable
+        Kinds and first cells, by name.
+    """
     return table_of_arrays(read_columns(path))
 
 
@@ -90,7 +121,25 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def columns_of_array(path: Path, array: Any) -> dict[str, Array]:
-    """The columns of a structured or plain array by name, as :func:`read_columns`."""
+    """Split an array into columns.
+
+    Parameters
+    ----------
+    path : Path
+        How messages call the file.
+    array : Any
+        A structured array (N,), or a plain one (N, columns).
+
+    Returns
+    -------
+    dict[str, Array]
+        As of :func:`read_columns`.
+
+    Raises
+    ------
+    InputError
+        An array of another shape.
+    """
     fields = array.dtype.names
     if fields:
         flat = np.ravel(array)

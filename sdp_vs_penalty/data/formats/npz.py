@@ -30,9 +30,24 @@ _KIND = ".npz file of numbers", "write it anew with numpy.savez"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """The run of an archive; InputError naming the array that cannot be used.
+    """Read the run of an archive, a long one in pieces.
 
-    A long run is read and kept in pieces.
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    choice : Choice
+        What of the file to take: joints, columns, rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
     """
     with (
         understood(path, *_KIND),
@@ -102,27 +117,55 @@ def _columns_of_one_table(path: Path, file: Any) -> dict[str, Array] | None:
         return None
     arrays = [file[name] for name in file.files]
     tables = [x for x in arrays if x.dtype.names or x.dtype.kind in "fiu"]
-    names = [x for x in arrays if x.dtype.kind in "US" and x.ndim == 1]
-    if len(tables) != 1 or len(tables) + len(names) != len(arrays):
+    if len(tables) != 1:
         return None
     columns = columns_of_array(path, tables[0])
-    if not names:
+    if len(arrays) == 1:
         return columns
-    texts = [str(name) for name in names[0].astype(str)]
-    if len(texts) != len(columns) or len(set(texts)) != len(texts):
-        return None
-    return dict(zip(texts, columns.values(), strict=True))
+    texts = next(x for x in arrays if x is not tables[0])
+    names = texts.astype(str).tolist() if texts.dtype.kind in "US" else []
+    are_names = isinstance(names, list) and len(set(names)) == len(columns) == len(
+        names
+    )
+    return dict(zip(names, columns.values(), strict=True)) if are_names else None
 
 
 def inspect(path: Path) -> CellTable:
-    """What the arrays of an archive hold; those that are no numbers count as text."""
+    """Describe the arrays of an archive; what is no number counts as text.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    CellTable
+        Kinds and first cells, by name.
+    """
     arrays, texts = _arrays_and_texts(path)
     numbers = table_of_arrays(arrays)
     return CellTable({**numbers.kinds, **dict.fromkeys(texts, "text")}, numbers.cells)
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """The arrays of an archive that are numbers, by name: (N,) or (N, n) each."""
+    """Read the arrays of an archive that are numbers.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    dict[str, Array]
+        (N,) numbers or (N, n) blocks, by name.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
+    """
     return _arrays_and_texts(path)[0]
 
 
@@ -147,13 +190,38 @@ def _arrays_and_texts(path: Path) -> tuple[dict[str, Array], list[str]]:
 
 
 def write(measurements: Measurements, path: Path) -> None:
+    """Write one run, whole or not at all.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The run.
+    path : Path
+        Of the file to write.
+    """
     columns: dict[str, Any] = columns_of(measurements)
     with writing(path) as file:
         np.savez_compressed(file, **columns)
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
-    """The arrays of an .npz file as floats; InputError for anything but real numbers."""
+    """Read all arrays of an archive.
+
+    Parameters
+    ----------
+    path : str | Path
+        Path of the file.
+
+    Returns
+    -------
+    dict[str, Array]
+        Floating-point numbers of any shape, by name.
+
+    Raises
+    ------
+    InputError
+        An array that holds anything but real numbers.
+    """
     arrays: dict[str, Array] = {}
     with (
         understood(path, *_KIND),

@@ -13,7 +13,25 @@ FOLDER = "exciting_traj_*.txt"
 
 
 def read(folder: Path, choice: Choice) -> Measurements:
-    """The authors' four text files: one number a line, sample-major."""
+    """Read the Panda authors' four text files: one number a line, sample-major.
+
+    Parameters
+    ----------
+    folder : Path
+        That holds them.
+    choice : Choice
+        Not used.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        A file is missing, or does not fit the others.
+    """
     columns = {}
     for key, name in (
         ("t", "time"),

@@ -19,7 +19,25 @@ SUFFIXES = (".parquet", ".pq")
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Numeric columns of the table; others (time stamps, texts) are ignored."""
+    """Read the run of a Parquet table; texts are left out.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+    choice : Choice
+        What of the file to take: joints, columns, rate.
+
+    Returns
+    -------
+    Measurements
+        The run in SI units, one row a sample.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
+    """
     from pyarrow import parquet
 
     # Buffered ahead, all of a row group would be in memory.
@@ -32,7 +50,18 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def inspect(path: Path) -> CellTable:
-    """What the columns of a table hold."""
+    """Describe the columns of a Parquet table.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    CellTable
+        Kinds and first cells, by name.
+    """
     from pyarrow import parquet
 
     with (
@@ -43,7 +72,23 @@ def inspect(path: Path) -> CellTable:
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """The columns of a table that are no texts, by name: (N,), or (N, n) of lists."""
+    """Read the columns of a Parquet table that are no texts.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    dict[str, Array]
+        (N,) numbers or (N, n) blocks, by name.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, or a channel that is missing.
+    """
     from pyarrow import parquet
 
     with (
@@ -128,6 +173,15 @@ def _numbers(path: Path, name: str, column: Any) -> Array:
 
 
 def write(measurements: Measurements, path: Path) -> None:
+    """Write one run, whole or not at all.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The run.
+    path : Path
+        Of the file to write.
+    """
     import pyarrow as arrow
     from pyarrow import parquet
 

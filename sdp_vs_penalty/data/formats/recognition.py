@@ -71,7 +71,18 @@ class CellTable:
     cells: Mapping[str, Sequence[str]]
 
     def values(self, name: str) -> Array:
-        """The first numbers of a column, of lists all of theirs."""
+        """Parse the first cells of a column.
+
+        Parameters
+        ----------
+        name : str
+            Of the column.
+
+        Returns
+        -------
+        Array
+            (K,) numbers; of lists all of theirs.
+        """
         text = " ".join(self.cells.get(name, ())[:50])
         numbers = re.findall(r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?", text)
         return np.array(numbers, float)
@@ -113,8 +124,22 @@ class Recognition:
     def command(
         self, path: Path, names: Sequence[str], rate: float | None = None
     ) -> str:
-        """The command that reads the file alike; names : of its columns; rate : samples
-        a second in place of its clock [Hz]."""
+        """Format the command that reads the file alike.
+
+        Parameters
+        ----------
+        path : Path
+            Path of the file.
+        names : Sequence[str]
+            Of the file's columns.
+        rate : float | None
+            Samples a second in place of its clock [Hz].
+
+        Returns
+        -------
+        str
+            A command that can be pasted.
+        """
         words = ["--rename", rename_words(self.rename, names)]
         if self.scale:
             words += ["--scale", scale_words(self.scale, self.rename)]
@@ -127,8 +152,23 @@ class Recognition:
     def sentence(
         self, path: Path, names: Sequence[str], rate: float | None = None
     ) -> str:
-        """What was taken for what, in which unit and why, and the command that repeats
-        it; arguments as of :meth:`command`."""
+        """Say what was taken for what, in which unit and why, with the command that
+        repeats it.
+
+        Parameters
+        ----------
+        path : Path
+            Path of the file.
+        names : Sequence[str]
+            Of the file's columns.
+        rate : float | None
+            Samples a second in place of its clock [Hz].
+
+        Returns
+        -------
+        str
+            One sentence.
+        """
         columns = ", ".join(f"{a} = {b}" for a, b in first_and_last(self.rename))
         units = "".join(f"; {unit}" for unit in self.units)
         joints = f"; joints {', '.join(self.joints)}" if self.joints else ""
@@ -141,7 +181,18 @@ class Recognition:
 
 
 def first_and_last(rename: Mapping[str, str]) -> list[tuple[str, str]]:
-    """The first and the last column of each group, ours and theirs."""
+    """Shorten pairs of names to the first and last of each group.
+
+    Parameters
+    ----------
+    rename : Mapping[str, str]
+        Our names to the file's.
+
+    Returns
+    -------
+    list[tuple[str, str]]
+        Pairs of texts such as q1..q6 and pos_0 .. pos_5.
+    """
     groups = dict[str, list[tuple[str, str]]]()
     for our_name, their_name in rename.items():
         groups.setdefault(group_of(our_name), []).append((our_name, their_name))
@@ -157,12 +208,34 @@ def first_and_last(rename: Mapping[str, str]) -> list[tuple[str, str]]:
 
 
 def counted_from_zero(names: Sequence[str]) -> bool:
-    """Whether columns that are called as ours are counted from 0."""
+    """Tell whether columns that are called as ours are counted from 0.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Of the columns.
+
+    Returns
+    -------
+    bool
+        True where q0, dq0 or tau0 is among them.
+    """
     return bool({"q0", "dq0", "tau0", "qcmd0"} & set(names))
 
 
 def has_our_names(names: Sequence[str]) -> bool:
-    """Whether columns are called as in RUN.csv, counted from 1."""
+    """Tell whether columns are called as in RUN.csv, counted from 1.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Of the columns.
+
+    Returns
+    -------
+    bool
+        True where t, q and tau or qcmd are, one a joint.
+    """
     known = set(names)
     has_positions = bool({"q", "q1"} & known)
     has_torques = bool({"tau", "tau1", "qcmd", "qcmd1"} & known)
@@ -213,7 +286,20 @@ def recognise(
 def recognised(
     names: Sequence[str], joints: Sequence[str] | None = None
 ) -> Recognised | None:
-    """Names and factors of :func:`recognise`; None where there is no clock either."""
+    """Recognise columns by their names alone.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Of the columns, in order.
+    joints : Sequence[str] | None
+        The robot's joint names.
+
+    Returns
+    -------
+    Recognised | None
+        Names and factors of :func:`recognise`; None where there is no clock either.
+    """
     recognition = recognise(names, joints)
     if recognition is None or "t" not in recognition.rename:
         return None
@@ -221,7 +307,18 @@ def recognised(
 
 
 def find_clock(names: Sequence[str]) -> str | None:
-    """The column of a file's clock, "sec+nanosec" where it is in two; None without."""
+    """Find the column of a file's clock.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Of the columns.
+
+    Returns
+    -------
+    str | None
+        Its name, "sec+nanosec" where it is in two parts; None without.
+    """
     pair = find_two_parts(names)
     if pair is not None:
         return "+".join(pair)

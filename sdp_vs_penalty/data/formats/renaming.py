@@ -16,23 +16,59 @@ _DEGREES = ("deg", "degree", "degrees")
 
 
 def group_of(our_name: str) -> str:
-    """The group of one of our names: "tau" of "tau3"."""
+    """Find the group of one of our names.
+
+    Parameters
+    ----------
+    our_name : str
+        Such as "tau3".
+
+    Returns
+    -------
+    str
+        The name without its number: "tau".
+    """
     return our_name.rstrip("0123456789")
 
 
 def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
-    """The columns that a name stands for: two for "sec+nanosec"."""
+    """List the columns that a name of ``--rename`` stands for.
+
+    Parameters
+    ----------
+    their_name : str
+        A column, or two of a stamp: "sec+nanosec".
+    names : Sequence[str]
+        Of the file's columns.
+
+    Returns
+    -------
+    tuple[str, ...]
+        One or two names.
+    """
     if their_name in names or "+" not in their_name:
         return (their_name,)
     return tuple(part.strip() for part in their_name.split("+"))
 
 
 def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
-    """The pairs of ``--rename``: one pattern for a group where it means the same, and
-    columns by their number where their names cannot be written.
+    """Format the pairs of ``--rename``: one pattern for a group where it means the
+    same, and columns by their number where their names cannot be written.
 
     >>> rename_words({"t": "time", "q1": "p_0", "q2": "p_1"}, ["time", "p_0", "p_1"])
     't=time,q*=p_*'
+
+    Parameters
+    ----------
+    rename : Mapping[str, str]
+        Our names to the file's.
+    names : Sequence[str]
+        Of the file's columns.
+
+    Returns
+    -------
+    str
+        The option's value.
     """
     groups = dict[str, dict[str, str]]()
     for our_name, their_name in rename.items():
@@ -73,7 +109,21 @@ def _writable(name: str, names: Sequence[str]) -> str:
 
 
 def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
-    """The pairs of ``--scale``: a unit's word for a group where it says the same."""
+    """Format the pairs of ``--scale``: a unit's word for a group where it says the
+    same.
+
+    Parameters
+    ----------
+    scale : Mapping[str, float]
+        Factors to SI by our names.
+    rename : Mapping[str, str]
+        Our names to the file's, all of them.
+
+    Returns
+    -------
+    str
+        The option's value.
+    """
     groups = dict[str, dict[str, float]]()
     for our_name, factor in scale.items():
         groups.setdefault(group_of(our_name), {})[our_name] = factor
@@ -95,8 +145,26 @@ def _factor_word(factor: float, group: str) -> str:
 
 
 def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
-    """``q*=actual_q_*`` as one pair for each joint; InputError where no column has such
-    a name."""
+    """Replace patterns of ``--rename``, such as ``q*=actual_q_*``, by one pair for each
+    joint.
+
+    Parameters
+    ----------
+    rename : Mapping[str, str]
+        As the user writes it.
+    names : Sequence[str]
+        Of the file's columns.
+
+    Returns
+    -------
+    dict[str, str]
+        Our names to the file's, without patterns.
+
+    Raises
+    ------
+    InputError
+        No column has such a name.
+    """
     out = dict[str, str]()
     for our_name, their_name in rename.items():
         their_name = _by_number(their_name, names)

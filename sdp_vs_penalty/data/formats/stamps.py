@@ -28,12 +28,34 @@ _STAMP = re.compile(
 
 
 def is_stamp(text: str) -> bool:
-    """Whether a text is a time of day, with or without a date and a zone."""
+    """Tell whether a text is a time of day, with or without a date and a zone.
+
+    Parameters
+    ----------
+    text : str
+        Of one cell.
+
+    Returns
+    -------
+    bool
+        True for ISO 8601 and what spreadsheets write.
+    """
     return _STAMP.fullmatch(text.strip()) is not None
 
 
 def find_two_parts(names: Sequence[str]) -> tuple[str, str] | None:
-    """The columns of a stamp in two parts, seconds and a fraction of one; None without."""
+    """Find the columns of a stamp in two parts.
+
+    Parameters
+    ----------
+    names : Sequence[str]
+        Of the columns.
+
+    Returns
+    -------
+    tuple[str, str] | None
+        Seconds, and a fraction of one; None without.
+    """
     parts = {_stem_and_word(name): name for name in names}
     for (stem, word), name in parts.items():
         for first in FIRST_PARTS:
@@ -43,7 +65,18 @@ def find_two_parts(names: Sequence[str]) -> tuple[str, str] | None:
 
 
 def second_part_unit(name: str) -> float:
-    """What the second part of a stamp counts in [s]; nanoseconds where no name says."""
+    """Read the unit of a stamp's second part off its name.
+
+    Parameters
+    ----------
+    name : str
+        Of its column.
+
+    Returns
+    -------
+    float
+        What it counts in [s]; nanoseconds where no name says.
+    """
     return SECOND_PARTS.get(_stem_and_word(name)[1], 1e-9)
 
 
@@ -88,7 +121,18 @@ def seconds_of(texts: Sequence[str]) -> Array:
 
 
 def past_midnight(clock: Array) -> Array:
-    """(N,) times of day [s] that go on past midnight."""
+    """Let times of day go on past midnight.
+
+    Parameters
+    ----------
+    clock : Array
+        (N,) times of day [s].
+
+    Returns
+    -------
+    Array
+        (N,) times [s], a day later behind each midnight.
+    """
     if len(clock) < 2:
         return clock
     is_next_day = np.diff(clock) < -0.5 * _DAY

@@ -28,8 +28,26 @@ class EmptyCellError(InputError):
 
 
 def read_pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
-    """The chosen columns of consecutive pieces, at least one (empty) piece: (N,)
-    numbers, or (N, n) where cells hold lists."""
+    """Read chosen columns of a text table, piece by piece.
+
+    Parameters
+    ----------
+    table : TextTable
+        What the file is made of.
+    chosen : Sequence[int]
+        Places of the columns, from 0.
+
+    Yields
+    ------
+    list[Array]
+        At least one piece, the first an empty one: (N,) numbers a column, or (N, n)
+        where cells hold lists.
+
+    Raises
+    ------
+    InputError
+        Naming the row and column that is wrong.
+    """
     from pyarrow import ArrowException
 
     yield [_no_values(table, k) for k in chosen]
@@ -221,10 +239,50 @@ def _refuse_widths(
             raise InputError(what, "complete the row or delete it", table.path)
 
 
+def iter_cells(table: TextTable, column: int) -> Iterator[list[str]]:
+    """Go through the cells of one column, piece by piece.
+
+    Parameters
+    ----------
+    table : TextTable
+        What the file is made of.
+    column : int
+        Its place, from 0.
+
+    Yields
+    ------
+    list[str]
+        Its texts, of rows that are as long as the header.
+    """
+    for first, rows in iter_rows(table.path):
+        values = rows[max(table.first - first, 0) :]
+        cells = [split_cells(row, table.delimiter) for row in values]
+        yield [row[column] for row in cells if len(row) == table.width]
+
+
 def read_cells(
     table: TextTable, chosen: Sequence[int]
 ) -> tuple[list[int], list[list[str]]]:
-    """The numbers of all rows that are not empty, and their cells in chosen columns."""
+    """Read the cells of chosen columns as texts.
+
+    Parameters
+    ----------
+    table : TextTable
+        What the file is made of.
+    chosen : Sequence[int]
+        Places of the columns, from 0.
+
+    Returns
+    -------
+    tuple[list[int], list[list[str]]]
+        The numbers of all rows of values in the file, from 1, and their cells, a list a
+        column.
+
+    Raises
+    ------
+    InputError
+        A row has more or fewer cells than others.
+    """
     numbers = list[int]()
     columns = list[list[str]]([[] for _ in chosen])
     for first, rows in iter_rows(table.path):
@@ -243,7 +301,29 @@ def read_cells(
 def parse_with_gaps(
     table: TextTable, column: int, numbers: Sequence[int], cells: Sequence[str]
 ) -> Array:
-    """A column as numbers, NaN where a cell is empty; numbers : of the rows."""
+    """Parse a column of which cells are empty.
+
+    Parameters
+    ----------
+    table : TextTable
+        What the file is made of.
+    column : int
+        Its place, from 0.
+    numbers : Sequence[int]
+        Of the rows in the file, from 1.
+    cells : Sequence[str]
+        Its texts, one a row.
+
+    Returns
+    -------
+    Array
+        (N,) or (N, n) numbers, NaN where a cell is empty.
+
+    Raises
+    ------
+    InputError
+        Naming the row of a cell that is no number.
+    """
     filled = [k for k, cell in enumerate(cells) if cell]
     rows = [numbers[k] for k in filled]
     values = _parse_column(table, column, rows, [cells[k] for k in filled])

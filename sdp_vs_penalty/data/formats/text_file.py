@@ -6,6 +6,7 @@ import codecs
 import gzip
 import lzma
 import re
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,8 @@ _UNPACKERS: dict[bytes, Callable[..., IO[Any]]] = {
     b"BZh": bz2.open,
     b"\xfd7zXZ\x00": lzma.open,
 }
+#: What unpacking raises where a file is broken.
+BROKEN = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile)
 #: How files begin that are no text, what they are, and what to do.
 _NO_TEXTS: dict[bytes, tuple[str, str]] = {
     b"PK\x03\x04": (
@@ -77,19 +80,52 @@ def open_text(path: Path) -> Iterator[IO[str]]:
 
 
 def is_packed(path: Path) -> bool:
-    """Whether a file is one text that is packed."""
+    """Tell whether a file is one text that is packed.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    bool
+        True for gzip, bzip2 and xz, by its first bytes.
+    """
     return _unpacker_of(path) is not None
 
 
 def is_plain_utf_8(path: Path) -> bool:
-    """Whether a library can read a file as UTF-8, which is not packed."""
+    """Tell whether a library can read a file as UTF-8.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    bool
+        False for one that is packed or in other letters.
+    """
     with path.open("rb") as file:
         head = file.read(_HEAD)
     return not is_packed(path) and _encoding_of(head) == "utf-8-sig"
 
 
 def largest_text(path: Path) -> int:
-    """How many characters a packed text may have; no limit for another file."""
+    """Limit how much a packed text may unpack to.
+
+    Parameters
+    ----------
+    path : Path
+        Path of the file.
+
+    Returns
+    -------
+    int
+        Characters; as many as it has bytes for one that is not packed.
+    """
     size = path.stat().st_size
     return memory_for(size) if is_packed(path) else size + 1
 

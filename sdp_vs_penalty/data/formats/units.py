@@ -155,8 +155,19 @@ class NamedUnit:
 
 
 def units_of_name(name: str) -> list[NamedUnit]:
-    """The units that a name could end with, the longest first; a joint's number may
-    follow."""
+    """List the units that a name could end with, the longest first; a joint's number
+    may follow.
+
+    Parameters
+    ----------
+    name : str
+        Of a column.
+
+    Returns
+    -------
+    list[NamedUnit]
+        Empty where it ends with none.
+    """
     text = name.strip()
     candidates = list[NamedUnit]()
     for quantity, units in UNITS_IN_NAMES.items():

@@ -165,9 +165,9 @@ def _best(
     best = measuring.best_spline()
     if best is None:
         return None
-    if not search.rules.curve_laws:
-        return best.J, best, None
     J, law = measuring.recognise(best)
+    if law is not None and not search.rules.curve_laws:
+        return best.J, best, None
     return max(best.J, J), best, law
 
 

@@ -92,9 +92,7 @@ def _draw_violation(axis: Any, problem: Searched) -> None:
 def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
     """Draw a dot for every run of annealing at every weight."""
     n_runs = max(point.run for point in problem.annealed)
-    most = max(point.evaluations for point in problem.annealed)
-    # Three digits: a search may take a few evaluations more than its budget.
-    n_evaluations = int(float(f"{most:.3g}"))
+    n_evaluations = max(point.evaluations for point in problem.annealed)
     axis.plot(
         [point.xi for point in problem.annealed],
         values,
@@ -103,5 +101,5 @@ def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
         markersize=3.5,
         color=style.ORANGE,
         alpha=0.6,
-        label=f"annealing: {n_runs} runs, {n_evaluations} evaluations a weight",
+        label=f"annealing: {n_runs} runs, at most {n_evaluations} evaluations a weight",
     )

@@ -17,7 +17,7 @@ import platform
 import resource
 import signal
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
@@ -371,52 +371,71 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
     absent |= {
         e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured
     }
-    machine = f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    workers = setup.jobs or os.cpu_count() or 1
+    work = partial(spread, perform, scheduler=setup.scheduler, jobs=workers)
     with folder_lock(setup.out):
         results = Results(setup.out)
         notes = []
-        work = partial(
-            spread,
-            perform,
-            scheduler=setup.scheduler,
-            jobs=setup.jobs or os.cpu_count() or 1,
-        )
         references = _references(setup, entries, say, work)
-        if dropped := results.keep(
-            {
-                name: reference_found["hash"]
-                for name, reference_found in references.items()
-            }
-        ):
+        hashes = {name: proved["hash"] for name, proved in references.items()}
+        if n_dropped := results.keep(hashes):
             notes.append(
-                f"{dropped} runs of instances that have changed since were dropped"
+                f"{n_dropped} runs of instances that have changed since were dropped"
             )
         tasks, not_applicable = _pending(setup, entries, competing, references, results)
-        done = 0
-        total = sum(len(task.accuracies) for task in tasks)
-        groups = {e.name: e.group for e in entries}
-        versions = {c.name: c.version() for c in competing}
-        say(f"{done} of {total}: runs")
-        begin = time.monotonic()
-        for place, rows in work(tasks):
-            task = tasks[place]
-            assert task.reference is not None
-            about = {
-                "problem": task.problem,
-                "hash": task.hash,
-                "solver": task.solver,
-                "group": groups[task.problem],
-                "version": versions[task.solver],
-                "lower": task.reference.lower,
-                "upper": task.reference.upper,
-                "machine": machine,
-            }
-            results.add([row | about for row in rows])
-            done += len(rows)
-            left = (time.monotonic() - begin) * (total - done) / max(done, 1)
-            about_left = f", about {left:.0f} s left" if left >= 1.0 else ""
-            say(f"{done} of {total}: {task.solver} on {task.problem}{about_left}")
+        facts = _Facts(
+            group_by_problem={e.name: e.group for e in entries},
+            version_by_solver={c.name: c.version() for c in competing},
+        )
+        _perform_all(tasks, work, results, facts, say)
     return Outcome(results, absent, not_applicable, notes)
+
+
+@dataclass(frozen=True)
+class _Facts:
+    """What rows of runs.csv say beside what a worker returns."""
+
+    group_by_problem: Mapping[str, str]
+    version_by_solver: Mapping[str, str]
+
+    def of(self, task: Assignment) -> Row:
+        """Cells of a run of an assignment."""
+        assert task.reference is not None
+        return {
+            "problem": task.problem,
+            "hash": task.hash,
+            "solver": task.solver,
+            "group": self.group_by_problem[task.problem],
+            "version": self.version_by_solver[task.solver],
+            "lower": task.reference.lower,
+            "upper": task.reference.upper,
+            "machine": (
+                f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+            ),
+        }
+
+
+def _perform_all(
+    tasks: Sequence[Assignment],
+    work: Callable[..., Any],
+    results: Results,
+    facts: _Facts,
+    say: Progress,
+) -> None:
+    """Do the assignments and keep each row as soon as it is there; say : hears how many
+    of the runs are done, and about how long the others take."""
+    n_done = 0
+    total = sum(len(task.accuracies) for task in tasks)
+    say(f"{n_done} of {total}: runs")
+    begin = time.monotonic()
+    for place, rows in work(tasks):
+        task = tasks[place]
+        cells = facts.of(task)
+        results.add([row | cells for row in rows])
+        n_done += len(rows)
+        left = (time.monotonic() - begin) * (total - n_done) / max(n_done, 1)
+        about_left = f", about {left:.0f} s left" if left >= 1.0 else ""
+        say(f"{n_done} of {total}: {task.solver} on {task.problem}{about_left}")
 
 
 def _references(

@@ -122,57 +122,75 @@ def base_parameter_table(study: Study) -> Table:
     base = tuple(base_parameter_symbols(study.problem))
     others = dict.fromkeys(name for data in study.whole for name in _others(data))
     keys = [*base, *others, _CONDITION, _ERROR]
-    retrieved = study.reverse_engineered
+    printed = study.problem.published.get("table_III")
     known = {"true_simulated": study.experiment.links}
-    if (printed := study.problem.published.get("table_III")) is not None:
+    if printed is not None:
         rows = _published(printed, keys, len(base))
-    else:  # symbols from the kinematics, published links if any
-        symbols = [*base_parameter_symbols(study.problem).values(), *keys[len(base) :]]
-        numbers = [*range(1, len(keys) - 1), None, None]
-        rows = pandas.DataFrame(
-            {"row": numbers, "coefficient": symbols}, keys, dtype=object
-        )
-        known = {
-            f"pi_{column}": links for column, links in study.published_links.items()
-        } | known
-    known["re_simulated"] = retrieved.theta
-    pi = {name: study.base @ links.ravel() for name, links in known.items()}
+    else:
+        rows = _numbered(study, keys, len(base))
+        published = {f"pi_{k}": links for k, links in study.published_links.items()}
+        known = published | known
     our_values = {
-        name: dict(zip(base, values, strict=True)) for name, values in pi.items()
+        name: dict(zip(base, study.base @ links.ravel(), strict=True))
+        for name, links in known.items()
     }
-    our_values["re_simulated"] |= {
-        key: retrieved.details[name] for key, name in _DETAILS.items()
-    }
+    our_values["re_simulated"] = _retrieved(study, base)
     study.estimate(study.methods.values(), study.whole)
     for data in study.whole:
         our_values |= _estimates(study, data, base)
-    box, authors = study.black_box
-    where = (
-        "the authors' 1010"
-        if authors
-        else f"{box.samples} random (the authors' file is absent)"
-    )
-    shown = [
-        f"{method}_{d.label}" for d in study.whole for method in ("ols", DEFAULT_METHOD)
-    ]
-    names = (name.replace("-", "_") for name in shown)
-    errors = [f"{name} {our_values[name][_ERROR]:.3g} %" for name in names]
     table = Table(
         f"Table III: base parameters of {study.problem.title}",
         rows.join(pandas.DataFrame(our_values)),
-        notes(
-            "III",
-            where=where,
-            priors=study.about_priors,
-            published="" if printed is None else _SOURCES,
-            checks="" if printed is None else _published_checks(study, printed),
-        ),
-        f"Relative error on the training data: {', '.join(errors)}.",
+        _notes(study, printed),
+        _headline(study, our_values),
     )
     printed_columns = [name for name in rows if name != "row"]
     links = [f"pi_{column}" for column in study.published_links]
     columns = [*printed_columns, *links, *study.compared_columns]
     return table.shortened(dict.fromkeys(columns))
+
+
+def _numbered(study: Study, keys: list[str], n_base: int) -> pandas.DataFrame:
+    """Number and symbol of each row, from the kinematics; of the base parameters, which
+    are the first keys, the symbols of their sums."""
+    symbols = [*base_parameter_symbols(study.problem).values(), *keys[n_base:]]
+    numbers = [*range(1, len(keys) - 1), None, None]
+    return pandas.DataFrame(
+        {"row": numbers, "coefficient": symbols}, keys, dtype=object
+    )
+
+
+def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
+    """Base parameters from the black box, its condition number and relative error."""
+    retrieved = study.reverse_engineered
+    values = dict(zip(base, study.base @ retrieved.theta, strict=True))
+    return values | {key: retrieved.details[name] for key, name in _DETAILS.items()}
+
+
+def _notes(study: Study, printed: Sequence[Mapping[str, str]] | None) -> list[str]:
+    """What the table says below itself; printed : the published rows, if there are some."""
+    box, has_authors_file = study.black_box
+    where = f"{box.samples} random (the authors' file is absent)"
+    if has_authors_file:
+        where = "the authors' 1010"
+    return notes(
+        "III",
+        where=where,
+        priors=study.about_priors,
+        published="" if printed is None else _SOURCES,
+        checks="" if printed is None else _published_checks(study, printed),
+    )
+
+
+def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
+    """Errors of least squares and of the default method on the training data."""
+    columns = [
+        f"{method}_{data.label}".replace("-", "_")
+        for data in study.whole
+        for method in ("ols", DEFAULT_METHOD)
+    ]
+    errors = [f"{column} {values[column][_ERROR]:.3g} %" for column in columns]
+    return f"Relative error on the training data: {', '.join(errors)}."
 
 
 def _others(data: Data) -> list[str]:
