@@ -21,6 +21,7 @@ __getattr__ = lazy_exports(
     rules="Rules",
     search="Search",
     sizes="Size size_of size_with_interval",
+    sizes_in_model="effect_of size_in_model",
     where_it_fails="dependences JointFailure",
     refit="least_squares_refit",
     unexplained="remainder unexplained_error",

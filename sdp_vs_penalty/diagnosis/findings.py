@@ -91,6 +91,14 @@ class Rated(JsonRecord):
         return bool(self.remarks) and known.issuperset(self.remarks)
 
 
+def is_law_of(name: str, other: str) -> bool:
+    """Whether two names are of laws of one effect: one of them refines the other."""
+    if name == other:
+        return True
+    types = effect_types()
+    return name in types[other].refines or other in types[name].refines
+
+
 def format_size(size: float, std: float, unit: str) -> str:
     """A size with its 95 % interval, as every place shows it.
 
@@ -141,6 +149,19 @@ class Finding(Rated):
             "rating": self.rating,
             "half_width_95": half if isfinite(half) else None,
         }
+
+    @property
+    def effect_is_certain(self) -> bool:
+        """Whether the effect is there: the finding is confident, or a near-tie of laws of
+        one effect, of which only the law is open."""
+        if self.rating == "near-tie":
+            return all(is_law_of(name, self.effect) for name in self._rival_effects)
+        return self.rating == "confident"
+
+    @property
+    def _rival_effects(self) -> list[str]:
+        """Names of the effects that fit as well, without joints and constants."""
+        return [re.split("[:@]", name)[0] for name in self.rivals_without_curve]
 
     @property
     def physics(self) -> str:
@@ -363,6 +384,11 @@ class Diagnosis(Record, JsonRecord):
         """Findings whose effect and size are sure."""
         return self._count("confident")
 
+    @fact("", digits=9, name="n certain effects")
+    def n_certain_effects(self) -> int:
+        """Findings whose effect is sure: confident, or near-ties of laws of one effect."""
+        return sum(f.effect_is_certain for f in self.effects)
+
     @fact("", digits=9, name="n near-tie")
     def n_near_tie(self) -> int:
         """Findings whose torque is there, while another effect fits as well."""
@@ -449,21 +475,21 @@ class Diagnosis(Record, JsonRecord):
 
     @property
     def _missing(self) -> str:
-        confident = [f for f in self.effects if f.confidence == "confident"]
+        certain = [f for f in self.effects if f.effect_is_certain]
         findings = f"finding{'s' if len(self.effects) != 1 else ''}"
         counted = (
-            f"{_named(confident or self.effects)}"
+            f"{_named(certain or self.effects)}"
             f" ({rating_counts(self.effects)} {findings})"
         )
         if self.unexplained_sentence:
-            if confident:
+            if certain:
                 return f"Missing: {counted}; also {self.unexplained_sentence}."
             return (
                 "Missing:"
                 f" {self.unexplained_sentence}{f'; possibly {counted}' if self.effects else ''}."
             )
         if self.effects:
-            text = f"{'Missing' if confident else 'Possibly missing'}: {counted}."
+            text = f"{'Missing' if certain else 'Possibly missing'}: {counted}."
             if self.retuned:
                 text += f" Settings to re-estimate: {_named(self.retuned)}."
             return (

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.conclude import sentence
-from sdp_vs_penalty.diagnosis.constants import UNCERTAIN
+from sdp_vs_penalty.diagnosis.constants import SIGNIFICANT, UNCERTAIN
 from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.sizes import size_of
 from sdp_vs_penalty.effects.effect import Effect
@@ -29,7 +29,10 @@ def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
 
 def size_in_model(finding: Finding, model: Estimate) -> Finding:
     """A finding with the size, interval and constants that a model gives its effect;
-    the finding itself where the model lacks the effect or its interval."""
+    the finding itself where the model lacks the effect or its interval.
+
+    A size that the model does not tell from zero makes a confident finding weak.
+    """
     held = effect_of(finding, model)
     if held is None:
         return finding
@@ -39,11 +42,16 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
     if not np.all(np.isfinite(covariance)):
         return finding
     size, std = size_of(effect, theta, covariance)
+    confidence = finding.confidence
     remarks = finding.remarks
-    if finding.confidence == "confident" and not std < UNCERTAIN * abs(size):
+    if confidence == "confident" and not std < SIGNIFICANT * abs(size):
+        confidence = "weak"
+        remarks = (*remarks, REASONS["insignificant"])
+    elif confidence == "confident" and not std < UNCERTAIN * abs(size):
         remarks = (*remarks, REASONS["uncertain"])
     return replace(
         finding,
+        confidence=confidence,
         shape=dict(effect.shape),
         constants=effect.constants,
         size=size,
@@ -61,12 +69,31 @@ def effect_of(
     finding: Finding, model: Estimate
 ) -> tuple[Effect, NDArray[np.intp]] | None:
     """The model's effect that a finding names, and the indices of its parameters in
-    theta; None where there is none. Of several on the same joints the last one counts:
-    it was added last."""
+    theta; None where there is none.
+
+    It has the finding's law. Of several on the same joints the one counts that has most
+    of the finding's constants, and of those the last one: it was added last.
+    """
     joints = tuple(j - 1 for j in finding.joints)
     held = None
+    most_equal = -1
     for effect, indices in model.model.parts:
         on_joints = () if effect.whole_robot else tuple(effect.joints)
-        if effect.name == finding.effect and on_joints == joints:
+        if effect.name != finding.effect or on_joints != joints:
+            continue
+        if not _has_same_law(effect, finding):
+            continue
+        n_equal = sum(effect.shape.get(k) == x for k, x in finding.shape.items())
+        if n_equal >= most_equal:
             held = effect, indices
+            most_equal = n_equal
     return held
+
+
+def _has_same_law(effect: Effect, finding: Finding) -> bool:
+    """Whether the constants that have a few choices only, such as a law, are equal."""
+    laws = [name for name, constant in effect.shapes.items() if constant.choices]
+    return all(
+        name not in finding.shape or effect.shape[name] == finding.shape[name]
+        for name in laws
+    )

@@ -21,26 +21,18 @@ static inline void @_times(const double A[3][3], int transposed, const double b[
     for (int j = 0; j < 3; j++) out[i] += (transposed ? A[j][i] : A[i][j]) * b[j];
 }
 
-static inline void @_torque(const double q[], const double dq[], const double ddq[], double tau[]) {
+/* torque that links need on each joint, from each link's mass, first moments and inertia about its joint's frame */
+static inline void @_links(const double q[], const double dq[], const double ddq[], const double mass[],
+                           const double first[][3], const double inertia[][3][3], double load[]) {
   /* the joint before, and 1 for a prismatic joint */
   static const int parent[@_N] = $parent, slides[@_N] = $slides;
   /* of each joint's frame in its parent's: origin and orientation; the axis in its own */
   static const double origin[@_N][3] = $origin;
   static const double turned[@_N][3][3] = $turned;
   static const double axis[@_N][3] = $axis;
-  /* of each link about its joint's frame: mass, first moments, inertia */
-  static const double mass[@_N] = $mass;
-  static const double first[@_N][3] = $first;
-  static const double inertia[@_N][3][3] = $inertia;
-  static const double damping[@_N] = $damping;
-  static const double friction[@_N] = $friction;
-  static const double per_width[@_N] = $per_width;
-  static const double armature[@_N] = $armature;
-  static const double offset[@_N] = $offset;
   /* angular velocity and acceleration, acceleration less gravity, force, moment; [N]: the base */
   double w[@_N + 1][3] = {{0}}, u[@_N + 1][3] = {{0}}, a[@_N + 1][3] = {{0}};
   double f[@_N + 1][3] = {{0}}, m[@_N + 1][3] = {{0}}, R[@_N][3][3] = {{{0}}}, r[@_N][3];
-  double load[@_N] = {0}; /* the links' torque on each joint */
   const double up[3] = $up;
   for (int k = 0; k < 3; k++) a[@_N][k] = up[k];
   for (int i = 0; i < @_N; i++) {
@@ -81,14 +73,31 @@ static inline void @_torque(const double q[], const double dq[], const double dd
   }
   for (int i = @_N - 1; i >= 0; i--) {
     double handed[3] = {0};
-    tau[i] = armature[i] * ddq[i] + damping[i] * dq[i] + offset[i];
-    tau[i] += friction[i] * tanh(dq[i] * per_width[i]);
+    load[i] = 0.0;
     for (int k = 0; k < 3; k++) load[i] += axis[i][k] * (slides[i] ? f[i] : m[i])[k];
-    tau[i] += load[i];
     @_times(R[i], 0, f[i], handed);
     for (int k = 0; k < 3; k++) f[parent[i]][k] += handed[k];
     @_times(R[i], 0, m[i], m[parent[i]]);
     @_cross(1.0, r[i], handed, m[parent[i]]);
+  }
+}
+
+static inline void @_torque(const double q[], const double dq[], const double ddq[], double tau[]) {
+  /* of each link about its joint's frame: mass, first moments, inertia */
+  static const double mass[@_N] = $mass;
+  static const double first[@_N][3] = $first;
+  static const double inertia[@_N][3][3] = $inertia;
+  static const double damping[@_N] = $damping;
+  static const double friction[@_N] = $friction;
+  static const double per_width[@_N] = $per_width;
+  static const double armature[@_N] = $armature;
+  static const double offset[@_N] = $offset;
+  double load[@_N]; /* the links' torque on each joint */
+  @_links(q, dq, ddq, mass, first, inertia, load);
+  for (int i = 0; i < @_N; i++) {
+    tau[i] = armature[i] * ddq[i] + damping[i] * dq[i] + offset[i];
+    tau[i] += friction[i] * tanh(dq[i] * per_width[i]);
+    tau[i] += load[i];
   }
 $formulas
 }

@@ -11,7 +11,7 @@ import numpy as np
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
-from sdp_vs_penalty.exporters.content import HELD, Content, Options
+from sdp_vs_penalty.exporters.content import HELD, Content, Options, about_joints
 from sdp_vs_penalty.robot.arrays import Array
 
 ENDING = ".h"
@@ -56,11 +56,11 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
     content = Content.of(
         estimate
     )  # refuses what no simulator or controller should be given
-    links = content.links
     left = tuple(e.brief for e in model.effects if e.name not in HOLDS)
     name = re.sub(r"\W", "_", robot.name) or "robot"
     name = name if name.isascii() and not name[0].isdigit() else "robot"
     joints = robot.joints
+    lines = [*_load_without_payload(estimate, name), *formulas(estimate)]
     text = Template(_TEMPLATE.read_text("utf-8").replace("@", name)).substitute(
         robot=_comment(robot.name),
         method=_comment(estimate.method),
@@ -74,18 +74,43 @@ def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]
         origin=_braces(np.array([j.placement[:3, 3] for j in joints])),
         turned=_braces(np.array([j.placement[:3, :3] for j in joints])),
         axis=_braces(np.array([j.axis for j in joints])),
-        mass=_braces(links[:, 0]),
-        first=_braces(links[:, 1:4]),
-        inertia=_braces(links[:, 4:][:, [[0, 1, 3], [1, 2, 4], [3, 4, 5]]]),
+        **_link_arrays(content.links),
         per_width=_braces(1.0 / np.asarray(model.sign_width)),
         up=_braces(-np.array(robot.gravity, float)),
         damping=_braces(content.damping),
         friction=_braces(content.friction),
         armature=_braces(content.armature),
         offset=_braces(content.offset),
-        formulas="\n".join(f"  {line}" for line in formulas(estimate)),
+        formulas="\n".join(f"  {line}" for line in lines),
     )
     return text.encode(), left
+
+
+def _link_arrays(links: Array) -> dict[str, str]:
+    """Mass, first moments and inertias of links (n, 10) as C writes arrays."""
+    full_inertias = links[:, 4:][:, [[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
+    return {
+        "mass": _braces(links[:, 0]),
+        "first": _braces(links[:, 1:4]),
+        "inertia": _braces(full_inertias),
+    }
+
+
+def _load_without_payload(estimate: Estimate, name: str) -> list[str]:
+    """Lines of C that set ``load`` to the torque of the links alone: friction under
+    load does not count a payload, which ``tau`` holds. None where no effect or no
+    payload needs them."""
+    names = {effect.name for effect in estimate.model.effects}
+    if not {"payload", "load_dependent_friction"} <= names:
+        return []
+    arrays = _link_arrays(about_joints(estimate.robot, estimate.links))
+    return [
+        "/* the links alone, without the payload */",
+        f"static const double bare_mass[{name}_N] = {arrays['mass']};",
+        f"static const double bare_first[{name}_N][3] = {arrays['first']};",
+        f"static const double bare_inertia[{name}_N][3][3] = {arrays['inertia']};",
+        f"{name}_links(q, dq, ddq, bare_mass, bare_first, bare_inertia, load);",
+    ]
 
 
 def _braces(values: Array) -> str:

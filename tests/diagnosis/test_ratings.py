@@ -1,0 +1,163 @@
+"""What a finding's rating says: an effect may be sure while its law is not, and a size
+that is not told from zero is never sure."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import sdp_vs_penalty as sdp
+from sdp_vs_penalty.diagnosis import Diagnosis, Finding, effect_of, size_in_model
+from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.signals import REPETITION
+
+ANOTHER_FITS = "another effect fits as well"
+
+
+def finding(effect: str, joint: int, *rivals: str, **changes: Any) -> Finding:
+    """A finding on one joint (from 1); a near-tie where it has rivals."""
+    known: dict[str, Any] = {
+        "effect": effect,
+        "joints": (joint,),
+        "shape": {},
+        "size": 1.0,
+        "unit": "N m",
+        "std": 0.1,
+        "parameters": {},
+        "confidence": "weak" if rivals else "confident",
+        "indistinguishable_from": rivals,
+        "held_out_rmse_before": np.full(7, 2.0),
+        "held_out_rmse_after": np.full(7, 1.0),
+        "explanation": "",
+        "text": f"{effect}:{joint}",
+        "gain": 50.0,
+        "remarks": (ANOTHER_FITS,) if rivals else (),
+    }
+    return Finding(**known | changes)
+
+
+def diagnosis(*findings: Finding) -> Diagnosis:
+    """Of a run whose noise is known."""
+    return Diagnosis(
+        verdict="effect_missing",
+        effects=findings,
+        noise_floor=np.ones(7),
+        invisible=(),
+        events=(),
+        noise_source=REPETITION,
+        unexplained=np.zeros(7),
+        held_out_rmse=np.ones(7),
+        band_hz=8.0,
+        remarks=(),
+        held_out_rmse_before=np.full(7, 2.0),
+        held_out_source="test",
+        frozen=False,
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "rivals", "is_certain"),
+    [
+        ("presliding_hysteresis", (), True),
+        ("presliding_hysteresis", ("maxwell_slip",), True),
+        ("maxwell_slip", ("presliding_hysteresis:7@d=0.002",), True),
+        ("presliding_hysteresis", ("external_wrench", "maxwell_slip"), False),
+        ("joint_spring", ("base_tilt",), False),
+    ],
+)
+def test_an_effect_is_certain_where_only_its_law_is_open(effect, rivals, is_certain):
+    assert finding(effect, 7, *rivals).effect_is_certain == is_certain
+
+
+def test_the_headline_names_effects_whose_law_is_open():
+    found = diagnosis(
+        finding("presliding_hysteresis", 4),
+        finding("presliding_hysteresis", 7, "maxwell_slip"),
+        finding("joint_spring", 2, "base_tilt"),
+    )
+    assert found.headline == (
+        "Missing: presliding_hysteresis on joints 4 and 7"
+        " (1 confident and 2 near-tie findings)."
+    )
+
+
+def test_effects_that_are_certain_are_counted():
+    found = diagnosis(
+        finding("presliding_hysteresis", 7, "maxwell_slip"),
+        finding("joint_spring", 2, "base_tilt"),
+    )
+    assert found.n_certain_effects == 1
+
+
+def test_adding_what_is_sure_takes_effects_whose_law_is_open():
+    found = diagnosis(finding("presliding_hysteresis", 7, "maxwell_slip"))
+    assert len(found.selected(confident=True).effects) == 1
+
+
+def model_with(*parts: tuple[Any, float, float]) -> Any:
+    """A model of effects with one parameter each: its value and standard deviation."""
+    values = np.array([value for _, value, _ in parts])
+    deviations = np.array([std for _, _, std in parts])
+    return SimpleNamespace(
+        theta=values,
+        uncertainty=SimpleNamespace(covariance=np.diag(deviations**2)),
+        model=SimpleNamespace(
+            parts=[(effect, np.array([k])) for k, (effect, _, _) in enumerate(parts)]
+        ),
+    )
+
+
+@pytest.fixture
+def spring(two_link) -> Any:
+    return effect_types()["joint_spring"](two_link.robot, [0])
+
+
+@pytest.mark.parametrize(
+    ("size", "std", "confidence"),
+    [(1.0, 0.1, "confident"), (1.0, 0.3, "confident"), (-6.6, 6.5, "weak")],
+)
+def test_a_size_that_the_model_does_not_tell_from_zero_is_weak(
+    spring, size, std, confidence
+):
+    sized = size_in_model(finding("joint_spring", 1), model_with((spring, size, std)))
+    assert sized.confidence == confidence
+
+
+@pytest.mark.parametrize(("law", "size"), [(1.0, 5.0), (2.0, 7.0)])
+def test_each_of_two_laws_has_its_own_size(two_link, law, size):
+    kind = effect_types()["maxwell_slip"]
+    free, even = (kind(two_link.robot, [0], law=x) for x in (1.0, 2.0))
+    parts = [
+        (SimpleNamespace(**_as_one_parameter(free)), 5.0, 0.1),
+        (SimpleNamespace(**_as_one_parameter(even)), 7.0, 0.1),
+    ]
+    held = effect_of(finding("maxwell_slip", 1, shape={"law": law}), model_with(*parts))
+    assert held is not None
+    assert parts[int(held[1][0])][1] == size
+
+
+def test_a_law_that_a_model_lacks_has_no_size_in_it(two_link):
+    even = effect_types()["maxwell_slip"](two_link.robot, [0], law=2.0)
+    part = SimpleNamespace(**_as_one_parameter(even)), 7.0, 0.1
+    missing = finding("maxwell_slip", 1, shape={"law": 1.0})
+    assert effect_of(missing, model_with(part)) is None
+
+
+def _as_one_parameter(effect: Any) -> dict[str, Any]:
+    """What identifies an effect in a model."""
+    names = ("name", "joints", "shape", "shapes", "whole_robot")
+    return {name: getattr(effect, name) for name in names}
+
+
+@pytest.mark.long
+@pytest.mark.real_data
+def test_no_confident_size_of_the_real_wrist_may_be_zero(data_folder):
+    """On the TX40 a friction of a power of speed had -6.6 +- 13 N m."""
+    run = sdp.load_measurements(data_folder / "tx40")
+    train = run.window(0.0, 6.0)
+    model = sdp.identify("tx40", train, check=False)
+    found = sdp.diagnose(model, train, check=False)
+    confident = [f for f in found.effects if f.rating == "confident"]
+    assert confident
+    assert all(f.std < 0.5 * abs(f.size) for f in confident)
