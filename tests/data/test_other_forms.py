@@ -67,6 +67,14 @@ def test_a_packed_table_that_ends_early_is_refused(plain):
     refusal(lambda: silently(path), "ends early")
 
 
+@pytest.mark.parametrize("pack", [gzip, bz2, lzma])
+def test_a_packed_table_that_is_broken_is_refused(pack, plain):
+    content = bytearray(pack.compress(plain.read_bytes()))
+    content[len(content) // 2] ^= 0xFF
+    plain.write_bytes(content)
+    refusal(lambda: silently(plain))
+
+
 @pytest.mark.parametrize("letters", ["utf-16", "cp1252", "utf-8-sig"])
 def test_letters_of_other_programs_are_read(letters, tmp_path):
     names = ["t", *(f"q{k} [°]" for k in (1, 2, 3)), *HEAD[4:]]
