@@ -29,7 +29,7 @@ import numpy as np  # noqa: E402
 import pandas  # noqa: E402
 from challenge.cases import CLASSES, BuiltCase, Case, build_case, wanted  # noqa: E402
 from challenge.judge import share  # noqa: E402
-from challenge.worlds.conditions import NUISANCES  # noqa: E402
+from challenge.worlds.conditions import NUISANCES, Channel  # noqa: E402
 from challenge.worlds.runs import urdf_of  # noqa: E402
 from reliability import (  # noqa: E402
     OF_THE_MOTION,
@@ -133,6 +133,7 @@ def truth_of(case: Case, built: BuiltCase) -> str:
         "causal": channel.lag > 0.0,
         "delay": channel.delay > 0.0,
         "warming": conditions.warming > 0.0,
+        "encoder": channel.step > Channel().step,
     }
     words = [h.effect for h in built.hidden] + [case.kind, case.nuisance]
     words += [word for word, is_there in nuisances.items() if is_there]

@@ -1,7 +1,9 @@
 """Make this folder again: python results/reliability/make.py
 
-SDP_VS_PENALTY_DATA names the folder of the measurements. The committed worlds are the first
-50 of this list: the run was stopped."""
+SDP_VS_PENALTY_DATA names the folder of the measurements. Each command goes on where it
+was stopped: arms and worlds that are in its tables are not judged again. The committed
+tables hold the first worlds of each seed, in the order in which they are drawn, and not
+all of the small arms: the runs were stopped."""
 
 import os
 from pathlib import Path
@@ -10,38 +12,39 @@ from sdp_vs_penalty.research.provenance import make_folder
 
 HERE = Path(__file__).parent
 DATA = os.environ.get("SDP_VS_PENALTY_DATA", ".")
-PARTS = [1, 2, 3]
+#: Arms of two and three joints, by the sample of corruptions that each is given.
+SMALL = {0: range(960, 973), 1: range(973, 986), 2: range(986, 1012)}
+REAL = "panda,tx40,ur10,emps"
+
+
+def corruptions(folder: str, arms: str, every: int, part: int) -> list[str]:
+    """Arguments of the bench of corrupted logs."""
+    sample = ["--every", str(every), "--part", str(part)]
+    out = ["--out", str(HERE / folder)]
+    return ["benchmarks/corruptions", "--data", DATA, "--arms", arms, *sample, *out]
+
+
+def worlds(seed: int) -> list[str]:
+    """Arguments of the bench of simulated worlds."""
+    drawn = ["--cases", "20", "--seed", str(seed)]
+    return ["benchmarks/check_worlds.py", *drawn, "--out", str(HERE)]
+
+
+def names(numbers: range) -> str:
+    """Small arms, as the bench calls them."""
+    return ",".join(f"small{number}" for number in numbers)
+
+
 COMMANDS = [
     ["benchmarks/check_real.py", "--data", DATA, "--out", str(HERE)],
-    *(
-        [
-            "benchmarks/corruptions",
-            "--arms",
-            f"drawn94{part}",
-            "--every",
-            "12",
-            "--part",
-            str(part),
-            "--out",
-            str(HERE),
-        ]
-        for part in PARTS
-    ),
-    [
-        "benchmarks/check_worlds.py",
-        "--cases",
-        "12",
-        "--seed",
-        "26114",
-        "--every",
-        "3",
-        "--out",
-        str(HERE),
-    ],
+    *(corruptions("small", names(arms), 6, part) for part, arms in SMALL.items()),
+    corruptions("real", REAL, 10, 3),
+    *(worlds(seed) for seed in (26200, 26201)),
     [
         "benchmarks/reliability.py",
         str(HERE / "real_claims.csv"),
-        str(HERE / "corruptions_claims.csv"),
+        str(HERE / "small" / "corruptions_claims.csv"),
+        str(HERE / "real" / "corruptions_claims.csv"),
         str(HERE / "worlds_claims.csv"),
         "--out",
         str(HERE),

@@ -220,7 +220,8 @@ def beside(g: RunSummary) -> Iterator[Issue]:
             severity="warning",
             joints=joints,
             what="{where}: positions outside the range all or part of the time.",
-            certainty="certain: outside what the joint can reach",
+            certainty="likely: outside what the joint can reach, certainly; its zero is"
+            " the usual cause",
             remedy="correct the zeros of these joints: the travel fits the range",
         )
 
