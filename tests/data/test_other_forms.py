@@ -375,6 +375,7 @@ def test_letters_and_words_tell_joints_apart(joints, tmp_path):
     names = [f"{joint} {x}" for x in ("angle", "torque") for joint in joints]
     path = table(tmp_path / "run.csv", ["time", *names], T, Q, TAU)
     require_the_run(silently(path, names=JOINTS))
+    require_the_run(silently(path))
 
 
 def test_two_encoders_of_each_joint_are_not_guessed(tmp_path):

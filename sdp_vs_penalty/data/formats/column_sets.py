@@ -144,7 +144,10 @@ class SetChoice:
 
 
 def choose_sets(
-    readings: Mapping[str, Reading], n_joints: int | None
+    readings: Mapping[str, Reading],
+    n_joints: int | None,
+    *,
+    has_blocks: bool = True,
 ) -> SetChoice | None:
     """Choose the best set of positions that has torques, or commanded positions, of the
     same joints.
@@ -156,6 +159,8 @@ def choose_sets(
     n_joints : int | None
         Of the robot; columns that are called by fewer of its joints than half are not
         taken.
+    has_blocks : bool
+        Take one column as all joints too.
 
     Returns
     -------
@@ -171,6 +176,8 @@ def choose_sets(
     torques = by_quantity["tau"]
     for positions in _with_torque_alone(by_quantity["q"], torques):
         if positions.style == "joint" and 2 * len(positions.columns) <= (n_joints or 0):
+            continue
+        if positions.style == "block" and not has_blocks:
             continue
         sets = {"q": positions}
         for quantity, candidates in by_quantity.items():

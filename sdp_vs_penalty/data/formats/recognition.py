@@ -489,6 +489,8 @@ def _by_words(
 ) -> Recognition | None:
     """What the words of each name say."""
     known, choice = _read_and_choose(usable, joints)
+    if choice is not None and not joints:
+        choice = _one_joint_of_several(known, choice, table)
     if choice is None:
         return None
     clock = find_clock(usable)
@@ -530,6 +532,21 @@ def _read_and_choose(
     if joints and other is not None and len(other.sets["q"].columns) == n_joints:
         return without_joints, other
     return with_joints, choice
+
+
+def _one_joint_of_several(
+    readings: Mapping[str, Reading], choice: SetChoice, table: CellTable | None
+) -> SetChoice:
+    """The sets of "A angle" to "F angle" where "A angle" was chosen alone, because "A"
+    says nothing; a column of lists holds all joints by itself."""
+    positions = choice.sets["q"]
+    name = next(iter(positions.columns.values()))
+    is_list = table is None or table.kinds.get(name) != "number"
+    if positions.style != "block" or is_list:
+        return choice
+    other = choose_sets(readings, None, has_blocks=False)
+    has_it = other is not None and name in other.sets["q"].columns.values()
+    return other if other is not None and has_it else choice
 
 
 def _readings(
