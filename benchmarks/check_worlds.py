@@ -216,6 +216,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--every", type=int, default=1, help="one case in so many")
     parser.add_argument(
+        "--part", type=int, default=0, help="which of these samples, from 0"
+    )
+    parser.add_argument(
         "--worlds-of", type=Path, help="the worlds of this challenge.json"
     )
     parser.add_argument("--workers", type=int, default=1)
@@ -234,7 +237,8 @@ def main() -> None:
     rows = read_rows(options.out / "check_worlds.csv")
     claims = read_claims(options.out / "worlds_claims.csv") if rows else []
     known = {row.case for row in rows}
-    todo = [case for case in cases[:: options.every] if case.key not in known]
+    sample = cases[options.part :: options.every]
+    todo = [case for case in sample if case.key not in known]
     begin = time.monotonic()
     with ProcessPoolExecutor(options.workers) as pool:
         while todo and time.monotonic() - begin < options.seconds:

@@ -138,6 +138,38 @@ def test_every_command_parses_and_every_link_leads_somewhere(page):
         assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
 
 
+READABILITY = runpy.run_path(str(ROOT / "tools" / "readability.py"))
+
+
+def test_the_documentation_has_short_sentences():
+    """A mean of 16 words over all pages."""
+    lengths = [
+        READABILITY["n_words"](sentence)
+        for page in PAGES
+        for sentence in READABILITY["sentences"](page.read_text(encoding="utf-8"))
+    ]
+    assert len(lengths) > 500
+    assert sum(lengths) / len(lengths) <= READABILITY["MEAN"]
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda p: p.name)
+def test_no_sentence_is_longer_than_thirty_words(page):
+    for sentence in READABILITY["sentences"](page.read_text(encoding="utf-8")):
+        assert READABILITY["n_words"](sentence) <= READABILITY["LONGEST"], sentence
+
+
+def test_sentences_are_told_from_code_lists_and_abbreviated_numbers():
+    text = "One `a. B` of 1.5 m. Two [is. linked](x.md) now.\n\n- Three\n- Four: five;"
+    text += " six\n\n| a table. Of cells |\n\n```python\nno. Sentence\n```\n"
+    assert READABILITY["sentences"](text) == [
+        "One Code of 1.5 m.",
+        "Two is. linked now.",
+        "Three",
+        "Four: five; six",
+    ]
+
+
 def test_every_public_name_is_in_the_reference():
     reference = (DOCS / "api.md").read_text(encoding="utf-8")
     public = {name: getattr(sdp_vs_penalty, name) for name in sdp_vs_penalty.__all__}

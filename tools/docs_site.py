@@ -1,4 +1,5 @@
-"""MkDocs hook: the results that pages of docs/ refer to are pages of the site, too."""
+"""MkDocs hook: the results that pages of docs/ refer to are pages of the site, too, and
+so is every command's help."""
 
 from __future__ import annotations
 
@@ -28,7 +29,22 @@ def on_files(files: Any, config: Any) -> Any:
                 config, name, content=re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
             )
         )
+    files.append(File.generated(config, "options.md", content=options_page()))
     return files
+
+
+def options_page() -> str:
+    """Every command's options, as its own --help prints them."""
+    from sdp_vs_penalty.cli.main import VERBS, named
+    from sdp_vs_penalty.cli.options import Parser
+
+    lines = ["# Every option", ""]
+    for purpose, verbs in VERBS.items():
+        lines += [f"## {purpose}", ""]
+        for name in verbs:
+            text = Parser(name, named(name)).format_help().rstrip()
+            lines += [f"### {name}", "", "```text", text, "```", ""]
+    return "\n".join(lines)
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:

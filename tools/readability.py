@@ -72,7 +72,9 @@ def main(names: list[str]) -> None:
         counts += lengths
         mean = sum(lengths) / len(lengths)
         n_long = sum(length > LONGEST for length in lengths)
-        print(f"{page.name:20} mean {mean:5.1f}  longest {max(lengths):3}  over 30: {n_long}")
+        print(
+            f"{page.name:20} mean {mean:5.1f}  longest {max(lengths):3}  over 30: {n_long}"
+        )
         longest = max([longest, *found], key=n_words)
     print(f"all: mean {sum(counts) / len(counts):.1f} of {len(counts)} sentences")
     print(f"longest ({n_words(longest)}): {longest}")

@@ -6,8 +6,9 @@ spoils: of b + c cases that differ, b or fewer on one side by a fair coin.
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,10 +28,12 @@ from challenge.cases import (
 from challenge.judge import (
     Record,
     all_named,
+    claims,
     counted,
     extras,
     first_right,
     found_in_time,
+    is_true,
     outcome,
     sizes,
 )
@@ -38,6 +41,7 @@ from sdp_vs_penalty.data.measurements import concatenate
 from sdp_vs_penalty.diagnosis.diagnose import DiagnosisRuns, diagnose_runs
 from sdp_vs_penalty.diagnosis.rules import ALL_RULES, Rules
 from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.files import folder_lock, write_text
 from sdp_vs_penalty.parallel import spread
 from sdp_vs_penalty.results.table import markdown_lines
@@ -111,9 +115,11 @@ def run_without(rules: Sequence[str], case: Case) -> tuple[str, Arms]:
 def run_ablation(
     todo: Sequence[Case], rules: Sequence[str], out: Path, jobs: int
 ) -> list[Path]:
-    """Run what is missing; write rules.json, and from all of it rules.md."""
+    """Run what is missing; write rules.json with all records, and from all of it
+    rules.md and rules.csv."""
     store = out / "rules.json"
     report = out / "rules.md"
+    answers = out / "rules.csv"
     with folder_lock(out):
         known: dict[str, Arms] = {}
         if store.is_file():
@@ -126,7 +132,8 @@ def run_ablation(
             known[key] = known.get(key, {}) | arms
             write_text(store, json.dumps(known) + "\n")
         write_text(report, ablation_text(known))
-    return [store, report]
+        write_text(answers, ablation_csv(known))
+    return [store, report, answers]
 
 
 def is_right(record: Record) -> bool:
@@ -154,9 +161,76 @@ ASKED: Mapping[str, Callable[[Record], bool]] = {
 
 
 def paired(known: Mapping[str, Arms], rule: str) -> list[tuple[Record, Record]]:
-    """Records with all rules and without one, of the cases that count."""
+    """Records with all rules and without one, of the cases that count and that were
+    not refused."""
     pairs = [(a[WITH_ALL], a[rule]) for a in known.values() if rule in a]
-    return [(a, b) for a, b in pairs if counted(a)]
+    return [(a, b) for a, b in pairs if counted(a) and a["verdict"] != "refused"]
+
+
+@dataclass(frozen=True)
+class Discordance:
+    """How many of ``n_cases`` a rule mends and spoils."""
+
+    n_mended: int
+    n_spoilt: int
+    n_cases: int
+
+    @property
+    def chance(self) -> float:
+        """Of a split at least as uneven where the rule does nothing (McNemar, exact)."""
+        n_different = self.n_mended + self.n_spoilt
+        if not n_different:
+            return 1.0
+        return float(binomtest(self.n_mended, n_different).pvalue)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the share of cases mended less that spoilt (Agresti, Min,
+        Statistics in Medicine 2005): half a case is added to each of the four counts."""
+        n = self.n_cases + 2.0
+        mended = (self.n_mended + 0.5) / n
+        spoilt = (self.n_spoilt + 0.5) / n
+        net = mended - spoilt
+        half = NORMAL_95 * np.sqrt((mended + spoilt - net**2) / n)
+        return float(max(net - half, -1.0)), float(min(net + half, 1.0))
+
+    @property
+    def text(self) -> str:
+        """For a cell."""
+        low, high = (100.0 * x for x in self.interval)
+        return (
+            f"+{self.n_mended} -{self.n_spoilt} (p = {self.chance:.2g},"
+            f" {low:.1f} to {high:.1f} %)"
+        )
+
+
+def discordance(
+    pairs: Sequence[tuple[Record, Record]], is_met: Callable[[Record], bool]
+) -> Discordance:
+    """Of records with and without a rule: where what is asked is met by one alone."""
+    met = [(is_met(a), is_met(b)) for a, b in pairs]
+    return Discordance(
+        n_mended=sum(a and not b for a, b in met),
+        n_spoilt=sum(b and not a for a, b in met),
+        n_cases=len(met),
+    )
+
+
+def judgement(by_question: Mapping[str, Discordance], n_changed: int) -> str:
+    """What these cases say of a rule: a sign of worth or harm, no effect, or nothing."""
+    n_cases = next(iter(by_question.values())).n_cases
+    if not n_changed:
+        # Exact upper limit of a share of which none was seen.
+        limit = 100.0 * (1.0 - 0.05 ** (1.0 / max(n_cases, 1)))
+        return f"changes no case: under {limit:.1f} % of cases (95 %)"
+    certain = [d for d in by_question.values() if d.chance < 0.05]
+    if any(d.n_mended > d.n_spoilt for d in certain):
+        return "earns its place"
+    if certain:
+        return "does harm"
+    mends = sum(d.n_mended for d in by_question.values())
+    spoils = sum(d.n_spoilt for d in by_question.values())
+    return f"not judged at this n ({mends} answers mended, {spoils} spoilt)"
 
 
 def ablation_text(known: Mapping[str, Arms]) -> str:
@@ -165,40 +239,130 @@ def ablation_text(known: Mapping[str, Arms]) -> str:
     rows = []
     for rule in (r for r in rules if r != WITH_ALL):
         pairs = paired(known, rule)
-        cells = [rule, str(len(pairs))]
-        for test in ASKED.values():
-            mended = sum(test(a) and not test(b) for a, b in pairs)
-            spoilt = sum(test(b) and not test(a) for a, b in pairs)
-            chance = 1.0
-            if mended + spoilt:
-                chance = binomtest(mended, mended + spoilt).pvalue
-            cells.append(f"+{mended} -{spoilt} ({chance:.2g})")
-        changed = sum(_names(a) != _names(b) for a, b in pairs)
-        gains = [np.log(np.divide(b["held_out"], a["held_out"])) for a, b in pairs]
-        error = 100.0 * float(np.mean([np.sum(g) for g in gains])) if gains else 0.0
+        if not pairs:
+            continue
+        by_question = {q: discordance(pairs, is_met) for q, is_met in ASKED.items()}
+        n_changed = sum(_names(a) != _names(b) for a, b in pairs)
         spent = [sum(r["seconds"] for r in arm) for arm in zip(*pairs, strict=True)]
-        faster = f"{spent[0] / spent[1]:.2f}" if pairs else ""
-        rows.append([*cells, str(changed), f"{error:+.2f} %", faster])
-    heads = ["rule", "cases", *ASKED, "other findings", "error without", "CPU with"]
-    classes = sorted({a[WITH_ALL]["class"] for a in known.values()})
+        row = [
+            rule,
+            str(len(pairs)),
+            *(d.text for d in by_question.values()),
+            str(n_changed),
+            f"{100.0 * _mean_rise(pairs):+.2f} %",
+            f"{spent[0] / spent[1]:.2f}",
+            judgement(by_question, n_changed),
+        ]
+        rows.append(row)
+    heads = [
+        "rule",
+        "cases",
+        *ASKED,
+        "other findings",
+        "error without",
+        "CPU with",
+        "judgement",
+    ]
+    n_by_class = Counter(
+        a[WITH_ALL]["class"] for a in known.values() if counted(a[WITH_ALL])
+    )
+    classes = ", ".join(f"{name} {n}" for name, n in sorted(n_by_class.items()))
     return "\n".join(
         [
             "# What each rule of the search buys",
             "",
             (
                 "`benchmarks/challenge --without RULE`: the same cases with all rules and"
-                " without one. + cases that the rule mends, - cases that it spoils, in"
-                " brackets the chance of a split at least as uneven (McNemar, exact)."
-                " Other findings: cases in which anything else is named. Error without:"
-                " mean change of the sum of the joints' log errors on the test run, above"
-                " zero where the rule helps. CPU with: seconds with the rule over those"
-                f" without. {len(known)} cases of the classes {', '.join(classes)}."
+                " without one. + cases that the rule mends, - cases that it spoils; in"
+                " brackets the chance of a split at least as uneven (McNemar, exact) and"
+                " the 95 % interval of the share of cases that it mends less that it"
+                " spoils (Agresti, Min 2005). Other findings: cases in which anything"
+                " else is named, or with another confidence. Error without: mean change"
+                " of the sum of the joints' log errors on the test run, above zero where"
+                " the rule helps. CPU with: seconds with the rule over those without,"
+                " columns of candidates not counted. A rule that no decision of a case"
+                " has asked is not run again: it changes nothing there."
+                f" Cases that count, by class: {classes}."
             ),
             "",
             *markdown_lines(heads, rows),
             "",
+            *doubt_lines([arms[WITH_ALL] for arms in known.values()]),
+            "",
         ]
     )
+
+
+def doubt_lines(records: Sequence[Record]) -> list[str]:
+    """What each reason for doubt costs and buys: how many findings that are hidden, and
+    how many that are not, it makes weak, by itself or with others."""
+    judged = [
+        (finding, is_true(finding, record))
+        for record in records
+        if counted(record)
+        for finding in claims(record)
+    ]
+    doubted = Counter[tuple[str, bool]]()
+    doubted_alone = Counter[tuple[str, bool]]()
+    for finding, is_hidden in judged:
+        remarks = finding.get("remarks", [])
+        doubted.update((remark, is_hidden) for remark in remarks)
+        if len(remarks) == 1:
+            doubted_alone[remarks[0], is_hidden] += 1
+    rows = [
+        [
+            reason,
+            *(str(doubted[reason, is_hidden]) for is_hidden in (True, False)),
+            *(str(doubted_alone[reason, is_hidden]) for is_hidden in (True, False)),
+        ]
+        for reason in sorted({reason for reason, _ in doubted})
+    ]
+    n_by_kind = Counter(
+        (is_hidden, finding["confidence"] == "confident")
+        for finding, is_hidden in judged
+    )
+    heads = ["reason", "hidden", "not hidden", "hidden, alone", "not hidden, alone"]
+    return [
+        "## What each reason for doubt costs and buys",
+        "",
+        (
+            "Findings with all rules that a reason makes weak: what is hidden (a cost) and"
+            " what is not (a gain); alone: no other reason speaks against it. Confident"
+            f" without any: {n_by_kind[True, True]} hidden, {n_by_kind[False, True]} not;"
+            f" weak: {n_by_kind[True, False]} hidden, {n_by_kind[False, False]} not. What"
+            " is not hidden holds surrogates of torque without a name and of payloads."
+        ),
+        "",
+        *markdown_lines(heads, rows),
+    ]
+
+
+def ablation_csv(known: Mapping[str, Arms]) -> str:
+    """A row a case and rule: whether what is asked is met with and without it, and
+    whether anything else is named."""
+    questions = [q.replace(" ", "_") for q in ASKED]
+    heads = ["case", "rule"]
+    heads += [f"{q}_{arm}" for q in questions for arm in ("with", "without")]
+    lines = [",".join([*heads, "other_findings"])]
+    for key, arms in known.items():
+        with_all = arms[WITH_ALL]
+        if not counted(with_all):
+            continue
+        for rule in (r for r in arms if r != WITH_ALL):
+            answers = [
+                int(is_met(record))
+                for is_met in ASKED.values()
+                for record in (with_all, arms[rule])
+            ]
+            is_changed = int(_names(with_all) != _names(arms[rule]))
+            lines.append(",".join(map(str, [key, rule, *answers, is_changed])))
+    return "\n".join(lines) + "\n"
+
+
+def _mean_rise(pairs: Sequence[tuple[Record, Record]]) -> float:
+    """Mean change without the rule of the sum of the joints' log errors."""
+    rises = [np.log(np.divide(b["held_out"], a["held_out"])) for a, b in pairs]
+    return float(np.mean([np.sum(rise) for rise in rises]))
 
 
 def _names(record: Record) -> list[tuple[str, str]]:

@@ -48,6 +48,7 @@ HARMFUL = 1.3
 _GENERAL = {
     "torque not explained",
     "unexplained torque",
+    "position range",
     "poor excitation",
     "quantisation",
     "low sample rate",

@@ -194,7 +194,7 @@ def _channels(alone: bool) -> Iterator[tuple[str, str, str, str, Change]]:
         lambda x, r: np.degrees(x),
     )
     yield "wrapped angle", "", "wrapped angle", "q", _wrapped
-    causes = "frozen position|idle joints"
+    causes = "frozen position|idle joints" + "|no motion" * alone
     yield (
         "frozen position",
         "whole run",

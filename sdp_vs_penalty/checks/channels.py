@@ -155,15 +155,17 @@ def lockstep(g: RunSummary) -> Iterator[Issue]:
 
 
 def lockstep_groups(q: Array) -> list[list[int]]:
-    """Columns of positions (N, n) whose correlation is one, group by group."""
+    """Groups of columns of positions (N, n) that correlate with the first of the group;
+    no column is in two groups."""
     size = np.std(q, axis=0)
     z = (q - q.mean(axis=0)) / nonzero_or_one(size)
     is_proportional = np.abs(z.T @ z / len(z)) > LOCKSTEP
     groups: list[list[int]] = []
-    for j in range(q.shape[1]):
-        if any(j in group for group in groups):
-            continue
-        group = [k for k in range(q.shape[1]) if is_proportional[j, k]]
+    left = list(range(q.shape[1]))
+    while left:
+        first = left[0]
+        group = [k for k in left if k == first or is_proportional[first, k]]
+        left = [k for k in left if k not in group]
         groups += [group] if len(group) > 1 else []
     return groups
 

@@ -248,17 +248,41 @@ class RepairSearch:
         and without. The odds of the fault have to exceed those against any, and the
         error of some joint has to fall by far.
 
-        strict : no joint's error may clearly rise, by more than WORSE.
+        strict : no joint may speak against the fault.
         """
         before = self._errors_beside_physics(log, now)
         after = self._errors_beside_physics(log, repair)
         ratio = before.mean(axis=0) / after.mean(axis=0)
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
-            is_harmless = not _clearly_rises(before, after).any()
+            is_harmless = not self._speaks_against(before, after).any()
         is_likely = 0.5 * self.samples * np.log(ratio).sum() > c.ODDS
         is_large = ratio.max() > self._least_ratio(repair, now)
         return bool(is_likely and is_large and is_harmless)
+
+    @staticmethod
+    def _speaks_against(before: Array, after: Array) -> NDArray[np.bool_]:
+        """Joints whose rising error speaks against a fault.
+
+        Parameters
+        ----------
+        before, after : (PARTS, K) array
+            Errors of K joints on parts left out, without the fault and with it.
+
+        Returns
+        -------
+        (K,) array
+            Whether the error rises by more than WORSE, by more than its scatter over the
+            parts (one odd part is no rise), and by so much that it costs a third of the
+            likelihood that the falling errors gain.
+        """
+        rises = np.log(after / before)
+        clearness = np.array([standard_errors_above_zero(x) for x in rises.T])
+        ratio = after.mean(axis=0) / before.mean(axis=0)
+        gained = float(-np.log(ratio)[ratio < 1.0].sum())
+        is_costly = c.TIMES * np.log(ratio) > gained
+        is_clear = clearness > 0.5 * c.SIGMAS
+        return np.asarray((ratio > c.WORSE) & is_clear & is_costly)
 
     def _errors_beside_physics(self, log: Likelihood, repair: LogTransform) -> Array:
         """(PARTS, K) energy that is left of each moving joint on parts left out, beside
@@ -498,15 +522,6 @@ class RepairSearch:
         physics_turned = self.log.physics(fits[1], other, self.samples)
         clearness = self.log.predicts(self._left_out(other), self._left_out(net))
         return physics_now - physics_turned, clearness
-
-
-def _clearly_rises(before: Array, after: Array) -> NDArray[np.bool_]:
-    """(K,) joints whose error (PARTS, K) on parts left out rises by more than WORSE, and
-    by more than its scatter over the parts: one odd part is no rise."""
-    rises = np.log(after / before)
-    clearness = np.array([standard_errors_above_zero(x) for x in rises.T])
-    is_large = after.mean(axis=0) > c.WORSE * before.mean(axis=0)
-    return np.asarray(is_large & (clearness > 0.5 * c.SIGMAS))
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:

@@ -1,7 +1,7 @@
 """Rules of the search that can be left out, to measure what each of them buys.
 
 `benchmarks/challenge --without RULE` runs the same cases without one;
-`results/rules.md` has what came of it.
+`results/rules/rules.md` has what came of it.
 """
 
 from dataclasses import dataclass, fields

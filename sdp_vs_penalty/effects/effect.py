@@ -575,7 +575,7 @@ class Effect(ABC):
         Returns
         -------
         NDArray
-            (N,) flags. Only a measured table has such a range.
+            (N,) flags, all False: only measured tables have such a range.
         """
         return np.zeros(len(motion.t), bool)
 

@@ -308,10 +308,10 @@ class Model:
             for c, g in zip(joints, self.gains, strict=True)
         ]
 
-    def explaining(
+    def without_known(
         self, columns: Sequence[JointColumns], torque: Array
     ) -> tuple[list[JointColumns], Array]:
-        """Take what known parameters explain out of the columns and the torque.
+        """Subtract the torque of known parameters, and zero their columns.
 
         Parameters
         ----------

@@ -70,8 +70,11 @@ class ShapeEstimate(JsonRecord):
     at_end: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """joint counts from 1; std is null where the data do not bound the constant on
-        both sides."""
+        """The record as JSON, with ``joint`` counted from 1.
+
+        A standard deviation that is not finite becomes null: the data do not bound the
+        constant on both sides.
+        """
         return {**super().to_dict(), "joint": self.joint + 1}
 
     @classmethod

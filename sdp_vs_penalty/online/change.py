@@ -62,29 +62,37 @@ class ChangeDetector:
         delay: float,
     ) -> None:
         self.is_carrying = False
+        #: Information of the current stretch, fading: (11, 11) and its seconds.
         self.total = Information()
-        self._correlation = correlation
-        self._stride = max(1, round(c.CHANGE_STEP / period))
+        self._correlation = correlation  # s for which a residual agrees with itself
+        # A ring of snapshots of the total: instants at which a change may have happened.
+        self._stride = max(1, round(c.CHANGE_STEP / period))  # calls a snapshot
         step = self._stride * period
-        self._half_step = 0.5 * step
-        self._mixed = int(np.ceil(delay / step + 0.5))
         self._fade = float(np.exp(-step / forgetting))
-        self._places = max(4, round(c.CHANGE_REACH / step))
-        self._matrices = np.zeros((self._places, WIDTH, WIDTH))
-        self._seconds = np.zeros(self._places)
-        self._times = np.zeros(self._places)
-        self._count = 0  # instants that are kept
-        self._next = 0
-        self._until_next = 0
-        self._to_judge = 0
-        self._suspected: int | None = None
-        self._wait = max(1, round(c.CHANGE_WAIT / period))
+        self._half_step = 0.5 * step
+        self._n_slots = max(4, round(c.CHANGE_REACH / step))
+        self._matrices = np.zeros((self._n_slots, WIDTH, WIDTH))
+        self._seconds = np.zeros(self._n_slots)
+        self._times = np.zeros(self._n_slots)
+        self._count = 0  # slots that hold a snapshot
+        self._next_slot = 0
+        self._calls_to_snapshot = 0
+        # Snapshots within the filters' delay of a change mix before and after.
+        self._n_mixed = int(np.ceil(delay / step + 0.5))
+        # Judging: some snapshots a call, so that each is judged about every 0.1 s.
+        self._judged_per_call = max(
+            1, round(self._n_slots * period / c.CHANGE_JUDGED_EVERY)
+        )
+        self._next_judged = 0  # counted back from the newest snapshot
+        # A suspicion is judged again after a wait.
+        self._suspected_slot: int | None = None
+        self._suspected_time = 0.0
+        self._wait = max(1, round(c.CHANGE_WAIT / period))  # calls
         self._waited = 0
+        # Work space, so that a call allocates nothing.
         self._outer = np.zeros((WIDTH, WIDTH))
         self._window = Information()
         self._posterior = Posterior(prior)
-        # All instants are judged once in their step of time and a half.
-        self._per_call = max(1, round(self._places * period / 0.1))
 
     def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
         """Count the rows of one instant.
@@ -105,10 +113,10 @@ class ChangeDetector:
         None
             ``total`` holds them.
         """
-        if self._until_next == 0:
+        if self._calls_to_snapshot == 0:
             self._keep(time)
-            self._until_next = self._stride
-        self._until_next -= 1
+            self._calls_to_snapshot = self._stride
+        self._calls_to_snapshot -= 1
         np.dot(rows.T, weighted, out=self._window.matrix)
         self._window.matrix *= period
         self.total.matrix += self._window.matrix
@@ -119,31 +127,34 @@ class ChangeDetector:
         self.total.fade(self._fade)
         self._matrices *= self._fade
         self._seconds *= self._fade
-        place = self._next
+        place = self._next_slot
         np.copyto(self._matrices[place], self.total.matrix)
         self._seconds[place] = self.total.seconds
         self._times[place] = time
-        self._next = (place + 1) % self._places
-        self._count = min(self._count + 1, self._places)
+        self._next_slot = (place + 1) % self._n_slots
+        self._count = min(self._count + 1, self._n_slots)
 
     def search(self) -> Change | None:
         """Judge the next instants, or a suspicion that is old enough; a change that is
         believed, or None."""
-        if self._suspected is not None:
+        if self._suspected_slot is not None:
             self._waited += 1
             if self._waited < self._wait:
                 return None
-            place = self._suspected
-            self._suspected = None
+            place = self._suspected_slot
+            self._suspected_slot = None
+            if self._times[place] != self._suspected_time:
+                place = self._next_slot  # overwritten: the oldest instant that is kept
             evidence = self._judge(place)
             return self._locate(place) if evidence > c.CHANGE_EVIDENCE else None
-        for _ in range(self._per_call):
+        for _ in range(self._judged_per_call):
             if self._count == 0:
                 return None
-            place = (self._next - 1 - self._to_judge) % self._places
-            self._to_judge = (self._to_judge + 1) % self._count
+            place = (self._next_slot - 1 - self._next_judged) % self._n_slots
+            self._next_judged = (self._next_judged + 1) % self._count
             if self._judge(place) > c.CHANGE_EVIDENCE:
-                self._suspected = place
+                self._suspected_slot = place
+                self._suspected_time = float(self._times[place])
                 self._waited = 0
                 return None
         return None
@@ -173,7 +184,7 @@ class ChangeDetector:
     def _locate(self, place: int) -> Change | None:
         """The change with its instant and the interval of that, found from a first
         guess; None where nothing is carried before and after."""
-        kept = (self._next - 1 - np.arange(self._count)) % self._places
+        kept = (self._next_slot - 1 - np.arange(self._count)) % self._n_slots
         kept = kept[::-1]  # from the oldest on
         before = np.zeros(WIDTH)
         before[SIZE] = -1.0
@@ -245,8 +256,8 @@ class ChangeDetector:
         """The first instant after a change that filters do not mix with the time
         before."""
         place = int(np.flatnonzero(self._times == change.time)[0])
-        newer = (self._next - 1 - place) % self._places
-        return (place + min(self._mixed, newer)) % self._places
+        newer = (self._next_slot - 1 - place) % self._n_slots
+        return (place + min(self._n_mixed, newer)) % self._n_slots
 
     def accept(self, change: Change) -> None:
         """Begin a new stretch after a change.
@@ -268,9 +279,9 @@ class ChangeDetector:
         self.total.seconds -= seconds
         self._matrices -= matrix
         self._seconds -= seconds
-        self._count = (self._next - place - 1) % self._places
-        self._to_judge = 0
-        self._suspected = None
+        self._count = (self._next_slot - place - 1) % self._n_slots
+        self._next_judged = 0
+        self._suspected_slot = None
         self.is_carrying = change.is_carrying
 
     def posterior(self, out: Posterior) -> None:

@@ -78,7 +78,7 @@ class _ChunkCache:
         known |= _new_columns(piece, model, known)
         self._keep(model, reads, known)
         joined_columns = model.joined(known, len(piece.torque))
-        columns, torque = model.explaining(joined_columns, piece.torque)
+        columns, torque = model.without_known(joined_columns, piece.torque)
         return Rows(piece.rows, torque, columns)
 
     def _reads(self, model: Model) -> dict[int, Read]:

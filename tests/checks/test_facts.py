@@ -8,7 +8,7 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.channels import lockstep, torques
+from sdp_vs_penalty.checks.channels import lockstep, lockstep_groups, torques
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.velocity import velocity
@@ -127,6 +127,13 @@ def test_joints_in_proportion_are_named_with_the_rank_of_the_motion():
     assert issue.figures["rank"] == 1
     assert issue.figures["groups"] == [[1, 2]]
     assert not [*lockstep(summary(RUN))]
+
+
+def test_a_joint_is_in_one_group_of_joints_in_proportion():
+    """Each is like its neighbours, and the first not quite like the third."""
+    t = np.arange(0.0, 10.0, 0.01)
+    q = np.column_stack([np.sin(t + phase) for phase in (0.0, 0.09, 0.18)])
+    assert lockstep_groups(q) == [[0, 1]]
 
 
 def test_a_log_without_rows_has_no_rows():

@@ -277,7 +277,7 @@ def assert_bristles_are_found(made: HiddenRuns, result: Diagnosis) -> None:
 
 
 def test_what_is_logged_late_is_all_of_the_torque(late):
-    data = concatenate(late.runs[:3])
+    data = concatenate(late.runs[:2])
     estimate = identified(late, data)
     result = diagnose(estimate, data, late.runs[3])
     assert_bristles_are_found(late, result)

@@ -3,7 +3,16 @@
 from typing import Any
 
 import pytest
-from challenge.ablation import WITH_ALL, ablation_text, is_right
+from challenge.ablation import (
+    WITH_ALL,
+    Discordance,
+    WatchedRules,
+    ablation_csv,
+    ablation_text,
+    doubt_lines,
+    is_right,
+    judgement,
+)
 
 from sdp_vs_penalty.diagnosis import Rules
 
@@ -69,7 +78,49 @@ def test_mended_and_spoilt_cases_are_counted_in_pairs():
     ]
     _, _, cases, right, *_ = row.split("|")
     assert cases.strip() == "4"
-    assert right.strip() == "+2 -1 (1)"
+    assert right.strip().startswith("+2 -1 (p = 1,")
+
+
+@pytest.mark.parametrize(
+    ("mended", "spoilt", "begin"),
+    [
+        (9, 0, "earns its place"),
+        (0, 9, "does harm"),
+        (2, 1, "not judged at this n (2 answers mended, 1 spoilt)"),
+    ],
+)
+def test_a_rule_is_judged_where_its_cases_can_tell(mended, spoilt, begin):
+    counts = {"right": Discordance(mended, spoilt, n_cases=90)}
+    assert judgement(counts, n_changed=mended + spoilt).startswith(begin)
+
+
+def test_a_rule_that_changes_nothing_has_the_limit_of_its_cases():
+    nothing = {"right": Discordance(0, 0, n_cases=90)}
+    assert judgement(nothing, 0) == "changes no case: under 3.3 % of cases (95 %)"
+
+
+def test_the_interval_of_what_is_mended_narrows_with_cases():
+    few = Discordance(2, 0, n_cases=20).interval
+    many = Discordance(20, 0, n_cases=200).interval
+    assert few[0] < 0.0 < many[0]
+
+
+def test_a_rule_that_no_decision_asks_is_not_run_again():
+    watched = WatchedRules()
+    assert watched.simplest
+    assert watched.asked == {"simplest"}
+
+
+def test_every_case_and_rule_is_a_row_of_answers():
+    lines = ablation_csv({"a": {WITH_ALL: RIGHT, "exchange": SILENT}}).splitlines()
+    assert lines[1] == "a,exchange,1,0,1,1,1,1,1,1,1"
+
+
+def test_a_reason_for_doubt_is_counted_by_what_is_hidden():
+    weak = finding() | {"confidence": "weak", "remarks": ["its gain is small"]}
+    false = finding("base_tilt") | {"confidence": "weak"} | {"remarks": ["small", "so"]}
+    lines = doubt_lines([record([weak, false])])
+    assert "| its gain is small | 1 | 0 | 1 | 0 |" in lines
 
 
 def test_every_rule_can_be_left_out():

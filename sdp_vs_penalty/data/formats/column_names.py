@@ -26,6 +26,8 @@ _JOINTS = frozenset(_TABLE["joints"])
 _COUNTERS = frozenset(_TABLE["counters"])
 #: Words of columns that are something else than was measured.
 _OTHERS = frozenset(_TABLE["others"])
+#: Units by which a torque is a current.
+_AMPERES = ("a", "amps", "ma")
 #: Two words that mean one.
 _COMPOUNDS = {tuple(text.split()): word for text, word in _TABLE["compounds"].items()}
 
@@ -189,12 +191,14 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
     joint, others = match or (None, tokens)
     letters = {token for token in others if token.isalpha()}
     numbers = [token for token in others if token.isdigit()]
-    if letters & _OTHERS:
-        return None
-    is_clock = unit.quantity == "t" and bool(letters & _COUNTERS) and not numbers
-    is_joint = joint is not None or bool(letters & _JOINTS and numbers)
-    is_told = unit.text in TELLING_UNITS.get(unit.quantity, ())
-    if not is_clock and not (is_joint and is_told and letters <= FILLERS):
+    has_joint = joint is not None or bool(letters & _JOINTS and numbers)
+    if has_joint:
+        is_read = letters <= FILLERS and unit.text in TELLING_UNITS.get(
+            unit.quantity, ()
+        )
+    else:
+        is_read = unit.quantity == "t" and bool(letters & _COUNTERS) and not numbers
+    if not is_read or letters & _OTHERS:
         return None
     return Reading(
         unit.quantity,
@@ -204,7 +208,7 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
         tuple(numbers[:-1]),
         unit=unit.text,
         factor=unit.factor,
-        words=("current",) if unit.text in ("a", "amps", "ma") else (),
+        words=("current",) if unit.text in _AMPERES else (),
     )
 
 

@@ -195,7 +195,8 @@ def read_joined(path: Path, files: Sequence[Path], choice: Choice) -> Measuremen
         run_table = _join(parts, is_prefixed=True)
     table, columns = run_table
     header = Header.of(path, list(columns), choice, table=table)
-    return replace(header.read(columns), names=(files[0].name,))
+    name = path.name if path.is_dir() else files[0].name
+    return replace(header.read(columns), names=(name,))
 
 
 def _has_channels(table: CellTable, choice: Choice) -> bool:

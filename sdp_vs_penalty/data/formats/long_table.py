@@ -11,7 +11,11 @@ from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.formats.recognition import CellTable, find_clock
 from sdp_vs_penalty.data.formats.renaming import parts_of
 from sdp_vs_penalty.data.formats.stamps import second_part_unit
-from sdp_vs_penalty.data.formats.text_columns import parse_with_gaps, read_cells
+from sdp_vs_penalty.data.formats.text_columns import (
+    iter_cells,
+    parse_with_gaps,
+    read_cells,
+)
 from sdp_vs_penalty.data.formats.text_table import TextTable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.merging import merge_columns
@@ -61,25 +65,36 @@ def find_long_form(table: TextTable) -> LongForm | None:
     LongForm or None
         None where a row holds all joints.
     """
-    joints = [k for k in range(table.width) if _names_joints(table, k)]
-    texts = [k for k in joints if table.kinds[k] == "text"]
-    joint = next(iter(texts or joints), None)
+    joint = _find_joint_column(table)
     quantities = [_quantity_of(name) for name in table.names]
     if quantities.count("q") == 1 and quantities.count("tau") == 1:
         is_long = joint is not None and _repeats(table, joint, _MOST_JOINTS)
         return LongForm(joint, None) if is_long else None
+    if "q" in quantities:
+        return None
+    channel = _find_channel_column(table)
+    if channel is None or not _repeats(table, channel, _MOST_CHANNELS):
+        return None
+    return LongForm(None if joint == channel else joint, channel)
+
+
+def _find_joint_column(table: TextTable) -> int | None:
+    """The column that could hold the joints' names, else their numbers; None without."""
+    joints = [k for k in range(table.width) if _names_joints(table, k)]
+    texts = [k for k in joints if table.kinds[k] == "text"]
+    return next(iter(texts or joints), None)
+
+
+def _find_channel_column(table: TextTable) -> int | None:
+    """The last column that could hold the channels' names beside one column of values;
+    None without."""
+    values = [name for name in table.names if _has_words(name, _VALUE_WORDS)]
     channels = [
         k
         for k, name in enumerate(table.names)
         if table.kinds[k] == "text" and _has_words(name, _CHANNEL_WORDS)
     ]
-    values = [name for name in table.names if _has_words(name, _VALUE_WORDS)]
-    if "q" in quantities or len(values) != 1 or not channels:
-        return None
-    channel = channels[-1]
-    if not _repeats(table, channel, _MOST_CHANNELS):
-        return None
-    return LongForm(None if joint == channel else joint, channel)
+    return channels[-1] if channels and len(values) == 1 else None
 
 
 def _has_words(name: str, words: set[str]) -> bool:
@@ -89,9 +104,16 @@ def _has_words(name: str, words: set[str]) -> bool:
 
 
 def _repeats(table: TextTable, column: int, most: int) -> bool:
-    """Whether a column has several texts, each of them in several rows."""
-    _, (cells,) = read_cells(table, [column])
-    return 1 < len(set(cells)) <= min(most, len(cells) // 2)
+    """Whether a column has several texts, at most so many, each of them in several
+    rows."""
+    texts = set[str]()
+    n_rows = 0
+    for cells in iter_cells(table, column):
+        texts.update(cells)
+        n_rows += len(cells)
+        if len(texts) > most:
+            return False
+    return 1 < len(texts) <= n_rows // 2
 
 
 def _quantity_of(name: str) -> str | None:
@@ -137,6 +159,27 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
         what = "no column t, and a row for each joint"
         raise InputError(what, "write the stamp into each row", table.path)
     stamps = parts_of(clock, table.names)
+    labels, values = _labels_and_values(table, form)
+    parts = [_unit_of(k, name) * values[name] for k, name in enumerate(stamps)]
+    channels = {name: x for name, x in values.items() if name not in stamps}
+    if form.channel is not None:
+        channels = {n: x for n, x in channels.items() if _has_words(n, _VALUE_WORDS)}
+    wide = _columns_of_labels(labels, channels, form)
+    positions = [name for name in wide if _quantity_of(name) == "q"]
+    leading = positions[0] if positions else next(iter(wide))
+    places, merged = merge_columns(np.sum(parts, axis=0), wide, [leading])
+    columns = {name: values[name][places] for name in stamps} | merged
+    kinds = dict.fromkeys(columns, "number")
+    shown = {name: [f"{x:.9g}" for x in block[:50]] for name, block in columns.items()}
+    header = Header.of(table.path, list(columns), choice, table=CellTable(kinds, shown))
+    return header.read(columns)
+
+
+def _labels_and_values(
+    table: TextTable, form: LongForm
+) -> tuple[list[list[str]], dict[str, Array]]:
+    """The columns that say what a row is of, and (N,) the numbers of the others by
+    name."""
     labels = [k for k in (form.joint, form.channel) if k is not None]
     numeric = [
         k
@@ -148,18 +191,7 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
         table.names[k]: parse_with_gaps(table, k, rows, texts)
         for k, texts in zip(numeric, cells[len(labels) :], strict=True)
     }
-    parts = [_unit_of(k, name) * values[name] for k, name in enumerate(stamps)]
-    channels = {name: x for name, x in values.items() if name not in stamps}
-    wide = _columns_of_labels(cells[: len(labels)], channels, form)
-    leading = next(
-        (name for name in wide if _quantity_of(name) == "q"), next(iter(wide))
-    )
-    places, merged = merge_columns(np.sum(parts, axis=0), wide, [leading])
-    columns = {name: values[name][places] for name in stamps} | merged
-    kinds = dict.fromkeys(columns, "number")
-    shown = {name: [f"{x:.9g}" for x in block[:50]] for name, block in columns.items()}
-    header = Header.of(table.path, list(columns), choice, table=CellTable(kinds, shown))
-    return header.read(columns)
+    return cells[: len(labels)], values
 
 
 def _unit_of(place: int, name: str) -> float:
@@ -171,21 +203,23 @@ def _columns_of_labels(
     labels: Sequence[Sequence[str]], channels: Mapping[str, Array], form: LongForm
 ) -> dict[str, Array]:
     """(N,) a column for each label and channel, NaN in the rows of other labels."""
-    rows = list(zip(*labels, strict=True))
-    places = np.unique(np.array(rows), axis=0, return_inverse=True)[1].ravel()
-    first_rows = dict[tuple[str, ...], int]()
-    for k, row in enumerate(rows):
-        first_rows.setdefault(row, k)
-    in_order = list(first_rows)
-    if form.joint is not None and _are_numbers([row[0] for row in in_order]):
-        in_order.sort(key=lambda row: int(row[0]))
+    rows = np.array(labels).T
+    _, first_rows, places = np.unique(
+        rows, axis=0, return_index=True, return_inverse=True
+    )
+    in_order = np.argsort(first_rows)
+    names = [rows[first_rows[k]].tolist() for k in in_order]
+    if form.joint is not None and _are_numbers([name[0] for name in names]):
+        numbers = [int(name[0]) for name in names]
+        by_number = np.argsort(numbers, kind="stable")
+        in_order = in_order[by_number]
+        names = [names[k] for k in by_number]
     columns = dict[str, Array]()
-    for row in in_order:
-        is_here = places == places[first_rows[row]]
-        for name, values in channels.items():
-            words = [*row, *([name] if form.channel is None else [])]
-            if form.channel is None or _has_words(name, _VALUE_WORDS):
-                columns["/".join(words)] = np.where(is_here, values, np.nan)
+    for k, name in zip(in_order, names, strict=True):
+        is_here = places.ravel() == k
+        for channel, values in channels.items():
+            words = [*name, channel] if form.channel is None else name
+            columns["/".join(words)] = np.where(is_here, values, np.nan)
     return columns
 
 

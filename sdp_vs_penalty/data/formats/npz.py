@@ -117,16 +117,17 @@ def _columns_of_one_table(path: Path, file: Any) -> dict[str, Array] | None:
         return None
     arrays = [file[name] for name in file.files]
     tables = [x for x in arrays if x.dtype.names or x.dtype.kind in "fiu"]
-    names = [x for x in arrays if x.dtype.kind in "US" and x.ndim == 1]
-    if len(tables) != 1 or len(tables) + len(names) != len(arrays):
+    if len(tables) != 1:
         return None
     columns = columns_of_array(path, tables[0])
-    if not names:
+    if len(arrays) == 1:
         return columns
-    texts = [str(name) for name in names[0].astype(str)]
-    if len(texts) != len(columns) or len(set(texts)) != len(texts):
-        return None
-    return dict(zip(texts, columns.values(), strict=True))
+    texts = next(x for x in arrays if x is not tables[0])
+    names = texts.astype(str).tolist() if texts.dtype.kind in "US" else []
+    are_names = isinstance(names, list) and len(set(names)) == len(columns) == len(
+        names
+    )
+    return dict(zip(names, columns.values(), strict=True)) if are_names else None
 
 
 def inspect(path: Path) -> CellTable:

@@ -239,6 +239,27 @@ def _refuse_widths(
             raise InputError(what, "complete the row or delete it", table.path)
 
 
+def iter_cells(table: TextTable, column: int) -> Iterator[list[str]]:
+    """Go through the cells of one column, piece by piece.
+
+    Parameters
+    ----------
+    table : TextTable
+        What the file is made of.
+    column : int
+        Its place, from 0.
+
+    Yields
+    ------
+    list[str]
+        Its texts, of rows that are as long as the header.
+    """
+    for first, rows in iter_rows(table.path):
+        values = rows[max(table.first - first, 0) :]
+        cells = [split_cells(row, table.delimiter) for row in values]
+        yield [row[column] for row in cells if len(row) == table.width]
+
+
 def read_cells(
     table: TextTable, chosen: Sequence[int]
 ) -> tuple[list[int], list[list[str]]]:

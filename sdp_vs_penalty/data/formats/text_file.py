@@ -6,6 +6,7 @@ import codecs
 import gzip
 import lzma
 import re
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,8 @@ _UNPACKERS: dict[bytes, Callable[..., IO[Any]]] = {
     b"BZh": bz2.open,
     b"\xfd7zXZ\x00": lzma.open,
 }
+#: What unpacking raises where a file is broken.
+BROKEN = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile)
 #: How files begin that are no text, what they are, and what to do.
 _NO_TEXTS: dict[bytes, tuple[str, str]] = {
     b"PK\x03\x04": (

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from sdp_vs_penalty.data.formats.stamps import is_stamp
 from sdp_vs_penalty.data.formats.text_file import (
+    BROKEN,
     FORMATS,
     is_plain_utf_8,
     largest_text,
@@ -139,8 +140,9 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
                 row += len(rows)
     except UnicodeDecodeError as error:
         raise InputError(f"not UTF-8 text (near row {row})", FORMATS, path) from error
-    except EOFError as error:
-        raise InputError("ends early", "copy it again, or unpack it", path) from error
+    except BROKEN as error:
+        what = f"a packed file that is broken or ends early ({str(error)[:80]})"
+        raise InputError(what, "copy it again, or unpack it", path) from error
 
 
 def _rows_of(path: Path, text: str, first: int) -> list[str]:
@@ -278,10 +280,10 @@ def inspect_table(path: Path) -> TextTable:
     InputError
         Its first row is empty, or it is no text or no table.
     """
-    with_numbers = _first_rows(path)
-    if not with_numbers or not with_numbers[0][1].strip():
+    numbered = _first_rows(path)
+    if not numbered or not numbered[0][1].strip():
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
-    comments, rows = _split_comments(with_numbers)
+    comments, rows = _split_comments(numbered)
     _refuse_markup(path, rows[0][1] if rows else "")
     rows = _without_titles(rows)
     lines = [line for _, line in rows]
@@ -291,35 +293,58 @@ def inspect_table(path: Path) -> TextTable:
     number = partial(is_number, decimal=decimal)
     comment = split_cells(comments[-1], delimiter) if comments else []
     head, n_head_rows = _find_header(comment, cells, number)
-    width = len(head) if head else len(cells[0])
-    body = cells[n_head_rows:]
-    if head:
-        head = [*head, *[""] * _n_separators_at_the_end(body, width)]
-        width = len(head)
-    sample = tuple(tuple(row) for row in body if any(row))
-    kinds = _kinds(sample, width, number)
-    cell_units = _units_in_cells(sample, kinds, number)
-    if cell_units:
-        kinds = tuple("number" if k in cell_units else x for k, x in enumerate(kinds))
-        head = [_with_unit(name, cell_units.get(k, "")) for k, name in enumerate(head)]
+    columns = _columns_of(head, cells, n_head_rows, number)
     body_lines = lines[n_head_rows:]
     is_quoted = any('"' in line for line in body_lines)
+    has_lists = "list" in columns.kinds
     return TextTable(
         path,
         delimiter=delimiter,
         decimal=decimal,
         quoted=is_quoted,
-        nested="list" in kinds and not is_quoted and delimiter in (",", None),
-        names=tuple(head or _unnamed(kinds)),
+        nested=has_lists and not is_quoted and delimiter in (",", None),
+        names=tuple(columns.names),
         has_header=bool(head),
         first=_first_row_of_values(rows, n_head_rows),
-        kinds=kinds,
-        sample=sample,
+        kinds=columns.kinds,
+        sample=columns.sample,
         has_wrapped_cells=any("\n" in line for line in body_lines),
         header_row=lines[0].strip() if n_head_rows else "",
         is_plain_utf_8=is_plain_utf_8(path),
-        cell_units=cell_units,
+        cell_units=columns.cell_units,
     )
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Names, kinds and first rows of a table's columns, and the units in their cells."""
+
+    names: Sequence[str]
+    kinds: tuple[str, ...]
+    sample: tuple[tuple[str, ...], ...]
+    cell_units: Mapping[int, str]
+
+
+def _columns_of(
+    head: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    n_head_rows: int,
+    number: partial[bool],
+) -> _Columns:
+    """The columns of a table of which the first rows are the header."""
+    body = cells[n_head_rows:]
+    names = list(head)
+    if names:
+        names += [""] * _n_separators_at_the_end(body, len(names))
+    width = len(names) if names else len(cells[0])
+    sample = tuple(tuple(row) for row in body if any(row))
+    kinds = _kinds(sample, width, number)
+    cell_units = _units_in_cells(sample, kinds, number)
+    kinds = tuple("number" if k in cell_units else x for k, x in enumerate(kinds))
+    if not names:
+        names = _unnamed(kinds)
+    names = [_with_unit(name, cell_units.get(k, "")) for k, name in enumerate(names)]
+    return _Columns(names, kinds, sample, cell_units)
 
 
 def _refuse_markup(path: Path, line: str) -> None:
@@ -376,7 +401,7 @@ def _first_row_of_values(rows: Sequence[tuple[int, str]], n_head_rows: int) -> i
     return rows[-1][0] + 1 if rows else 2
 
 
-def _n_separators_at_the_end(body: Sequence[list[str]], width: int) -> int:
+def _n_separators_at_the_end(body: Sequence[Sequence[str]], width: int) -> int:
     """How many empty cells every row has behind those that the header names."""
     widths = {len(row) for row in body}
     if len(widths) != 1 or any(any(row[width:]) for row in body):
@@ -424,7 +449,7 @@ def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
         with open_text(path) as file:
             text = file.read(size)
             text += file.readline(PIECE)
-    except (UnicodeDecodeError, EOFError):
+    except (UnicodeDecodeError, *BROKEN):
         text = "\0"
     if "\0" in text or len(text) >= PIECE:
         yield from iter_rows(path)  # says what is wrong
