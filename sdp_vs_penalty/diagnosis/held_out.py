@@ -52,14 +52,27 @@ class HeldOutSplit:
     frozen: bool
 
     def columns_of(self, estimate: Estimate, chosen: Sequence[int]) -> Columns:
-        """What a model with some of the effects is fitted in."""
-        sizes = [len(e.parameters) for e in self.effects]
-        new = [e for k, e in enumerate(self.effects) if k in chosen]
-        picked = np.repeat(np.isin(np.arange(len(sizes)), list(chosen)), sizes)
-        own, left = with_replaced_joints(
-            () if self.frozen else estimate.model.effects, new
-        )
-        return Columns(own, new, np.append(left, picked).astype(bool))
+        """Columns of this split that a model with some of the effects needs.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            The model in question.
+        chosen : sequence of int
+            Numbers of the effects that are added to it.
+
+        Returns
+        -------
+        Columns
+            Effects of the model that stay, the chosen ones, and which columns are theirs.
+        """
+        new = [effect for k, effect in enumerate(self.effects) if k in chosen]
+        of_model = () if self.frozen else estimate.model.effects
+        staying, columns_stay = with_replaced_joints(of_model, new)
+        is_chosen = [k in chosen for k in range(len(self.effects))]
+        n_columns = [len(effect.parameters) for effect in self.effects]
+        kept = np.append(columns_stay, np.repeat(is_chosen, n_columns))
+        return Columns(staying, new, kept.astype(bool))
 
 
 class Columns(NamedTuple):

@@ -44,10 +44,12 @@ class BlackBox:
 
     @property
     def n(self) -> int:
+        """Number of joints."""
         return int(self.q.shape[1])
 
     @property
     def samples(self) -> int:
+        """Number of poses."""
         return len(self.q)
 
     @cached_property
@@ -105,7 +107,8 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     if joints is not None and q.shape[1] != joints:
         raise other_robot(q.shape[1], joints, path)
     matrices = arrays["mass_matrix"]
-    difference = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
+    transposed = np.swapaxes(matrices, 1, 2)
+    difference = np.abs(matrices - transposed).max(axis=(1, 2))
     worst = int(np.argmax(difference))
     # A library prints a few digits.
     if difference[worst] > 1e-3 * np.abs(matrices).max():
@@ -132,7 +135,11 @@ def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
         raise InputError(
             f"array q has shape {q.shape}", "give one row a configuration", path
         )
-    shapes = {"q": q.shape, "gravity": q.shape, "mass_matrix": (*q.shape, q.shape[1])}
+    shapes: dict[str, tuple[int, ...]] = {
+        "q": q.shape,
+        "gravity": q.shape,
+        "mass_matrix": (*q.shape, q.shape[1]),
+    }
     for name, shape in shapes.items():
         if name not in arrays:
             remedy = "give q (K, n), gravity (K, n) and mass_matrix (K, n, n)"
@@ -182,12 +189,14 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
     n = model.robot.n
     zero = np.zeros_like(box.q)
     gravity = robot.regressor(box.q, zero, zero)
-    inertial = [
-        robot.regressor(box.q, zero, zero + unit) - gravity for unit in np.eye(n)
-    ]
+    inertial = []
+    for unit_acceleration in np.eye(n):
+        moving = robot.regressor(box.q, zero, zero + unit_acceleration)
+        inertial.append(moving - gravity)
     factors = []
     for joint, links in enumerate(robot.subtree):
-        columns = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
+        first = 10 * np.array(links, np.intp)
+        columns = (first[:, None] + np.arange(10)).ravel()
         equations = [(gravity, box.gravity[:, joint])]
         for k in range(joint, n):
             equations.append((inertial[k], box.mass_matrix[:, joint, k]))

@@ -88,16 +88,15 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
         Piece by piece.
     """
     p = len(model.parameters)
-    for rows, other in zip(run.rows(model), run.simulated.rows(model), strict=True):
-        both = [
-            JointColumns(
-                np.concatenate([z.indices + p, [2 * p], x.indices]),
-                np.column_stack([z.columns, torque, x.columns]),
-            )
-            for z, torque, x in zip(
-                other.columns, other.torque.T, rows.columns, strict=True
-            )
-        ]
+    measured = run.rows(model)
+    simulated = run.simulated.rows(model)
+    for rows, other in zip(measured, simulated, strict=True):
+        both = []
+        for j, x in enumerate(rows.columns):
+            z = other.columns[j]
+            indices = np.concatenate([z.indices + p, [2 * p], x.indices])
+            columns = np.column_stack([z.columns, other.torque[:, j], x.columns])
+            both.append(JointColumns(indices, columns))
         yield replace(rows, columns=both)
 
 
@@ -122,13 +121,17 @@ def instrumented(
     parts = []
     for joint, indices, rows in factors:
         # Columns without instruments serve as their own.
-        has_instruments = np.any(indices >= p)
-        k = len(indices) // 2 if has_instruments else len(indices)
-        parts.append((joint, indices[-k:], rows[:, : k + 1], rows[:, -k - 1 :]))
+        k = len(indices)
+        if np.any(indices >= p):
+            k = k // 2
+        instruments_of_part = rows[:, : k + 1]
+        columns_of_part = rows[:, -k - 1 :]
+        parts.append((joint, indices[-k:], instruments_of_part, columns_of_part))
     instruments, theta = _estimate(model, parts)
     out = []
     for (_, at, _, X), Z in zip(parts, instruments, strict=True):
-        torque = X[:, -1] + (Z - X[:, :-1]) @ theta[at]
+        change = Z - X[:, :-1]
+        torque = X[:, -1] + change @ theta[at]
         out.append((at, np.column_stack([Z, torque])))
     return out
 
@@ -137,7 +140,8 @@ def _residuals(model: Model, parts: Sequence[Instrumented], theta: Array) -> Arr
     """(n,) squares of what theta leaves of each joint's torque."""
     out = np.zeros(model.robot.n)
     for joint, indices, _, X in parts:
-        out[joint] += np.sum((X[:, :-1] @ theta[indices] - X[:, -1]) ** 2)
+        error = X[:, :-1] @ theta[indices] - X[:, -1]
+        out[joint] += np.sum(error**2)
     return out
 
 
@@ -147,15 +151,17 @@ def _instruments_of(part: Instrumented, model: Model, theta: Array | None) -> Ar
     joint, indices, both, _ = part
     Z = both[:, :-1]
     at = model.error_gains[joint]
-    place = np.flatnonzero(indices == at)
-    if theta is None or not len(place):
+    places = np.flatnonzero(indices == at)
+    if theta is None or not len(places):
         return Z
-    if not np.any(Z[:, place[0]]) or theta[at] <= 0.0:
+    k = places[0]
+    if not np.any(Z[:, k]) or theta[at] <= 0.0:
         return Z
     coefficients = theta[indices]
-    coefficients[place[0]] = 0.0
+    coefficients[k] = 0.0
+    left = both[:, -1] - Z @ coefficients
     Z = Z.copy()
-    Z[:, place[0]] = (both[:, -1] - Z @ coefficients) / theta[at]
+    Z[:, k] = left / theta[at]
     return Z
 
 
@@ -168,7 +174,8 @@ def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array],
         left = _residuals(model, parts, theta)
     for _ in range(4):  # in which joints' weights and the model's own errors settle
         instruments = [_instruments_of(part, model, theta) for part in parts]
-        weights = 1.0 / np.maximum(left, 1e-12 * (float(left.max()) or 1.0))
+        largest = float(left.max()) or 1.0
+        weights = 1.0 / np.maximum(left, 1e-12 * largest)
         solution = _solution(len(model.parameters), parts, instruments, weights)
         theta = model.with_known(solution)
         left = _residuals(model, parts, theta)

@@ -38,8 +38,9 @@ def column_space(A: Array) -> tuple[Array, Array]:
     unit, nonzero, norms = _unit_columns(A)
     u, s, vt = np.linalg.svd(unit, full_matrices=False)
     good = s > UNSEEN * s.max(initial=0.0)
-    V = np.zeros((A.shape[1], int(good.sum())))
-    V[nonzero] = (vt[good] / s[good, None]).T / norms[:, None]
+    directions = vt[good] / s[good, None]
+    V = np.zeros((A.shape[1], len(directions)))
+    V[nonzero] = directions.T / norms[:, None]
     return u[:, good], V
 
 

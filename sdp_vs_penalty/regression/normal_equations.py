@@ -46,46 +46,101 @@ class NormalEquations:
 
     @classmethod
     def of(cls, full: Array, n_own: int) -> NormalEquations:
-        """From Gram matrices (..., n, w, w) of own columns, shared ones, and the torque
-        as the last."""
+        """Project the own columns out of each joint's rows.
+
+        Parameters
+        ----------
+        full : (..., n, w, w) array
+            Gram matrices of own columns, shared ones, and the torque as the last.
+        n_own : int
+            How many columns are own ones.
+
+        Returns
+        -------
+        NormalEquations
+            Of the shared columns.
+        """
         own = full[..., :n_own, :n_own]
-        size = np.trace(own, axis1=-2, axis2=-1)[..., None, None] / max(n_own, 1)
+        own_by_others = full[..., :n_own, n_own:]
+        others_by_own = full[..., n_own:, :n_own]
+        mean_square = np.trace(own, axis1=-2, axis2=-1) / max(n_own, 1)
         # A joint that rests in these rows has nothing of its own there.
-        own = own + np.maximum(1e-6 * size, 1e-280) * np.eye(n_own)
-        own_solution = np.linalg.solve(own, full[..., :n_own, n_own:])
-        left = full[..., n_own:, n_own:] - full[..., n_own:, :n_own] @ own_solution
+        ridge = np.maximum(1e-6 * mean_square, 1e-280)
+        own = own + ridge[..., None, None] * np.eye(n_own)
+        own_solution = np.linalg.solve(own, own_by_others)
+        left = full[..., n_own:, n_own:] - others_by_own @ own_solution
+        energy = left[..., -1, -1]
         return cls(
             gram=left[..., :-1, :-1],
             cross=left[..., :-1, -1],
-            energy=np.maximum(left[..., -1, -1], 0.0),
+            energy=np.maximum(energy, 0.0),
             total=positive(full[..., -1, -1]),
             own_solution=own_solution,
         )
 
     @classmethod
     def together(cls, logs: Sequence[NormalEquations]) -> NormalEquations:
-        """The joints of several logs (1, n, ...) next to each other, to fit one arm to
-        them."""
+        """Put the joints of several logs next to each other, to fit one arm to them.
 
-        def join(name: str) -> Array:
-            return np.concatenate([getattr(log, name) for log in logs], axis=1)
+        Parameters
+        ----------
+        logs : sequence of NormalEquations
+            Each of (1, n, ...).
 
-        return cls(join("gram"), join("cross"), join("energy"), join("total"))
+        Returns
+        -------
+        NormalEquations
+            Of (1, n times the logs, ...).
+        """
+        return cls(
+            gram=np.concatenate([log.gram for log in logs], axis=1),
+            cross=np.concatenate([log.cross for log in logs], axis=1),
+            energy=np.concatenate([log.energy for log in logs], axis=1),
+            total=np.concatenate([log.total for log in logs], axis=1),
+        )
 
     def left_of(self, full: Array, theta: Array) -> Array:
-        """(..., n) squared residuals in rows with such Gram matrices (..., n, w, w),
-        under each joint's parameters (..., n, s) and the own ones that go with them."""
+        """Squared residuals in other rows, with the own parameters that go with shared
+        ones.
+
+        Parameters
+        ----------
+        full : (..., n, w, w) array
+            Gram matrices of these rows.
+        theta : (..., n, s) array
+            Shared parameters of each joint.
+
+        Returns
+        -------
+        (..., n) array
+            One a joint.
+        """
         torque = -np.ones((*theta.shape[:-1], 1))
         shared = np.append(theta, torque, axis=-1)[..., None]
         own = -self.own_solution @ shared
-        shared = np.broadcast_to(shared, (*full.shape[:-2], *shared.shape[-2:]))
-        vector = np.concatenate([own, shared], axis=-2)
-        return np.asarray(np.sum(vector * (full @ vector), axis=(-2, -1)))
+        shape = (*full.shape[:-2], *shared.shape[-2:])
+        vector = np.concatenate([own, np.broadcast_to(shared, shape)], axis=-2)
+        image = full @ vector
+        return np.asarray(np.sum(vector * image, axis=(-2, -1)))
 
     def normal(self, weights: Array) -> Normal:
-        """(..., s, s) and (..., s) : sums over joints of such weights (..., n)."""
+        """Sum the joints' equations.
+
+        Parameters
+        ----------
+        weights : (..., n) array
+            Of the joints.
+
+        Returns
+        -------
+        (..., s, s) array
+            Gram matrix.
+        (..., s) array
+            Its right side.
+        """
         s = self.gram.shape[-1]
-        flat = self.gram.reshape(*self.gram.shape[:-2], s * s)
+        before = self.gram.shape[:-2]
+        flat = self.gram.reshape(*before, s * s)
         gram = weights[..., None, :] @ flat
         cross = np.einsum("...j,...js->...s", weights, self.cross)
         return gram.reshape(*gram.shape[:-2], s, s), cross
@@ -109,7 +164,8 @@ class NormalEquations:
         for _ in range(ROUNDS):
             gram, cross = self.normal(chosen / left)
             theta = solve(gram, cross[..., None])[..., 0]
-            image = (self.gram @ theta[..., None, :, None])[..., 0]
+            column = theta[..., None, :, None]
+            image = (self.gram @ column)[..., 0]
             fall = np.einsum("...js,...s->...j", image - 2.0 * self.cross, theta)
             left = np.maximum(self.energy + fall, FLOOR * self.total)
         return theta, left
@@ -131,12 +187,17 @@ def solve(gram: Array, right: Array) -> Array:
     (..., s, r) array
         The solutions.
     """
-    norms = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 0.0))
-    is_there = norms > 1e-9 * norms.max(axis=-1, keepdims=True, initial=0.0)
-    scale = np.where(is_there, 1.0 / np.where(is_there, norms, 1.0), 0.0)[..., None]
+    squares = np.diagonal(gram, axis1=-2, axis2=-1)
+    norms = np.sqrt(np.maximum(squares, 0.0))
+    largest = norms.max(axis=-1, keepdims=True, initial=0.0)
+    is_there = norms > 1e-9 * largest
+    safe_norms = np.where(is_there, norms, 1.0)
+    scale = np.where(is_there, 1.0 / safe_norms, 0.0)[..., None]
     unit = scale * gram * np.swapaxes(scale, -1, -2)
-    np.einsum("...ii->...i", unit)[...] += np.where(is_there, RIDGE, 1.0)
-    return np.asarray(scale * np.linalg.solve(unit, scale * right))
+    diagonal = np.einsum("...ii->...i", unit)  # a view
+    diagonal += np.where(is_there, RIDGE, 1.0)
+    solution = np.linalg.solve(unit, scale * right)
+    return np.asarray(scale * solution)
 
 
 def jackknifed(estimates: Array) -> tuple[Array, Array]:
