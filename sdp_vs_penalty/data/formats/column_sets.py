@@ -1,5 +1,6 @@
 """Columns of one quantity that belong together: one a joint, named alike."""
 
+import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -70,7 +71,22 @@ def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSe
         columns = _columns_by_joint(style, names, of_quantity)
         if columns:
             sets.append(ColumnSet(quantity, rank, style, other_words, columns))
+        elif quantity == "q" and style == "number":
+            for alike in _named_alike(names):
+                columns = _columns_by_joint(style, alike, of_quantity)
+                if columns and len(alike) < len(names):
+                    sets.append(ColumnSet(quantity, rank, style, other_words, columns))
     return sorted(sets, key=lambda columns: columns.preference)
+
+
+def _named_alike(names: Sequence[str]) -> list[list[str]]:
+    """Columns that differ by their last number alone: motor_pos_1 and link_pos_1 do by
+    more."""
+    groups = dict[str, list[str]]()
+    for name in names:
+        stem = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", name)
+        groups.setdefault(stem, []).append(name)
+    return list(groups.values())
 
 
 def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
@@ -167,6 +183,15 @@ def choose_sets(
             choices.append(SetChoice(sets))
     if not choices:
         return None
+    first = choices[0].sets["q"]
+    for_robot = [
+        choice
+        for choice in choices
+        if choice.sets["q"].style == "name"
+        and len(choice.sets["q"].columns) == n_joints
+    ]
+    if first.style == "block" and n_joints != 1 and for_robot:
+        choices = for_robot
     best = choices[0].sets["q"]
     rivals = [
         choice.sets["q"]
