@@ -28,10 +28,12 @@ from challenge.cases import (
 from challenge.judge import (
     Record,
     all_named,
+    claims,
     counted,
     extras,
     first_right,
     found_in_time,
+    is_true,
     outcome,
     sizes,
 )
@@ -285,8 +287,54 @@ def ablation_text(known: Mapping[str, Arms]) -> str:
             "",
             *markdown_lines(heads, rows),
             "",
+            *doubt_lines([arms[WITH_ALL] for arms in known.values()]),
+            "",
         ]
     )
+
+
+def doubt_lines(records: Sequence[Record]) -> list[str]:
+    """What each reason for doubt costs and buys: how many findings that are hidden, and
+    how many that are not, it makes weak, by itself or with others."""
+    judged = [
+        (finding, is_true(finding, record))
+        for record in records
+        if counted(record)
+        for finding in claims(record)
+    ]
+    doubted = Counter[tuple[str, bool]]()
+    doubted_alone = Counter[tuple[str, bool]]()
+    for finding, is_hidden in judged:
+        remarks = finding.get("remarks", [])
+        doubted.update((remark, is_hidden) for remark in remarks)
+        if len(remarks) == 1:
+            doubted_alone[remarks[0], is_hidden] += 1
+    rows = [
+        [
+            reason,
+            *(str(doubted[reason, is_hidden]) for is_hidden in (True, False)),
+            *(str(doubted_alone[reason, is_hidden]) for is_hidden in (True, False)),
+        ]
+        for reason in sorted({reason for reason, _ in doubted})
+    ]
+    n_by_kind = Counter(
+        (is_hidden, finding["confidence"] == "confident")
+        for finding, is_hidden in judged
+    )
+    heads = ["reason", "hidden", "not hidden", "hidden, alone", "not hidden, alone"]
+    return [
+        "## What each reason for doubt costs and buys",
+        "",
+        (
+            "Findings with all rules that a reason makes weak: what is hidden (a cost) and"
+            " what is not (a gain); alone: no other reason speaks against it. Confident"
+            f" without any: {n_by_kind[True, True]} hidden, {n_by_kind[False, True]} not;"
+            f" weak: {n_by_kind[True, False]} hidden, {n_by_kind[False, False]} not. What"
+            " is not hidden holds surrogates of torque without a name and of payloads."
+        ),
+        "",
+        *markdown_lines(heads, rows),
+    ]
 
 
 def ablation_csv(known: Mapping[str, Arms]) -> str:

@@ -7,7 +7,7 @@ from sdp_vs_penalty.research.provenance import make_folder
 
 HERE = Path(__file__).parent
 #: A case of each class a seed, and of clean robots one with each of two nuisances.
-SEEDS = range(690001, 690010)
+SEEDS = range(690001, 690012)
 NUISANCES = [
     "plain",
     "sign",

@@ -6,8 +6,6 @@ line is what to do next. Three significant digits, units in the headings.
 """
 
 import json
-import re
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -18,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Grid
 
+from sdp_vs_penalty.cli.remaining import Remaining
 from sdp_vs_penalty.errors import command_line, printable
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.results.table import Table
@@ -84,52 +83,6 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
             display.update(task, description=_shown(clock.with_time_left(text)))
 
         yield show
-
-
-_COUNT = re.compile(r"\b(\d+) of (\d+)\b")
-
-
-class Remaining:
-    """Estimates the time left from texts that count, such as "run 3 of 40"."""
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._begin = clock()
-        self._first = 0
-        self._work = ""
-
-    def with_time_left(self, text: str) -> str:
-        """Append the time left, by the pace so far.
-
-        Parameters
-        ----------
-        text : str
-            The state of the work.
-
-        Returns
-        -------
-        str
-            The same text where it counts nothing, says the time left already, or
-            less than five seconds are left.
-        """
-        count = _COUNT.search(text)
-        if count is None or " left" in text:
-            return text
-        done, total = int(count[1]), int(count[2])
-        work = text[: count.start()] + count[2]
-        if work != self._work:  # another piece of work begins
-            self._work = work
-            self._begin = self._clock()
-            self._first = done
-        if done <= self._first:
-            return text
-        pace = (self._clock() - self._begin) / (done - self._first)
-        seconds = pace * (total - done)
-        if seconds < 5.0:
-            return text
-        minutes, rest = divmod(round(seconds), 60)
-        left = f"{minutes} min {rest} s" if minutes else f"{rest} s"
-        return f"{text}, about {left} left"
 
 
 def say(text: str, style: str | None = None) -> None:

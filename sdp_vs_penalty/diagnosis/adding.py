@@ -1,5 +1,7 @@
 """The verb ``add``: an effect joins the model, and everything is identified again."""
 
+from __future__ import annotations
+
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +22,7 @@ from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, independent_gains
+from sdp_vs_penalty.estimation.certificate import Certificate
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimation.identify import (
     certify,
@@ -35,9 +38,14 @@ from sdp_vs_penalty.estimation.sensitivity import (
     sensitivities,
 )
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
-from sdp_vs_penalty.estimation.uncertainty import beside_held
-from sdp_vs_penalty.estimators.estimator import Progress, no_progress
-from sdp_vs_penalty.regression.base_parameters import base_rows
+from sdp_vs_penalty.estimation.uncertainty import Uncertainty, beside_held
+from sdp_vs_penalty.estimators.estimator import (
+    Estimator,
+    Progress,
+    Task,
+    no_progress,
+)
+from sdp_vs_penalty.regression.base_parameters import BaseParameters, base_rows
 from sdp_vs_penalty.regression.regression import compress
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.filtered import FilteredRuns
@@ -267,78 +275,119 @@ def _add_frozen(
     progress: Progress,
     gain_errors: Array,
 ) -> Estimate:
-    """Fit only the new effects, under their own constraints, to what the model leaves."""
+    """The estimate with new effects, fitted alone to what the model leaves, under their
+    own constraints."""
+    fit = _fit_new_effects(estimate, new, runs, seed, progress)
+    theta = np.concatenate([estimate.theta, fit.theta])
     problem = estimate.problem
+    base = base_rows(problem, fit.model_of_new)
+    sources = parameter_sources(
+        fit.task, fit.theta, base, fit.estimator.undetermined_by
+    )
+    old = estimate.details
+    details = {
+        "undetermined": {**old.get("undetermined", {}), **sources["undetermined"]},
+        "base_parameters": [
+            *old.get("base_parameters", []),
+            *sources["base_parameters"],
+        ],
+        "on_bounds": on_bounds(problem.constraints(fit.model), theta),
+    }
+    provenance = {
+        **estimate.provenance,
+        "seed": seed,
+        "data_hash": runs.measurements.data_hash,
+        "runs": list(runs.measurements.names),
+        "samples": runs.measurements.samples,
+        "versions": versions(),
+        "verdict": None,  # that of the smaller model is not this one's
+    }
+    known_motion = estimate.training_motion
+    new_motion = record_motion(runs)
+    training_motion = None
+    if known_motion is not None and new_motion is not None:
+        training_motion = known_motion.joined(new_motion)
+    return replace(
+        estimate,
+        model=fit.model,
+        theta=theta,
+        uncertainty=_uncertainty_beside(estimate, fit, runs, base, gain_errors),
+        certificate=certify_beside(estimate, fit.model, theta, fit.certificate),
+        details=details,
+        provenance=provenance,
+        training_motion=training_motion,
+    )
+
+
+@dataclass(frozen=True)
+class _FitBeside:
+    """New effects fitted beside a model that is kept.
+
+    model : with both; model_of_new : the new effects alone; theta (p,) : theirs.
+    """
+
+    model: Model
+    model_of_new: Model
+    task: Task
+    estimator: Estimator
+    theta: Array
+    certificate: Certificate
+
+
+def _fit_new_effects(
+    estimate: Estimate,
+    new: Sequence[Effect],
+    runs: FilteredRuns,
+    seed: int,
+    progress: Progress,
+) -> _FitBeside:
+    """New effects fitted to what a model leaves; twice where columns refer to torque, of
+    which theirs is a part."""
     model_of_new = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
     model = replace(
         estimate.model, effects=(*estimate.model.effects, *new), reference=None
     )
-    known = (
-        estimate.theta if estimate.model.reference is None else estimate.model.reference
-    )
+    known = estimate.model.reference
+    if known is None:
+        known = estimate.theta
     estimator = estimator_beside(estimate)
-    part = np.zeros(len(model_of_new.parameters))
-    for _ in range(
-        2 if model.needs_reference else 1
-    ):  # what is new passes torque channels as well
+    theta = np.zeros(len(model_of_new.parameters))
+    for _ in range(2 if model.needs_reference else 1):
         if model.needs_reference:
-            model = replace(model, reference=np.append(known, part))
+            model = replace(model, reference=np.append(known, theta))
         progress("compressing the measurements")
         left = compress(runs, model).given_first(estimate.theta)
         task = task_beside(estimate, model_of_new, left, seed, progress)
         progress("estimating the new effects")
-        fit = estimator.fit(task)
-        part, certificate = certify(task, fit)
-    theta = np.concatenate([estimate.theta, part])
-    base = base_rows(problem, model_of_new)
-    # The new effects' intervals hold their shape constants' errors and those of what
-    # was kept.
-    constants = sensitivities(
-        model_of_new.effects, [part[k] for k in model_of_new.indices]
-    )
+        theta, certificate = certify(task, estimator.fit(task))
+    return _FitBeside(model, model_of_new, task, estimator, theta, certificate)
+
+
+def _uncertainty_beside(
+    estimate: Estimate,
+    fit: _FitBeside,
+    runs: FilteredRuns,
+    base: BaseParameters,
+    gain_errors: Array,
+) -> Uncertainty:
+    """Of all parameters: intervals of new effects hold the errors of their shape
+    constants and of the parameters that were kept."""
+    model = fit.model
+    betas = [fit.theta[k] for k in fit.model_of_new.indices]
+    constants = sensitivities(fit.model_of_new.effects, betas)
     reference = model.reference
     if reference is not None:
-        reference = np.append(
-            reference, np.zeros(sum(len(e.parameters) for e in constants))
-        )
+        n_constants = sum(len(e.parameters) for e in constants)
+        reference = np.append(reference, np.zeros(n_constants))
     wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
-    held = (estimate.theta, estimate.uncertainty)
-    held_base = base_rows(problem, estimate.model)
-    data = compress(runs, wide)
-    uncertainty = beside_held(task, data, held, held_base, part, base, gain_errors)
-    old = estimate.details
-    new_record = parameter_sources(task, part, base, estimator.undetermined_by)
-    before = estimate.training_motion
-    new_motion = record_motion(runs)
-    return replace(
-        estimate,
-        model=model,
-        theta=theta,
-        uncertainty=uncertainty,
-        certificate=certify_beside(estimate, model, theta, certificate),
-        details={
-            "undetermined": {
-                **old.get("undetermined", {}),
-                **new_record["undetermined"],
-            },
-            "base_parameters": [
-                *old.get("base_parameters", []),
-                *new_record["base_parameters"],
-            ],
-            "on_bounds": on_bounds(problem.constraints(model), theta),
-        },
-        provenance={
-            **estimate.provenance,
-            "seed": seed,
-            "data_hash": runs.measurements.data_hash,
-            "runs": list(runs.measurements.names),
-            "samples": runs.measurements.samples,
-            "versions": versions(),
-            "verdict": None,  # that of the smaller model is not this one's
-        },
-        training_motion=(
-            None if before is None or new_motion is None else before.joined(new_motion)
-        ),
+    return beside_held(
+        fit.task,
+        compress(runs, wide),
+        (estimate.theta, estimate.uncertainty),
+        base_rows(estimate.problem, estimate.model),
+        fit.theta,
+        base,
+        gain_errors,
     )
 
 

@@ -507,7 +507,7 @@ def compare_filtered(
         all_measurements,
         "errors are those of all samples, noise and dependences of",
     )
-    judged = [_judged(name, model, runs, floor) for name, model in models.items()]
+    judged = [_compare_one(name, model, runs, floor) for name, model in models.items()]
     return Comparisons(replace(one, judged_on=remark) for one in judged)
 
 
@@ -549,53 +549,88 @@ def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:
     estimate.provenance["noise"] = floor.to_dict()
 
 
-def _judged(
+def _compare_one(
     name: str, model: Estimate, runs: FilteredRuns, floor: tuple[Array | None, str]
 ) -> Comparison:
-    series = {
+    """Errors of one model on filtered runs; floor : noise floor (n,) [N m or N] and its
+    source."""
+    signals, outside_shares = _predict_runs(model, runs)
+    statistics = _ErrorStatistics.of(signals)
+    band = runs.settings.torque_cutoff
+    assert band is not None
+    record = model.training_motion
+    noise, noise_source = floor
+    return Comparison(
+        name=name,
+        estimate=model,
+        rmse=np.sqrt(statistics.mean_squared_error),
+        mse=statistics.mean_squared_error,
+        r2=statistics.r2,
+        noise_floor=noise,
+        noise_source=noise_source,
+        relative_error_percent=statistics.relative_error,
+        band_hz=band,
+        signals=signals,
+        runs=runs.measurements.names,
+        new_motion_share=None if record is None else record.new_share(runs),
+        outside=outside_shares,
+    )
+
+
+def _predict_runs(
+    model: Estimate, runs: FilteredRuns
+) -> tuple[Signals, dict[str, float]]:
+    """Measured and modelled torque of all rows; and by effect, named by its first
+    parameter, the share of rows that leave what it is known for, where there are any."""
+    columns = {
         name: AppendableArray() for name in ("t", "q", "dq", "measured", "modelled")
     }
-    outside: dict[str, float] = {}  # rows
+    n_outside = dict[str, float]()
     for run in runs.runs:
         for rows in run.rows(model.model):
-            modelled = predicted(rows, model.theta)
             motion = rows.motion
-            arrays = (motion.t, motion.q, motion.dq, rows.torque, modelled)
-            for parts, x in zip(series.values(), arrays, strict=True):
-                parts.append(x)
+            modelled = predicted(rows, model.theta)
+            columns["t"].append(motion.t)
+            columns["q"].append(motion.q)
+            columns["dq"].append(motion.dq)
+            columns["measured"].append(rows.torque)
+            columns["modelled"].append(modelled)
+            motion_with_torque = replace(motion, torque=modelled)
             for effect in model.model.effects:
-                beyond = effect.outside(replace(motion, torque=modelled)).sum()
+                is_outside = effect.outside(motion_with_torque)
                 first = effect.parameters[0].name
-                outside[first] = outside.get(first, 0.0) + float(beyond)
-    signals = Signals(**{name: x.array() for name, x in series.items()})
-    measured = signals.measured
-    count = len(signals.t)
-    pairs = zip(iter_chunks(measured), iter_chunks(signals.modelled), strict=True)
-    mse = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs) / count
-    mean = sum(a.sum(axis=0) for _, a in iter_chunks(measured)) / count
-    variance = (
-        sum(np.sum((a - mean) ** 2, axis=0) for _, a in iter_chunks(measured)) / count
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        r2 = np.where(variance > 0.0, 1.0 - mse / variance, np.nan)
-        relative = 100.0 * np.sqrt(np.sum(mse) / np.sum(variance + mean**2))
-    band = runs.settings.torque_cutoff
-    record = model.training_motion
-    assert band is not None
-    return Comparison(
-        name,
-        model,
-        np.sqrt(mse),
-        mse,
-        r2,
-        *floor,
-        float(relative),
-        band,
-        signals,
-        runs.measurements.names,
-        None if record is None else record.new_share(runs),
-        {name: rows / count for name, rows in outside.items() if rows > 0.0},
-    )
+                n_outside[first] = n_outside.get(first, 0.0) + float(is_outside.sum())
+    signals = Signals(**{name: x.array() for name, x in columns.items()})
+    n_rows = len(signals.t)
+    shares = {name: n / n_rows for name, n in n_outside.items() if n > 0.0}
+    return signals, shares
+
+
+@dataclass(frozen=True)
+class _ErrorStatistics:
+    """mean_squared_error (n,) [(N m or N)^2]; r2 (n,) : coefficient of determination, NaN
+    for a torque that is constant; relative_error [%] : of all joints together."""
+
+    mean_squared_error: Array
+    r2: Array
+    relative_error: float
+
+    @classmethod
+    def of(cls, signals: Signals) -> Self:
+        """Of measured and modelled torque, a chunk of rows at a time."""
+        measured = signals.measured
+        pairs = zip(iter_chunks(measured), iter_chunks(signals.modelled), strict=True)
+        squares = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs)
+        n_rows = len(signals.t)
+        error = squares / n_rows
+        mean = sum(a.sum(axis=0) for _, a in iter_chunks(measured)) / n_rows
+        scatter = sum(np.sum((a - mean) ** 2, axis=0) for _, a in iter_chunks(measured))
+        variance = scatter / n_rows
+        with np.errstate(divide="ignore", invalid="ignore"):
+            r2 = np.where(variance > 0.0, 1.0 - error / variance, np.nan)
+            mean_square = np.sum(variance + mean**2)
+            relative = 100.0 * np.sqrt(np.sum(error) / mean_square)
+        return cls(error, r2, float(relative))
 
 
 def predicted(rows: Rows, theta: Array) -> Array:

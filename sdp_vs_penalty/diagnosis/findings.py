@@ -553,12 +553,15 @@ class Diagnosis(Record, JsonRecord):
     @property
     def left_sentence(self) -> str:
         """What error is left on data left out, joint by joint."""
-        start = "Error on data left out, with everything found, joint by joint:"
+        start = "Error on data left out, with everything found"
         if self.held_out_over_noise is None:
             errors = self.facts()["left_error"].texts
-            return f"{start} {', '.join(errors)} N m or N (the noise is not known)."
-        times = self.facts()["left_over_noise"].texts
-        return f"{start} {', '.join(times)} times the noise."
+            unit = "N m or N; the noise is not known"
+        else:
+            errors = self.facts()["left_over_noise"].texts
+            unit = "in multiples of the noise"
+        each = [f"j{joint} {error}" for joint, error in enumerate(errors, start=1)]
+        return f"{start} ({unit}): {', '.join(each)}."
 
     @property
     def unexplained_sentence(self) -> str:

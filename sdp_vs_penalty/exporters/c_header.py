@@ -12,6 +12,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
 from sdp_vs_penalty.exporters.content import HELD, Content, Options, about_joints
+from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
 
 ENDING = ".h"
@@ -25,26 +26,11 @@ HOLDS = HELD | {"rotor_inertia", "torque_offset", *FORMULAS}
 _TEMPLATE = Path(__file__).parent / "c_header.h"
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> Written:
     """Inverse dynamics as a C header.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
-
-    Raises
-    ------
-    InputError
-        For an impossible link, and for joints that follow others.
+    The module is an :class:`ExportFormat`.
+    Raises InputError for an impossible link, and for joints that follow others.
     """
     robot = estimate.robot
     model = estimate.model

@@ -4,26 +4,26 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 from sdp_vs_penalty import exporters
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.exporters.content import Options, verdict_line, with_effects
+from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.plugins import by_word, modules
 
 
 @cache
-def formats() -> dict[str, ModuleType]:
-    """The modules that write files, by the ending of these files' names."""
+def formats() -> dict[str, ExportFormat]:
+    """The formats by the ending of their files' names."""
     homes = modules(exporters.__name__, exporters.__path__, "ENDING")
     return by_word((home.ENDING, home) for home in homes)
 
 
-def format_of(out: str | Path) -> ModuleType:
-    """The module that writes files of this name.
+def format_of(out: str | Path) -> ExportFormat:
+    """The format of files of this name.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ def format_of(out: str | Path) -> ModuleType:
 
     Returns
     -------
-    module
-        Of this folder.
+    ExportFormat
+        A module of this folder.
 
     Raises
     ------
@@ -68,8 +68,6 @@ def write_model(
             "an edited URDF must end in .urdf", "rename it, or leave the URDF out", out
         )
     options = Options(urdf, force, flange)
-    content: bytes
-    left_out: tuple[str, ...]
     content, left_out = home.write(estimate, options)
     if urdf is None:  # of the user's own file every other byte is kept
         verdict = verdict_line(estimate)

@@ -6,6 +6,7 @@ import numpy as np
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, payload
+from sdp_vs_penalty.exporters.interface import Written
 
 #: What Franka's archive of an end effector calls its file; its fields are those of the
 #: maker's manual ("End effector commissioning").
@@ -13,22 +14,11 @@ ENDING = FILE = "endeffector-config.json"
 ABOUT = "payload for Franka"
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> Written:
     """JSON with mass [kg], centerOfMass in the flange's frame [m], and inertia (9, by
     columns) about it [kg m^2]; the tool's transformation is the flange itself.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
+    The module is an :class:`ExportFormat`.
     """
     load = payload(estimate)
     fields_of_file = {

@@ -8,6 +8,7 @@ from sdp_vs_penalty.effects.effect import Motion, follows_alone
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options
+from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import joint_limits
 
@@ -28,28 +29,13 @@ class FrictionCurve:
     std: Array
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> Written:
     """CSV with joint, velocity [rad/s, m/s], torque [N m, N] and its standard
     deviation: what all effects that follow the velocity alone make, to be added to
     what the links need.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
-
-    Raises
-    ------
-    InputError
-        For a model without any such effect.
+    The module is an :class:`ExportFormat`.
+    Raises InputError for a model without any such effect.
     """
     curves = friction_curves(estimate)
     if not curves:

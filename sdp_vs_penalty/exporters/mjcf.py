@@ -17,6 +17,7 @@ from sdp_vs_penalty.exporters.content import (
     xml_name,
     xml_text,
 )
+from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -26,21 +27,10 @@ ABOUT = "MuJoCo's MJCF: links, armature, damping, dry friction, springs, offsets
 HOLDS = HELD | {"rotor_inertia", "joint_spring", "torque_offset"}
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> Written:
     """MJCF with links, damping, dry friction, armature, springs and offsets.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
+    The module is an :class:`ExportFormat`.
     """
     content = Content.plausible(estimate, options)
     return make_mjcf(estimate.robot, content), content.left_out(

@@ -4,6 +4,7 @@ import json
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, verdict_line
+from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot import inertia
 
 ENDING = ".json"
@@ -11,22 +12,11 @@ FILE = "effects.json"
 ABOUT = "every effect as plain JSON, with its equation"
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> Written:
     """Links in readable form, every effect with equation, reference, shape constants
     and values.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
+    The module is an :class:`ExportFormat`.
     """
     model = estimate.model
     robot = estimate.robot

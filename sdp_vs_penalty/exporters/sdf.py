@@ -16,6 +16,7 @@ from sdp_vs_penalty.exporters.content import (
     parts,
     xml_text,
 )
+from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.exporters.urdf import rpy_of
 
 ENDING = ".sdf"
@@ -24,22 +25,11 @@ ABOUT = "SDFormat, for Gazebo"
 HOLDS = HELD
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> Written:
     """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base
     stands in the world.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
+    The module is an :class:`ExportFormat`.
     """
     content = Content.plausible(estimate, options)
     root = etree.Element("sdf", version="1.9")

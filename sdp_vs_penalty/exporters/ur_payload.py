@@ -2,29 +2,19 @@
 
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import Options, number, payload
+from sdp_vs_penalty.exporters.interface import Written
 
 ENDING = ".script"
 FILE = "payload.script"
 ABOUT = "payload for UR"
 
 
-def write(estimate: Estimate, options: Options) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options) -> Written:
     """URScript: set_target_payload(m, cog, inertia): mass [kg], centre of gravity in
     the flange's frame [m], inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it [kg m^2];
     set_payload for older controllers.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
+    The module is an :class:`ExportFormat`.
     """
     load = payload(estimate)
     cog = ", ".join(number(x) for x in load.com - options.flange)

@@ -32,6 +32,7 @@ from sdp_vs_penalty.exporters.content import (
     xml_name,
     xml_text,
 )
+from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.files import read_bytes
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
@@ -193,26 +194,11 @@ EDITS = True
 HOLDS = HELD
 
 
-def write(
-    estimate: Estimate, options: Options, drake: bool = False
-) -> tuple[bytes, tuple[str, ...]]:
+def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
     """A URDF made from the model, or the user's own with the model's numbers, edited
     plainly.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The model.
-    options : Options
-        How the user wants the file.
-    drake : bool
-        With Drake's transmissions.
-
-    Returns
-    -------
-    tuple
-        The file's bytes, and the effects that have no place in it, as they are
-        written.
+    The module is an :class:`ExportFormat`. drake : with Drake's transmissions.
     """
     content = Content.plausible(estimate, options)
     robot = estimate.robot

@@ -21,6 +21,10 @@ from sdp_vs_penalty.robot.arrays import Array
 _VIEW = np.array([0.58, -0.63, 0.52])
 _ANGLE = 14.0
 _BONES = "#888888"
+#: Of the joints' axes: a colour that no curve has.
+_AXES = "#7c3aed"
+#: Squares of the ground on each side.
+_SQUARES = 10
 
 
 @dataclass(frozen=True)
@@ -38,20 +42,26 @@ _LOOKS = (_Look("measured", MEASURED, 0.45), _Look("link", COLOURS[0], 0.75))
 
 
 def chart_and_arm(
-    view: View, label: str, about: Mapping[str, Any], caption: str, arms: int = 1
+    view: View,
+    label: str,
+    about: Mapping[str, Any],
+    caption: str,
+    arms: int = 1,
+    scale: tuple[str, str] | None = None,
 ) -> tuple[Any, Callable[..., None]]:
     """A chart over time, still empty, with ``label`` as its text, and beside it, where
     there are links to be drawn, the scene and its clock, of ``arms`` arms in one place.
     Returns the chart, and what to call with a recording: its name, its t, tf and poses,
     and the errors (F, n), 0 to 1, that colour the first arm's links, if any.
 
-    about : of a model (jobs.py).
+    about : of a model (jobs.py); scale : what the first and the last colour of the
+    links mean, where errors colour them.
     """
     with tag("div", style="pair"):
         drawn = chart({}, label).classes("timed")
         if not about["bodies"]:
             return drawn, lambda *_: None
-        scene = ArmScene(view, about, caption, arms)
+        scene = ArmScene(view, about, caption, arms, scale)
     return drawn, scene.load
 
 
@@ -59,7 +69,12 @@ class ArmScene:
     """A scene with its clock; a group a joint, in it the links that it carries."""
 
     def __init__(
-        self, view: View, about: Mapping[str, Any], caption: str, arms: int
+        self,
+        view: View,
+        about: Mapping[str, Any],
+        caption: str,
+        arms: int,
+        scale: tuple[str, str] | None,
     ) -> None:
         self.view = view
         self.about = about
@@ -69,7 +84,7 @@ class ArmScene:
             with ui.scene(
                 width=360,
                 height=330,
-                grid=False,
+                grid=(ground_size(about), _SQUARES),
                 background_color="#f8f9fb",
                 on_click=self.select_link,
                 camera=camera,
@@ -81,8 +96,12 @@ class ArmScene:
             text = f"The arm in 3D: {caption}"
             self.scene.props.update({"role": "img", "aria-label": text})
             self._draw_clock(arms)
+            if scale:
+                _draw_scale(scale)
             note(
-                f"Ellipsoids of uniform density; {caption}. Click a link to see its joint."
+                f"Ellipsoids of uniform density; {caption}. Violet: joint axes. A square"
+                f" of the ground: {ground_size(about) / _SQUARES:g} m. Click a link to"
+                " see its joint."
             )
 
     def select_link(self, event: Any) -> None:
@@ -142,6 +161,7 @@ class ArmScene:
                     self._draw_bone(joint["at"], thin)
             with group:
                 scene.sphere(thin, 12, 8).material(_BONES)
+                self._draw_axis(joint["axis"], thin)
         for body in self.about["bodies"]:
             with groups[body["joint"]]:
                 self._draw_link(body, look)
@@ -152,6 +172,13 @@ class ArmScene:
         middle = [0.5 * x for x in end]
         tube = self.scene.quadratic_bezier_tube([0.0] * 3, middle, end, 1, thin)
         tube.material(_BONES)
+
+    def _draw_axis(self, axis: list[float], thin: float) -> None:
+        """The axis of a joint, a thin stick through it."""
+        start, end = (np.outer([-4.0, 6.0], axis) * thin).tolist()
+        middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]
+        stick = self.scene.quadratic_bezier_tube(start, middle, end, 1, 0.2 * thin)
+        stick.material(_AXES)
 
     def _draw_link(self, body: Mapping[str, Any], look: _Look) -> None:
         """The ellipsoid of a link."""
@@ -169,6 +196,19 @@ def _places_and_turns(poses: Array) -> Array:
     )
     turns = rotations.as_quat().reshape(*poses.shape[:2], 4)
     return np.dstack([poses[..., :3, 3], turns])
+
+
+def _draw_scale(ends: tuple[str, str]) -> None:
+    """The links' colours, from the smallest error to the largest."""
+    with tag("div", style="scale"):
+        tag("span", ends[0])
+        tag("i", aria_hidden="true")
+        tag("span", ends[1])
+
+
+def ground_size(about: Mapping[str, Any]) -> int:
+    """Side of the ground that is drawn [m]: wider than the arm reaches."""
+    return int(np.ceil(2.0 * reach(about)))
 
 
 def reach(about: Mapping[str, Any]) -> float:

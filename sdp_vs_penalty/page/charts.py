@@ -249,6 +249,17 @@ def ready(plot: Figure, height: int) -> dict[str, Any]:
     return {**data, "config": {"displayModeBar": False, "responsive": True}}
 
 
+#: The torque error that has the last colour, in noise floors.
+_LAST_COLOUR = 4
+
+
+def error_scale(model: ModelStep) -> tuple[str, str]:
+    """What the first and the last colour of :func:`torque_errors` mean."""
+    is_known = None not in model.comparison["noise_floor"]
+    unit = "noise" if is_known else "noise, or its own RMS"
+    return "no error", f"{_LAST_COLOUR} times the {unit}"
+
+
 def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
     """(F, n) torque errors at the instants of the poses, 0 to 1: four times the noise
     floor, or where that is not known the error's own root mean square."""
@@ -256,6 +267,6 @@ def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
     rms = np.sqrt(np.mean(error**2, axis=0))
     floors = model.comparison["noise_floor"]
     sizes = [floor or own for floor, own in zip(floors, rms, strict=True)]
-    scale = 4.0 * np.maximum(sizes, 1e-12)
+    scale = _LAST_COLOUR * np.maximum(sizes, 1e-12)
     at = np.searchsorted(read["t"], read["tf"]).clip(0, len(error) - 1)
     return np.round(np.clip(error[at] / scale, 0.0, 1.0), 2)

@@ -113,6 +113,8 @@ class Arm {
       let last = "";
       scene.thrifty = true;
       scene.renderer.setClearColor(0, 0); // the page's own colour, light or dark
+      for (const object of scene.scene?.children ?? [])
+        if (object.object_id === "ground") object.visible = false; // of the ground, the lines stay
       scene.renderer.render = (world, camera) => {
         const there = [...scene.objects.values()].filter((o) => o.mesh?.parent).length;
         const now = Math.floor(performance.now() / 1000); // a browser may lose what was drawn

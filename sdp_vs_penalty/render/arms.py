@@ -75,8 +75,9 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``joints``: parent and position [m] of each; ``bodies``: link, joint, half axes [m]
-        and placement (4, 4) of each ellipsoid. Links without one are left out.
+        ``joints``: parent, position [m] and axis of motion of each; ``bodies``: link,
+        joint, half axes [m] and placement (4, 4) of each ellipsoid. Links without one
+        are left out.
     """
     bodies = []
     for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):
@@ -87,5 +88,8 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
         at = np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
         place = robot.tree[joint].link_frame @ at
         bodies.append({"link": k, "joint": joint, "half": half, "place": place})
-    joints = [{"parent": j.parent, "at": j.placement[:3, 3]} for j in robot.tree]
+    joints = [
+        {"parent": j.parent, "at": j.placement[:3, 3], "axis": j.axis}
+        for j in robot.tree
+    ]
     return {"bodies": bodies, "joints": joints}

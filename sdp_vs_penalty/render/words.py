@@ -32,6 +32,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
     dependences,
     sentences,
 )
+from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
@@ -286,19 +287,31 @@ def describe_worst(compared: Comparison, failures: Failures) -> str:
     return f"{size}, {when}." if when else f"{size}."
 
 
+def effect_on_joints(effect: Effect) -> str:
+    """An effect as words, with the joints that it was put on, where some were named."""
+    name = plain_name(effect.name).lower()
+    if effect.asked_joints is None:
+        return name
+    return f"{name} on {place([j + 1 for j in effect.asked_joints])}"
+
+
 def describe_addition(before: Comparison, after: Comparison) -> str:
     """What adding effects did to the joint that erred most before."""
     known = {effect.text for effect in before.estimate.model.effects}
-    new = [e.brief for e in after.estimate.model.effects if e.text not in known]
+    new = [
+        effect_on_joints(effect)
+        for effect in after.estimate.model.effects
+        if effect.text not in known
+    ]
     if not new:
         return ""
     joint = before.worst_joint
     if before.error_over_noise is None:
         error = after.facts()["joint_error"].of_joint(joint)
         unit = plain_unit(after.estimate.robot.torque_units[joint - 1])
-        return f"With {', '.join(new)} it errs by {error} {unit}."
+        return f"With {formatting.words(new)} it errs by {error} {unit}."
     times = after.facts()["error_over_noise"].of_joint(joint)
-    return f"With {', '.join(new)} it errs {times} times its noise."
+    return f"With {formatting.words(new)} it errs {times} times its noise."
 
 
 def describe_failure(failure: JointFailure, unit: str) -> str:

@@ -358,6 +358,33 @@ def test_torques_in_per_cent_are_said(unit, tmp_path):
     assert "of a rating that the file does not say" in remarks(path)
 
 
+def test_a_unit_that_nobody_knows_is_said(tmp_path):
+    names = [f"torque_{k} [oz-in]" for k in (1, 2, 3)]
+    path = table(tmp_path / "run.csv", [*HEAD[:4], *names], T, Q, TAU)
+    assert "the unit 'oz-in' of tau is not known" in remarks(path)
+
+
+def test_joints_in_brackets_are_no_units(tmp_path):
+    names = [f"{x}[{joint}]" for x in ("position", "effort") for joint in JOINTS]
+    path = table(tmp_path / "run.csv", ["time", *names], T, Q, TAU)
+    assert "is not known" not in remarks(path, names=JOINTS)
+
+
+@pytest.mark.parametrize("joints", ["ABC", ("base", "shoulder", "elbow")])
+def test_letters_and_words_tell_joints_apart(joints, tmp_path):
+    names = [f"{joint} {x}" for x in ("angle", "torque") for joint in joints]
+    path = table(tmp_path / "run.csv", ["time", *names], T, Q, TAU)
+    require_the_run(silently(path, names=JOINTS))
+    require_the_run(silently(path))
+
+
+def test_two_encoders_of_each_joint_are_not_guessed(tmp_path):
+    patterns = ("motor_pos_{}", "link_pos_{}", "torque_{}")
+    names = [pattern.format(k) for pattern in patterns for k in (1, 2, 3)]
+    path = table(tmp_path / "run.csv", ["time", *names], T, 50.0 * Q, Q, TAU)
+    refusal(lambda: silently(path), "motor_pos_1 to motor_pos_3 or link_pos_1 to")
+
+
 @pytest.mark.parametrize("step", [0.001, 1.0])
 def test_libfranka_s_clock_is_judged_by_its_steps(step, tmp_path):
     names = [f"{x}_{k}" for x in ("q", "dq", "tau_J") for k in range(3)]

@@ -1,5 +1,6 @@
 """What is exported is what is judged: files hold what they can, the verdict is theirs."""
 
+import inspect
 import json
 import re
 from dataclasses import replace
@@ -23,6 +24,7 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.effects import Motion, effect_types
 from sdp_vs_penalty.exporters.c_formulas import FORMULAS
 from sdp_vs_penalty.exporters.export import as_exported, formats
+from sdp_vs_penalty.exporters.interface import ExportFormat
 from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
@@ -109,6 +111,14 @@ def check_that_file_is_what_is_judged(estimate: Estimate, out: Path) -> None:
 def ending_of(out: Path) -> str:
     """The longest ending of a format that fits a file's name."""
     return max((e for e in READERS if out.name.endswith(e)), key=len)
+
+
+@pytest.mark.parametrize("ending", formats())
+def test_a_format_offers_what_the_interface_describes(ending):
+    home = formats()[ending]
+    assert all(isinstance(getattr(home, name), str) for name in ("FILE", "ABOUT"))
+    described = list(inspect.signature(ExportFormat.write).parameters)[1:]
+    assert list(inspect.signature(home.write).parameters)[: len(described)] == described
 
 
 def test_every_format_of_a_model_has_a_reader():

@@ -331,6 +331,16 @@ def answer(
     return bool(reached), sent
 
 
+OWN = {"cookie": "sdp-vs-penalty-key-99=secret", "host": "127.0.0.1:99"}
+
+
+def test_a_tab_that_has_gone_prints_nothing(capsys):
+    """What Starlette raises where nobody waits for an answer any more."""
+    reached, _ = answer(OWN, RuntimeError("No response returned."))
+    assert reached
+    assert capsys.readouterr().err == ""
+
+
 @pytest.mark.parametrize(("headers", "allowed"), json.loads(REQUESTS.read_text()))
 @pytest.mark.parametrize("kind", ["http", "websocket"])
 def test_only_this_page_may_ask(headers, allowed, kind):

@@ -23,6 +23,8 @@ from sdp_vs_penalty.data import save
 from sdp_vs_penalty.diagnosis import Curve, Diagnosis
 from sdp_vs_penalty.render import bars
 from sdp_vs_penalty.render.arms import link_ellipsoid
+from sdp_vs_penalty.reports import JudgedRun
+from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import experiment
 
 pytest.importorskip("plotly")
@@ -216,3 +218,17 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
     assert "noise floor unknown" in alone
     assert 'class="noise"' not in alone
     assert "1.25 N m" in alone
+
+
+def test_a_judged_run_keeps_columns_where_its_band_is_drawn(two_link):
+    run = small_run(two_link)
+    estimate = identify(two_link, run)
+    (filtered,) = FilteredRuns.of(run, estimate.preprocessing).runs
+    whole = filtered.all_rows(estimate.model)
+    judged = JudgedRun.of(filtered, estimate)
+    np.testing.assert_array_equal(judged.torque, whole.torque)
+    np.testing.assert_array_equal(judged.motion.t, whole.motion.t)
+    for few, every in zip(judged.columns, whole.columns, strict=True):
+        np.testing.assert_array_equal(few.columns, every.columns[judged.shown])
+    modelled = [c.columns @ estimate.theta[c.indices] for c in whole.columns]
+    np.testing.assert_allclose(judged.modelled.T, modelled, atol=1e-12)

@@ -179,3 +179,10 @@ def test_joints_come_depth_first(two_link, parents):
 )
 def test_a_joint_that_cannot_be_is_refused(two_link, change, said):
     refusal(lambda: replace(two_link.robot.joints[0], **change), said)
+
+
+def test_the_reach_of_links_is_the_callers_own():
+    robot = load_problem("panda").robot
+    before = robot.link_reach()
+    robot.link_reach()[:] = 0.0
+    np.testing.assert_array_equal(robot.link_reach(), before)

@@ -9,6 +9,7 @@ from challenge.ablation import (
     WatchedRules,
     ablation_csv,
     ablation_text,
+    doubt_lines,
     is_right,
     judgement,
 )
@@ -113,6 +114,13 @@ def test_a_rule_that_no_decision_asks_is_not_run_again():
 def test_every_case_and_rule_is_a_row_of_answers():
     lines = ablation_csv({"a": {WITH_ALL: RIGHT, "exchange": SILENT}}).splitlines()
     assert lines[1] == "a,exchange,1,0,1,1,1,1,1,1,1"
+
+
+def test_a_reason_for_doubt_is_counted_by_what_is_hidden():
+    weak = finding() | {"confidence": "weak", "remarks": ["its gain is small"]}
+    false = finding("base_tilt") | {"confidence": "weak"} | {"remarks": ["small", "so"]}
+    lines = doubt_lines([record([weak, false])])
+    assert "| its gain is small | 1 | 0 | 1 | 0 |" in lines
 
 
 def test_every_rule_can_be_left_out():

@@ -7,6 +7,7 @@ import pytest
 from arms import SCARA, write_urdf
 from recorded import refusal
 from scipy import signal
+from small_runs import small_run
 from unchecked import identify
 
 from sdp_vs_penalty import (
@@ -224,3 +225,14 @@ def test_what_cannot_move_is_refused(known):
     )
     refusal(lambda: follow(estimate, run, drive="wind"), "drive")
     refusal(lambda: follow(estimate, run.window(0.0, 0.2)), "s")
+
+
+def test_windows_of_a_long_recording_are_followed_where_steps_are_few(two_link):
+    recording = small_run(two_link, seconds=500.0)
+    part = recording.window(0.0, 30.0)
+    estimate = identify(two_link, part, "ols")
+    made = follow(estimate, recording, steps=40, windows=3)
+    starts = [float(run.simulated.t[0]) for run in made.free]
+    assert len(starts) > 1
+    assert starts[-1] > 450.0
+    assert all("s to" in run.simulated.names[0] for run in made.free)

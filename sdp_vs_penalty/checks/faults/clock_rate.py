@@ -22,13 +22,13 @@ class Clock(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         yield replace(now, reversed=not now.reversed)
         for factor in _RATES if any(now.gravity) else ():
             yield replace(now, rate=now.rate * factor)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy = "reverse q and tau in time"

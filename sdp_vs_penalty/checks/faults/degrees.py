@@ -20,7 +20,7 @@ class Degrees(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
         far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
         if not far:
@@ -31,7 +31,7 @@ class Degrees(Transformation):
             yield now.times("scale", (j,), factor)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         joints = tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())
         if not joints:
             return

@@ -28,7 +28,7 @@ class Delay(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for name, times in _LATE.items():
             for x in times:
                 yield now.with_entries(name, range(log.n), x)
@@ -40,7 +40,7 @@ class Delay(Transformation):
                         yield now.with_entries(name, (j,), x)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         for joints, x in repair.changed("lead"):
             yield _delay(log, repair, joints, x)
         for joints, x in repair.changed("lag"):

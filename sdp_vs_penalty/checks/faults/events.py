@@ -28,7 +28,7 @@ class Beside(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         yield from _laws(log, now, score)
         t = log.data.motion.t
         heard = log.filter_gain(now)[:, :, None]
@@ -39,7 +39,7 @@ class Beside(Transformation):
         yield from _likeliest_step(log, now, score)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         for event in repair.events:
             if isinstance(event.at, str):
                 yield _law(log, repair, event)

@@ -21,6 +21,10 @@ from sdp_vs_penalty.checks.repair import LogTransform
 #: refinement bridges.
 _DECIMALS = (1e-3, 1e-2, 0.1)
 _GAINS = (*UNITS, 0.1, 0.3, 3, 100, 1e3)
+#: Step of the difference quotient by a factor [-].
+_DIFFERENCE = 0.01
+#: Factors for which a first-order step from one is trusted.
+_FIRST_ORDER = (0.5, 2.0)
 
 
 class Gain(Transformation):
@@ -32,20 +36,24 @@ class Gain(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         if len(log.joints) < 2:
             return
-        # A small one is seen at its best value alone: a step of the grid off, the fit
-        # is as bad.
-        ats: list[At] = [partial(now.times, "gain", (j,)) for j in log.joints]
-        ones = np.ones(len(ats))
-        steps = log.screen.first_order_steps(now, ats, ones, 0.01 * ones)[0]
-        nearest = np.clip(1.0 + steps, 0.5, 2.0).tolist()
-        for at, factor in zip(ats, nearest, strict=True):
-            yield from map(at, (*_GAINS, factor))
+        # The grid is too coarse for factors near one: a Gauss-Newton step from one gives
+        # a further candidate.
+        repairs_by_factor: list[At] = [
+            partial(now.times, "gain", (j,)) for j in log.joints
+        ]
+        ones = np.ones(len(repairs_by_factor))
+        steps = log.screen.first_order_steps(
+            now, repairs_by_factor, ones, _DIFFERENCE * ones
+        )[0]
+        nearest = np.clip(1.0 + steps, *_FIRST_ORDER).tolist()
+        for repair_by, factor in zip(repairs_by_factor, nearest, strict=True):
+            yield from map(repair_by, (*_GAINS, factor))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             yield _gain(log, repair, j)
 

@@ -20,6 +20,10 @@ from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
 #: Gravity on Earth [m/s^2]; a problem whose gravity is of another size is corrected.
 _EARTH = max(map(abs, STANDARD_GRAVITY))
+#: Step of the difference quotient by an angle [rad].
+_DIFFERENCE = 0.02
+#: Largest angle for which a first-order step is trusted [rad].
+_FIRST_ORDER = 0.5
 
 
 class Mounting(Transformation):
@@ -31,7 +35,7 @@ class Mounting(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         gravity = np.array(now.gravity)
         size = float(np.linalg.norm(gravity))
         known = _earthly(size)
@@ -40,16 +44,20 @@ class Mounting(Transformation):
         for axis in (*np.eye(3), *-np.eye(3)):
             yield _under(now, (size if known else _EARTH) * axis)
         if known:
-            across = np.linalg.svd(gravity[None, :])[2][1:]
-            ats = [_turned(now, gravity, gravity + size * x) for x in across]
-            steps, _ = log.screen.first_order_steps(
-                now, ats, np.zeros(2), np.full(2, 0.02)
+            # A Gauss-Newton step of two angles turns the assumed vector.
+            perpendicular = np.linalg.svd(gravity[None, :])[2][1:]  # (2, 3)
+            by_angle = [
+                _turned(now, gravity, gravity + size * x) for x in perpendicular
+            ]
+            angles, _ = log.screen.first_order_steps(
+                now, by_angle, np.zeros(2), np.full(2, _DIFFERENCE)
             )
-            turned = gravity + size * np.clip(steps, -0.5, 0.5) @ across
+            angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
+            turned = gravity + size * angles @ perpendicular
             yield _under(now, size * turned / np.linalg.norm(turned))
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         assumed = np.array(log.problem.robot.gravity)
         g = np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):

@@ -19,7 +19,7 @@ class Exchange(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")
             if score.poor[a] or score.poor[b]:
@@ -27,7 +27,7 @@ class Exchange(Transformation):
                 yield now.with_swap(a, b, "order", "tau_order")
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         if repair.order == repair.tau_order:
             yield from _swapped(log, repair, BOTH)
             return

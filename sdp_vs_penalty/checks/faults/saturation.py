@@ -19,6 +19,8 @@ from sdp_vs_penalty.checks.repair import LogTransform
 #: Below this bend, the largest logged torque over the limit, a channel is as straight
 #: as sensors are.
 _STRAIGHT = 0.2
+#: Largest bend that is tried: at 1 the torque behind the limit would be infinite.
+_SHARPEST = 0.995
 
 
 class Saturation(Transformation):
@@ -30,39 +32,40 @@ class Saturation(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for j in log.joints:
             for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
                 yield now.with_entries("bend", (j,), 1.0 - x)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         for j in np.flatnonzero(repair.bend).tolist():
-            x = repair.bend[j]
-            k = repair.tau_order[j]
-            limit = f"{log.data.largest[k] / x:.3g} {log.problem.robot.torque_units[j]}"
-            what = (
-                f"the torque of {joints_text([j])} bends towards its amplifier's limit"
-                f" of {limit}."
-            )
-            remedy = "record again with a larger range, or slower"
-            at = lambda v, j=j: repair.with_entries(  # noqa: E731
-                "bend", (j,), float(np.clip(v, 0.0, 0.995))
-            )
-            number = FaultSize(
-                x,
-                at,
-                _STRAIGHT,
-                0.25,
-                lambda v: f"{_percent(v)} of the limit is reached",
-            )
-            yield Fault(
-                "saturation",
-                "warning",
-                (j,),
-                what,
-                remedy,
-                number,
-                choices(log.n),
-                mends=False,
-            )
+            yield _saturated(log, repair, j)
+
+
+def _saturated(log: Likelihood, repair: LogTransform, j: int) -> Fault:
+    """The fault of joint j's channel, with the limit in the unit of the log."""
+    bend = repair.bend[j]
+    largest_logged = log.data.largest[repair.tau_order[j]]
+    unit = log.problem.robot.torque_units[j]
+
+    def with_bend(value: float) -> LogTransform:
+        return repair.with_entries("bend", (j,), float(np.clip(value, 0.0, _SHARPEST)))
+
+    return Fault(
+        kind="saturation",
+        severity="warning",
+        joints=(j,),
+        what=f"the torque of {joints_text([j])} bends towards its amplifier's limit of"
+        f" {largest_logged / bend:.3g} {unit}.",
+        remedy="record again with a larger range, or slower",
+        of=FaultSize(
+            value=bend,
+            at=with_bend,
+            tolerance=_STRAIGHT,
+            search_radius=0.25,
+            text=lambda value: f"{_percent(value)} of the limit is reached",
+        ),
+        cost=choices(log.n),
+        mends=False,
+    )

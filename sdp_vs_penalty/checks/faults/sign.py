@@ -26,7 +26,7 @@ class Sign(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         all_turned = now.times("gain", range(log.n), -1.0)
         yield all_turned
         for j in range(log.n):
@@ -44,7 +44,7 @@ class Sign(Transformation):
         yield from _likeliest_patterns(log, now, score)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         is_q_turned = np.array(repair.scale) < 0.0
         is_tau_turned = np.array(repair.gain) < 0.0
         for j in np.flatnonzero(is_q_turned).tolist():

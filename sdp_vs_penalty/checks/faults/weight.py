@@ -28,7 +28,7 @@ class Weight(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         if not any(now.gravity):
             return
         # A little weight that is left makes the rest look like inertia under another
@@ -45,7 +45,7 @@ class Weight(Transformation):
             yield now.with_entries("lacks", (j,), 1.0)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         for joints, x in repair.changed("lacks"):
             yield _gravity_removed(log, repair, joints, x)
 

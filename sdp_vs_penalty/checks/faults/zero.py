@@ -32,7 +32,7 @@ class Place(Transformation):
     def proposals(
         self, log: Likelihood, now: LogTransform, score: ArmFit
     ) -> Iterator[LogTransform]:
-        """One more thing of this kind, from the repair as it is now."""
+        """Propose repairs that correct one more fault of this kind than ``now`` does."""
         places = [*_distances(log, now), *_zeros(log, now, bool(score.poor.any()))]
         if not places:
             return
@@ -47,7 +47,7 @@ class Place(Transformation):
                 yield places[k].at(places[k].value + change)
 
     def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What the repair does of this kind."""
+        """Yield the faults of this kind that a repair corrects."""
         for j in np.flatnonzero(repair.longer).tolist():
             yield _link_length(log, repair, j)
         for j in np.flatnonzero(repair.zero).tolist():

@@ -1,5 +1,6 @@
 """Columns of one quantity that belong together: one a joint, named alike."""
 
+import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -70,7 +71,22 @@ def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSe
         columns = _columns_by_joint(style, names, of_quantity)
         if columns:
             sets.append(ColumnSet(quantity, rank, style, other_words, columns))
+        elif quantity == "q" and style == "number":
+            for alike in _named_alike(names):
+                columns = _columns_by_joint(style, alike, of_quantity)
+                if columns and len(alike) < len(names):
+                    sets.append(ColumnSet(quantity, rank, style, other_words, columns))
     return sorted(sets, key=lambda columns: columns.preference)
+
+
+def _named_alike(names: Sequence[str]) -> list[list[str]]:
+    """Columns that differ by their last number alone: motor_pos_1 and link_pos_1 do by
+    more."""
+    groups = dict[str, list[str]]()
+    for name in names:
+        stem = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", name)
+        groups.setdefault(stem, []).append(name)
+    return list(groups.values())
 
 
 def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
@@ -128,7 +144,10 @@ class SetChoice:
 
 
 def choose_sets(
-    readings: Mapping[str, Reading], n_joints: int | None
+    readings: Mapping[str, Reading],
+    n_joints: int | None,
+    *,
+    has_blocks: bool = True,
 ) -> SetChoice | None:
     """Choose the best set of positions that has torques, or commanded positions, of the
     same joints.
@@ -140,6 +159,8 @@ def choose_sets(
     n_joints : int | None
         Of the robot; columns that are called by fewer of its joints than half are not
         taken.
+    has_blocks : bool
+        Take one column as all joints too.
 
     Returns
     -------
@@ -156,6 +177,8 @@ def choose_sets(
     for positions in _with_torque_alone(by_quantity["q"], torques):
         if positions.style == "joint" and 2 * len(positions.columns) <= (n_joints or 0):
             continue
+        if positions.style == "block" and not has_blocks:
+            continue
         sets = {"q": positions}
         for quantity, candidates in by_quantity.items():
             if quantity == "q":
@@ -167,6 +190,15 @@ def choose_sets(
             choices.append(SetChoice(sets))
     if not choices:
         return None
+    first = choices[0].sets["q"]
+    for_robot = [
+        choice
+        for choice in choices
+        if choice.sets["q"].style == "name"
+        and len(choice.sets["q"].columns) == n_joints
+    ]
+    if first.style == "block" and n_joints != 1 and for_robot:
+        choices = for_robot
     best = choices[0].sets["q"]
     rivals = [
         choice.sets["q"]

@@ -43,6 +43,8 @@ Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
 _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
 #: Angles beyond two turns are degrees [rad].
 _TWO_TURNS = 4.0 * np.pi
+#: A unit, or what else stands in brackets at the end of a name.
+_IN_BRACKETS = re.compile(r"[\[(]\s*([^\W\d][^\[\]()]{0,11})[\])]\s*$")
 #: Words of torques that are currents.
 _CURRENTS = {"current", "currents", "curr", "cur", "amps", "i", "iq", "strom"}
 #: Steps of a clock that are longer count milliseconds [s].
@@ -486,10 +488,9 @@ def _by_words(
     table: CellTable | None,
 ) -> Recognition | None:
     """What the words of each name say."""
-    joint_names = JointNames(joints) if joints else None
-    readings = {name: read_name(name, joint_names) for name in usable}
-    known = {name: r for name, r in readings.items() if r is not None}
-    choice = choose_sets(known, len(joints) if joints else None)
+    known, choice = _read_and_choose(usable, joints)
+    if choice is not None and not joints:
+        choice = _one_joint_of_several(known, choice, table)
     if choice is None:
         return None
     clock = find_clock(usable)
@@ -514,6 +515,46 @@ def _by_words(
         episode="episode_index" if "episode_index" in names else None,
         has_other_joints=_has_other_joints(joints, called),
     )
+
+
+def _read_and_choose(
+    usable: Sequence[str], joints: Sequence[str] | None
+) -> tuple[dict[str, Reading], SetChoice | None]:
+    """What the names say, and the sets of columns; without the robot's joints where only
+    some of them are in the names and other words tell as many columns apart."""
+    n_joints = len(joints) if joints else None
+    with_joints = _readings(usable, JointNames(joints) if joints else None)
+    choice = choose_sets(with_joints, n_joints)
+    if choice is not None and len(choice.sets["q"].columns) == n_joints:
+        return with_joints, choice
+    without_joints = _readings(usable, None)
+    other = choose_sets(without_joints, n_joints)
+    if joints and other is not None and len(other.sets["q"].columns) == n_joints:
+        return without_joints, other
+    return with_joints, choice
+
+
+def _one_joint_of_several(
+    readings: Mapping[str, Reading], choice: SetChoice, table: CellTable | None
+) -> SetChoice:
+    """The sets of "A angle" to "F angle" where "A angle" was chosen alone, because "A"
+    says nothing; a column of lists holds all joints by itself."""
+    positions = choice.sets["q"]
+    name = next(iter(positions.columns.values()))
+    is_list = table is None or table.kinds.get(name) != "number"
+    if positions.style != "block" or is_list:
+        return choice
+    other = choose_sets(readings, None, has_blocks=False)
+    has_it = other is not None and name in other.sets["q"].columns.values()
+    return other if other is not None and has_it else choice
+
+
+def _readings(
+    names: Sequence[str], joint_names: JointNames | None
+) -> dict[str, Reading]:
+    """What each name says, of those that say something."""
+    readings = {name: read_name(name, joint_names) for name in names}
+    return {name: r for name, r in readings.items() if r is not None}
 
 
 def _ambiguous(choice: SetChoice, clock: str | None) -> InputError:
@@ -579,12 +620,36 @@ def _units_of_words(
                 f"{group} is in {reading.unit} of a rating that the file does not say"
             )
             sentences.append(f"{what}: --scale {group}=... makes SI units of it")
+    sentences += [
+        f"the unit {unit!r} of {group} is not known: --scale {group}=... makes SI units of"
+        " it"
+        for group, unit in _unknown_units(rename, readings).items()
+    ]
     torques = [
         readings[n] for our_name, n in rename.items() if group_of(our_name) == "tau"
     ]
     if any(_CURRENTS & set(r.words) for r in torques):
         sentences.append("tau is a current in A: --scale tau=... makes torques of it")
     return sentences
+
+
+def _unknown_units(
+    rename: Mapping[str, str], readings: Mapping[str, Reading]
+) -> dict[str, str]:
+    """What all names of a group have in brackets at their end and nobody knows, by the
+    group."""
+    texts = dict[str, set[str]]()
+    for our_name, their_name in rename.items():
+        reading = readings.get(their_name)
+        match = _IN_BRACKETS.search(their_name)
+        is_unknown = match is not None and reading is not None and not reading.unit
+        text = match[1].strip() if match is not None and is_unknown else ""
+        texts.setdefault(group_of(our_name), set()).add(text)
+    return {
+        group: next(iter(found))
+        for group, found in texts.items()
+        if len(found) == 1 and "" not in found
+    }
 
 
 def _share_sentence(group: str, unit: str) -> str:

@@ -108,11 +108,24 @@ class Basis:
 
 @lru_cache
 def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
-    """(size, size) the sum of that along each variable, so many splines or a sign, of
-    unit trace each: of second differences of the coefficients (Eilers, Marx 1996).
-    Where splines are many, also of first ones, as large as they are for a wave as long
-    as the range: where few measurements lie, such a curve levels off instead of going
-    on straight. None along a sign."""
+    """Penalty matrix of a P-spline surface: the sum of the variables' penalties (Eilers, Marx 1996).
+
+    The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace, with
+    differences D1 and D2 of the coefficients; c = (2 pi / count)^2 for more than _PAIR
+    splines, else 0. The first differences then count as much as second ones do for a wave as
+    long as the range: where few measurements lie, the curve levels off instead of going on
+    straight. A sign has no penalty.
+
+    Parameters
+    ----------
+    axes : tuple of (int, bool)
+        Of each variable the number of splines, and whether it is a sign.
+
+    Returns
+    -------
+    (size, size) array
+        The matrix, which is read-only; size is the product of the numbers of splines.
+    """
     counts = [count for count, _ in axes]
     out = np.zeros((int(np.prod(counts)),) * 2)
     for k, (count, is_sign) in enumerate(axes):
@@ -123,8 +136,9 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
             penalty = second.T @ second + level * first.T @ first
             before = np.eye(int(np.prod(counts[:k])))
             after = np.eye(int(np.prod(counts[k + 1 :])))
-            rough = np.kron(np.kron(before, penalty), after)
-            out += rough / np.trace(rough)
+            along_axis = np.kron(np.kron(before, penalty), after)
+            out += along_axis / np.trace(along_axis)
+    out.setflags(write=False)  # the cache hands the same array to everybody
     return out
 
 

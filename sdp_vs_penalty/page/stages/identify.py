@@ -212,8 +212,11 @@ class _Fit:
             choose = lambda name: view.select(run=name)  # noqa: E731
             draw.choice("Run", self.model.runs, view.run, choose, "shown-run")
         label = "Measured and modelled torque, and the error"
-        caption = "redder: larger torque error"
-        self.chart, self.move = chart_and_arm(view, label, self.model.about, caption)
+        caption = "a link's colour: the torque error of its joint"
+        scale = charts.error_scale(self.model)
+        self.chart, self.move = chart_and_arm(
+            view, label, self.model.about, caption, scale=scale
+        )
         self.chart.on("plotly_relayout", self.zoom)
         self.legend = ui.html("", sanitize=False)
         self.words = draw.tag("p", "", "words")

@@ -78,42 +78,33 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
     """
     status, proof = proved(instance)
     sdp = instance.sdp
-    interval = None
+    interval: tuple[str, str] | None = None
     if proof is not None:
         write_proof(proof, folder / "proof.json")
-        interval = (
-            (proof["lower"], proof["upper"]) if status == "optimum proved" else None
-        )
-    exponential = any(c.kind == "exp" for c in sdp.conic.cones)
+        if status == "optimum proved":
+            interval = (proof["lower"], proof["upper"])
+    has_exponential_cones = any(c.kind == "exp" for c in sdp.conic.cones)
+    names = (
+        ["problem.cbf"] if has_exponential_cones else ["problem.cbf", "problem.dat-s"]
+    )
+    about = {
+        "name": item.name,
+        "about": item.sentence,
+        "formulation": instance.formulation,
+    }
     sums = {}
-    for name in ("problem.cbf",) if exponential else ("problem.cbf", "problem.dat-s"):
-        more = {
-            "name": item.name,
-            "about": item.sentence,
-            "formulation": instance.formulation,
-        }
-        sums[name] = export_sdp(sdp, folder / name, interval, status=status, **more)[
-            "sha256"
-        ]
+    for name in names:
+        written = export_sdp(sdp, folder / name, interval, status=status, **about)
+        sums[name] = written["sha256"]
     linear_problem = linear_objective(sdp.conic).problem
     arrays = _npz(linear_problem)
     write_bytes(folder / "problem.npz", arrays)
     sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
-    low, high = map(float, interval) if interval else (0.0, np.inf)
-    gap = (high - low) / max(
-        high, 1e-12 * instance.data.tau_squared
-    )  # of the objective, never negative
-    # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
-    _, medium, easy = Shootout.accuracies
-    difficulty = "easy" if gap <= easy else "medium" if gap <= medium else "hard"
     cones = Counter(cone.kind for cone in linear_problem.cones)
     return {
         **{name: getattr(item, name) for name in ("name", "group", "folder")},
         "status": status,
-        "difficulty": difficulty if status == "optimum proved" else status,
-        "lower": interval[0] if interval else "",
-        "upper": interval[1] if interval else "",
-        "relative_gap": f"{gap:.1e}" if interval else "",
+        **_interval_cells(instance, status, interval),
         "parameters": len(instance.task.bound),
         "variables": len(linear_problem.q),
         "rows": len(linear_problem.b),
@@ -124,6 +115,31 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
             f"sha256 problem.{x}": sums.get(f"problem.{x}", "")
             for x in ("cbf", "dat-s", "npz")
         },
+    }
+
+
+def _interval_cells(
+    instance: Instance, status: str, interval: tuple[str, str] | None
+) -> dict[str, str]:
+    """Difficulty, both ends of the proved interval as rational numbers, and its width
+    over the objective; empty cells where nothing is proved."""
+    if interval is None:
+        return {"difficulty": status, "lower": "", "upper": "", "relative_gap": ""}
+    low, high = map(float, interval)
+    # The objective is never negative.
+    gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)
+    # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
+    _, medium, easy = Shootout.accuracies
+    difficulty = "hard"
+    if gap <= easy:
+        difficulty = "easy"
+    elif gap <= medium:
+        difficulty = "medium"
+    return {
+        "difficulty": difficulty,
+        "lower": interval[0],
+        "upper": interval[1],
+        "relative_gap": f"{gap:.1e}",
     }
 
 

@@ -1,0 +1,59 @@
+"""What a module of this folder offers to be a format of export."""
+
+from collections.abc import Collection
+from typing import Protocol
+
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.exporters.content import Options
+
+#: A file's bytes, and the effects that have no place in it, as they are written.
+Written = tuple[bytes, tuple[str, ...]]
+
+
+class ExportFormat(Protocol):
+    """A format of export: a module with these names, found by its ``ENDING``.
+
+    Two more names are optional. ``HOLDS`` is of formats that hold a model of the torque:
+    the names of the effects that have a place in them (:class:`HoldsModel`).
+    ``EDITS = True`` is of formats that can edit the user's own file, ``options.urdf``.
+    """
+
+    #: How the names of such files end, ".sdf"; the longest that fits a name decides.
+    ENDING: str
+    #: What the page calls the file.
+    FILE: str
+    #: What the format is for, in a few words.
+    ABOUT: str
+
+    def write(self, estimate: Estimate, options: Options) -> Written:
+        """Make a file.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            The model.
+        options : Options
+            The URDF to edit, whether implausible links are taken (``force``), and the
+            flange of a payload [m].
+
+        Returns
+        -------
+        content : bytes
+            The file's bytes.
+        left_out : tuple of str
+            The effects that have no place in it, as they are written.
+
+        Raises
+        ------
+        InputError
+            For a model that the format cannot hold at all, such as one with an
+            impossible link.
+        """
+        ...
+
+
+class HoldsModel(ExportFormat, Protocol):
+    """A format that holds a model of the torque, judged as it is exported."""
+
+    #: Names of the effects that have a place in it.
+    HOLDS: Collection[str]
