@@ -55,9 +55,9 @@ from sdp_vs_penalty.estimation.identify import (
 from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
-from sdp_vs_penalty.research.shootout.instances import chain_task
 from sdp_vs_penalty.results.table import markdown_lines
 from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.shootout.instances import chain_task
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.signals.phases import phase_folds
 

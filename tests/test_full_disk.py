@@ -14,7 +14,7 @@ from small_runs import small_run
 from sdp_vs_penalty import InputError
 from sdp_vs_penalty.files import write_bytes
 from sdp_vs_penalty.page import Session, Sessions
-from sdp_vs_penalty.research.tables import Table
+from sdp_vs_penalty.paper.tables import Table
 
 #: Room of a disk [KiB]; the smallest pages of a file system have 4.
 ROOMS = (4, 8, 12, 16, 20, 28, 40)

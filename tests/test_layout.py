@@ -45,7 +45,8 @@ ORDER = (
     "render",
     "reports",
     "page",
-    "research",
+    "shootout",
+    "paper",
     "cli",
     "__main__",
 )

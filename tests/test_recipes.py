@@ -17,7 +17,7 @@ from sdp_vs_penalty import identify
 from sdp_vs_penalty.cli.verbs.list import details, listing
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.estimators import LmiSdp, estimator_types
-from sdp_vs_penalty.research.shootout.contestants import contestants
+from sdp_vs_penalty.shootout.contestants import contestants
 from sdp_vs_penalty.simulation import (
     MAKERS,
     Hidden,

@@ -20,7 +20,7 @@ from small_runs import small_run
 import sdp_vs_penalty as sdp
 from sdp_vs_penalty.errors import printable
 from sdp_vs_penalty.exporters.content import xml_name
-from sdp_vs_penalty.research.tables import Table
+from sdp_vs_penalty.paper.tables import Table
 from sdp_vs_penalty.results import Shown, Summary
 from sdp_vs_penalty.results.table import escape_latex
 

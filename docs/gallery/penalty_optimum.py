@@ -12,8 +12,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from sdp_vs_penalty import load_problem
-from sdp_vs_penalty.research.penalised_optimum import PenalisedProblem
-from sdp_vs_penalty.research.tables.study import Study
+from sdp_vs_penalty.paper.penalised_optimum import PenalisedProblem
+from sdp_vs_penalty.paper.tables.study import Study
 
 study = Study(load_problem("panda"), "quick")
 task = study.task(study.whole[0])
@@ -61,7 +61,7 @@ print("by bisection:             ", round(problem.exact_weight_by_bisection(), 2
 # weight.
 
 # %%
-from sdp_vs_penalty.research.annealing import SearchPlan, search_runs
+from sdp_vs_penalty.paper.annealing import SearchPlan, search_runs
 
 plan = SearchPlan(runs=3, evaluations=2000)
 (certified,) = problem.solve_all((40.0,))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from sdp_vs_penalty.research.shootout import runner
+from sdp_vs_penalty.shootout import runner
 
 setup = runner.Shootout(
     Path(tempfile.mkdtemp()) / "shootout",

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sdp_vs_penalty.research.provenance import make_folder
+from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 COMMAND = [

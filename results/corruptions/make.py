@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from sdp_vs_penalty.research.provenance import make_folder
+from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 ARMS = "drawn698,drawn699,drawn700,drawn701,panda,ur10e,tx40,ur10,emps"

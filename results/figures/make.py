@@ -6,7 +6,7 @@ data.png are drawn from results/tables, with the README's comparison.
 
 from pathlib import Path
 
-from sdp_vs_penalty.research.provenance import make_folder, program
+from sdp_vs_penalty.paper.provenance import make_folder, program
 
 HERE = Path(__file__).parent
 

@@ -17,17 +17,17 @@ import matplotlib
 
 from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.files import write_text
-from sdp_vs_penalty.parallel import Workers
-from sdp_vs_penalty.research.figures import save
-from sdp_vs_penalty.research.figures.global_optimum import draw_global_optima
-from sdp_vs_penalty.research.provenance import write_note
-from sdp_vs_penalty.research.tables import build_tables
-from sdp_vs_penalty.research.tables.global_optimum import (
+from sdp_vs_penalty.paper.figures import save
+from sdp_vs_penalty.paper.figures.global_optimum import draw_global_optima
+from sdp_vs_penalty.paper.provenance import write_note
+from sdp_vs_penalty.paper.tables import build_tables
+from sdp_vs_penalty.paper.tables.global_optimum import (
     penalised_optima,
     search_table,
 )
-from sdp_vs_penalty.research.tables.study import BUDGETS, Study
-from sdp_vs_penalty.research.tables.table import exact_csv
+from sdp_vs_penalty.paper.tables.study import BUDGETS, Study
+from sdp_vs_penalty.paper.tables.table import exact_csv
+from sdp_vs_penalty.parallel import Workers
 
 HERE = Path(__file__).parent
 FOLDERS = {"panda": HERE, "two_link": HERE / "two_link"}

@@ -8,7 +8,7 @@ all of the small arms: the runs were stopped."""
 import os
 from pathlib import Path
 
-from sdp_vs_penalty.research.provenance import make_folder
+from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 DATA = os.environ.get("SDP_VS_PENALTY_DATA", ".")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from sdp_vs_penalty.diagnosis.rules import Rules
-from sdp_vs_penalty.research.provenance import make_folder
+from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 #: A case of each class a seed, and of clean robots one with each of two nuisances.

@@ -7,7 +7,7 @@ the second and third command print; the instances themselves (400 MB) are not ke
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from sdp_vs_penalty.research.provenance import make_folder, program
+from sdp_vs_penalty.paper.provenance import make_folder, program
 
 HERE = Path(__file__).parent
 

@@ -7,7 +7,7 @@ as long as in the paper for the table of routes (a quarter of an hour), else for
 
 from pathlib import Path
 
-from sdp_vs_penalty.research.provenance import make_folder, program
+from sdp_vs_penalty.paper.provenance import make_folder, program
 
 HERE = Path(__file__).parent
 OUT = ("--out", str(HERE))

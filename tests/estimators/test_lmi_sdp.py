@@ -37,8 +37,8 @@ from sdp_vs_penalty.estimators import (
 )
 from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.research.shootout import Instance, in_units
 from sdp_vs_penalty.robot import ConstraintSet, inertia
+from sdp_vs_penalty.shootout import Instance, in_units
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.solvers import Clarabel, ConicProblem, Objective, Solution
 

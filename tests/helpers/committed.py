@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.research.tables import Table
+from sdp_vs_penalty.paper.tables import Table
 
 RESULTS = Path(__file__).parents[2] / "results"
 TABLES = RESULTS / "tables"
@@ -165,9 +165,9 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
 
 
 def as_kept(name: str, text: str) -> None:
-    """The words of a file in research/small, and its numbers within 1 % (engines and
+    """The words of a file in paper/small, and its numbers within 1 % (engines and
     solvers differ); SDP_VS_PENALTY_KEEP=1 writes it."""
-    path = Path(__file__).parents[1] / "research" / "small" / name
+    path = Path(__file__).parents[1] / "paper" / "small" / name
     if "SDP_VS_PENALTY_KEEP" in os.environ:
         path.write_text(text)
     kept = path.read_text()

@@ -32,11 +32,11 @@ from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects import Motion
 from sdp_vs_penalty.estimation import Regressor, certify
 from sdp_vs_penalty.estimators import PenaltyPaper, condition_number, make_estimator
+from sdp_vs_penalty.paper.tables import Study, build_tables
 from sdp_vs_penalty.regression import compress
-from sdp_vs_penalty.research.shootout import instance, reference
-from sdp_vs_penalty.research.shootout.contestants import contestants
-from sdp_vs_penalty.research.shootout.judge import judge
-from sdp_vs_penalty.research.tables import Study, build_tables
+from sdp_vs_penalty.shootout import instance, reference
+from sdp_vs_penalty.shootout.contestants import contestants
+from sdp_vs_penalty.shootout.judge import judge
 from sdp_vs_penalty.signals import FilteredRuns
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs

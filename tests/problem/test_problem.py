@@ -12,6 +12,7 @@ from recorded import refusal
 
 from sdp_vs_penalty import Problem
 from sdp_vs_penalty.estimators import interior_point
+from sdp_vs_penalty.paper.tables.errata import pi_p_hat
 from sdp_vs_penalty.problem import (
     EXAMPLE,
     CentreOfMassCone,
@@ -25,7 +26,6 @@ from sdp_vs_penalty.problem import (
     with_bounds,
 )
 from sdp_vs_penalty.regression.base_parameters import base_parameters
-from sdp_vs_penalty.research.tables.errata import pi_p_hat
 from sdp_vs_penalty.robot import Joint, Robot, inertia
 from sdp_vs_penalty.simulation import experiment
 

@@ -9,13 +9,13 @@ import pytest
 from recorded import refusal
 
 from sdp_vs_penalty import Problem, load_problem
-from sdp_vs_penalty.problem import published_links
-from sdp_vs_penalty.research.tables import table_v
-from sdp_vs_penalty.research.tables.table_v import (
+from sdp_vs_penalty.paper.tables import table_v
+from sdp_vs_penalty.paper.tables.table_v import (
     inverse_dynamics_error,
     play,
     sinusoids,
 )
+from sdp_vs_penalty.problem import published_links
 from sdp_vs_penalty.robot import Joint, Robot, inertia, joint_limits
 from sdp_vs_penalty.simulation import Engine, engine_types
 

@@ -13,9 +13,9 @@ from sdp_vs_penalty import solvers
 from sdp_vs_penalty.estimators import Fit, PosedSdp, Task, make_estimator
 from sdp_vs_penalty.exporters.sdp import export_sdp
 from sdp_vs_penalty.regression import LeastSquares
-from sdp_vs_penalty.research.shootout import chain_task, shape_cones
 from sdp_vs_penalty.robot import ConstraintSet, inertia
 from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.shootout import chain_task, shape_cones
 from sdp_vs_penalty.solvers import (
     SdpProblem,
     Solver,

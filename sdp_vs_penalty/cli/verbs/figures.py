@@ -19,8 +19,8 @@ def verb(
     --jobs >=0: Parallel estimates on this computer; 0: one per core.
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.paper.figures import make_figures
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.research.figures import make_figures
 
     with console.progress("figures") as progress:
         workers = Workers(jobs or os.cpu_count() or 1)

@@ -105,7 +105,7 @@ def _solvers() -> tuple[tuple[str, ...], Rows]:
 
 
 def _tables() -> tuple[tuple[str, ...], Rows]:
-    from sdp_vs_penalty.research.tables import makers
+    from sdp_vs_penalty.paper.tables import makers
 
     rows: Rows = [
         (name, ", ".join(table.problems), table.about)

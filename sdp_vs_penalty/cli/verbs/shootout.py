@@ -38,7 +38,7 @@ def verb(
     --export DIR: Folder for the instances as files with proofs; nothing runs.
     --list: List of instances and solvers.
     """
-    from sdp_vs_penalty.research.shootout import runner, summary
+    from sdp_vs_penalty.shootout import runner, summary
 
     if list_:
         _list()
@@ -114,7 +114,7 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 def _export(folder: Path, groups: list[str] | None) -> None:
-    from sdp_vs_penalty.research.shootout import catalogue, library
+    from sdp_vs_penalty.shootout import catalogue, library
 
     entries, _ = catalogue.selected(groups, catalogue.library())
     with console.progress("writing instances") as say:
@@ -126,9 +126,9 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 
 
 def _list() -> None:
-    from sdp_vs_penalty.research.shootout.catalogue import catalogue
-    from sdp_vs_penalty.research.shootout.contestants import contestants
     from sdp_vs_penalty.results.table import Table
+    from sdp_vs_penalty.shootout.catalogue import catalogue
+    from sdp_vs_penalty.shootout.contestants import contestants
 
     rows = [(e.name, e.group, "quick" if e.quick else "") for e in catalogue().values()]
     console.table(Table(("instance", "group", ""), rows, words=(0, 1, 2)))

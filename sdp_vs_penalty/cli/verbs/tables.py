@@ -6,7 +6,7 @@ from sdp_vs_penalty.cli.options import Budget
 from sdp_vs_penalty.errors import InputError
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.research.tables.table import Table
+    from sdp_vs_penalty.paper.tables.table import Table
 
 
 def verb(
@@ -33,8 +33,8 @@ def verb(
     --html: A page too, index.html, that shows the tables with the links drawn.
     """
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.paper.tables import PAGE, make_tables, makers
     from sdp_vs_penalty.parallel import Workers
-    from sdp_vs_penalty.research.tables import PAGE, make_tables, makers
 
     if all_:
         if names or problem:

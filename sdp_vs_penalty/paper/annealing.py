@@ -1,0 +1,144 @@
+"""Where the published search ends: runs of simulated annealing and local search over the
+penalty's weight, and what more evaluations buy."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.estimators.penalty_paper import (
+    PenalisedLoss,
+    random_numbers_of_step,
+    start_of_run,
+)
+from sdp_vs_penalty.paper.estimates import AnnealingSteps, search_locally_once
+from sdp_vs_penalty.robot.arrays import Array
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """So many independent runs, each with so many evaluations of the loss at every
+    weight; annealing : whether annealing goes before the local search."""
+
+    runs: int
+    evaluations: int
+    annealing: bool = True
+
+    @property
+    def name(self) -> str:
+        """How tables call it."""
+        return "annealing" if self.annealing else "local search"
+
+
+@dataclass(frozen=True)
+class SearchedPoint:
+    """Where a run stands after a weight.
+
+    run : its number, from 1; xi : the weight; evaluations : of the loss at this weight;
+    objective : penalised; loss : without the penalty; worst_violation : of all external
+    demands [kg m^2, kg, m].
+    """
+
+    search: str
+    run: int
+    xi: float
+    evaluations: int
+    objective: float
+    loss: float
+    worst_violation: float
+
+
+def search_runs(
+    loss: PenalisedLoss, seed: int, weights: Sequence[float], plan: SearchPlan
+) -> list[SearchedPoint]:
+    """All points of all runs.
+
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        What is minimised.
+    seed : int
+        Of starts and annealing.
+    weights : sequence of float
+        xi of each step, in this order.
+    plan : SearchPlan
+        How many runs, and how long.
+
+    Returns
+    -------
+    list of SearchedPoint
+        A run after the other, a weight after the other.
+
+    Notes
+    -----
+    Every weight continues from the last one's answer, the first from a random point of
+    the box. Every step is kept on the disk.
+    """
+    points = list[SearchedPoint]()
+    for number in range(plan.runs):
+        u = start_of_run(seed, number, len(loss.free))
+        for step, weight in enumerate(weights):
+            u, n_evaluations = _search(loss, weight, u, plan, (seed, number, step))
+            points.append(
+                SearchedPoint(
+                    search=plan.name,
+                    run=number + 1,
+                    xi=weight,
+                    evaluations=n_evaluations,
+                    objective=loss.value(u, weight),
+                    loss=loss.value(u, 0.0),
+                    worst_violation=max(loss.violations(loss.p(u)).values()),
+                )
+            )
+    return points
+
+
+def _search(
+    loss: PenalisedLoss,
+    weight: float,
+    u: Array,
+    plan: SearchPlan,
+    seeds: tuple[int, int, int],
+) -> tuple[Array, int]:
+    """The best u, and how many evaluations it took; seeds : seed, run and step."""
+    if not plan.annealing:
+        return search_locally_once(loss, weight, u, plan.evaluations)
+    seed, number, step = seeds
+    rng = random_numbers_of_step(seed, number, step)
+    return AnnealingSteps().search(loss, weight, u, plan.evaluations, rng)
+
+
+def point_fields(point: SearchedPoint) -> dict[str, Any]:
+    """A point as a row of a table.
+
+    Parameters
+    ----------
+    point : SearchedPoint
+        Any.
+
+    Returns
+    -------
+    dict
+        Its fields by name.
+    """
+    return {field.name: getattr(point, field.name) for field in fields(point)}
+
+
+def lowest(points: Sequence[SearchedPoint], weight: float) -> float | None:
+    """The lowest objective of all runs at a weight.
+
+    Parameters
+    ----------
+    points : sequence of SearchedPoint
+        Of all runs.
+    weight : float
+        xi.
+
+    Returns
+    -------
+    float or None
+        None where none was run.
+    """
+    objectives = [point.objective for point in points if point.xi == weight]
+    return float(np.min(objectives)) if objectives else None

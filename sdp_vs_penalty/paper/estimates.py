@@ -1,0 +1,275 @@
+"""Estimates of a study: each is computed once, whichever table or run asks for it
+first."""
+
+import time
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty.estimation.certificate import Certificate
+from sdp_vs_penalty.estimation.identify import certify
+from sdp_vs_penalty.estimators.estimator import Estimator, Fit, Task
+from sdp_vs_penalty.estimators.penalty_paper import (
+    PenalisedLoss,
+    PenaltyPaper,
+    anneal_and_search,
+    search_locally,
+)
+from sdp_vs_penalty.paper.memo import remembered, source_version, task_content
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.solvers.objective import Objective
+
+#: To be raised where annealing, local search or the penalised loss change their numbers:
+#: runs of hours are kept beyond changes of other sources.
+ANNEALING_VERSION = 1
+#: A fit below this [s] is timed so many times, of which the median counts.
+SHORT = 0.1
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Result:
+    """One method on one data set: theta as certified, its certificate, processor time
+    to fit [s]."""
+
+    theta: Array
+    certificate: Certificate
+    seconds: float
+    details: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Remembered(Estimator):
+    """An estimator whose fits are kept on the disk: theta alone, without multipliers."""
+
+    name = "remembered"
+    description = "an estimate that is read where it was computed before"
+    estimator: Estimator
+
+    def fit(self, task: Task) -> Fit:
+        """Read the estimate, or compute it.
+
+        Parameters
+        ----------
+        task : Task
+            The data.
+
+        Returns
+        -------
+        Fit
+            Without multipliers.
+        """
+        theta = np.array(_estimate(self.estimator, task)["fit_theta"])
+        return Fit(theta, Objective(task.data), task.constraints)
+
+
+def estimate_once(estimator: Estimator, task: Task) -> Result:
+    """An estimator's certified estimate, computed where the disk does not hold it.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        With its settings, which the key of the kept file holds.
+    task : Task
+        The data and constraints.
+
+    Returns
+    -------
+    Result
+        With the processor time of the fit when it was computed.
+    """
+    plain = _estimate(estimator, task)
+    return Result(
+        np.array(plain["theta"]),
+        Certificate(**plain["certificate"]),
+        plain["seconds"],
+        plain["details"],
+    )
+
+
+def _estimate(estimator: Estimator, task: Task) -> dict[str, Any]:
+    content = (source_version(), estimator.name, estimator, *task_content(task))
+    return remembered("estimate", content, partial(_estimated, estimator, task))
+
+
+def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
+    steps = AnnealingSteps()
+    fit, seconds = _timed_fit(estimator, task, steps)
+    theta, certificate = certify(task, fit)
+    return {
+        "theta": theta.tolist(),
+        "certificate": asdict(certificate),
+        "seconds": seconds + steps.seconds_read,
+        "details": fit.details,
+        "fit_theta": fit.theta.tolist(),
+    }
+
+
+def fit_seconds(estimator: Estimator, task: Task) -> float:
+    """Processor time of a fit, of short ones the median of several.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Which is timed.
+    task : Task
+        The data and constraints.
+
+    Returns
+    -------
+    float
+        [s], of a fit that took long when it was computed.
+    """
+    seconds = estimate_once(estimator, task).seconds
+    if seconds >= SHORT:
+        return seconds
+    steps = AnnealingSteps()
+    times = [_timed_fit(estimator, task, steps)[1] for _ in range(REPEATS)]
+    return float(np.median(times))
+
+
+def _timed_fit(
+    estimator: Estimator, task: Task, steps: "AnnealingSteps"
+) -> tuple[Fit, float]:
+    """A fit, and its processor time [s]."""
+    fresh = replace(task)  # without what an earlier method has left in its cache
+    begin = time.process_time()
+    if isinstance(estimator, PenaltyPaper):
+        fit = estimator.fit_with(fresh, steps.search)
+    else:
+        fit = estimator.fit(fresh)
+    return fit, time.process_time() - begin
+
+
+class AnnealingSteps:
+    """Steps of annealing and local search, each kept on the disk.
+
+    seconds_read : processor time that the steps took which were read [s].
+    """
+
+    def __init__(self) -> None:
+        self.seconds_read = 0.0
+
+    def search(
+        self,
+        loss: PenalisedLoss,
+        weight: float,
+        u: Array,
+        budget: int,
+        rng: np.random.Generator,
+    ) -> tuple[Array, int]:
+        """One step of annealing and local search, read where it was made before.
+
+        Parameters
+        ----------
+        loss : PenalisedLoss
+            What is minimised.
+        weight : float
+            xi of this step.
+        u : (d,) array
+            Start, in [0, 1]^d.
+        budget : int
+            Evaluations of the loss.
+        rng : Generator
+            Annealing's random numbers.
+
+        Returns
+        -------
+        tuple of ((d,) array, int)
+            The best point, and how many evaluations it took.
+        """
+        content = (
+            ANNEALING_VERSION,
+            scipy.__version__,
+            *loss_content(loss),
+            weight,
+            u,
+            budget,
+            rng.bit_generator.state,
+        )
+        begin = time.process_time()
+        plain = remembered(
+            "annealing", content, partial(_annealed, loss, weight, u, budget, rng)
+        )
+        self.seconds_read += plain["seconds"] - (time.process_time() - begin)
+        return np.array(plain["u"]), int(plain["evaluations"])
+
+
+def search_locally_once(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
+) -> tuple[Array, int]:
+    """What :func:`search_locally` returns, kept on the disk.
+
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        What is minimised.
+    weight : float
+        xi.
+    u : (d,) array
+        Start, in [0, 1]^d.
+    budget : int
+        Evaluations of the loss.
+
+    Returns
+    -------
+    u : (d,) array
+        The best point.
+    n_evaluations : int
+        How many evaluations it took.
+    """
+    content = (
+        ANNEALING_VERSION,
+        scipy.__version__,
+        *loss_content(loss),
+        weight,
+        u,
+        budget,
+    )
+    plain = remembered(
+        "local-search", content, partial(_searched_locally, loss, weight, u, budget)
+    )
+    return np.array(plain["u"]), int(plain["evaluations"])
+
+
+def _searched_locally(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int
+) -> dict[str, Any]:
+    best, n_evaluations = search_locally(loss, weight, u, budget)
+    return {"u": best.tolist(), "evaluations": n_evaluations}
+
+
+def _annealed(
+    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
+) -> dict[str, Any]:
+    begin = time.process_time()
+    best, n_evaluations = anneal_and_search(loss, weight, u, budget, rng)
+    seconds = time.process_time() - begin
+    return {"u": best.tolist(), "evaluations": n_evaluations, "seconds": seconds}
+
+
+def loss_content(loss: PenalisedLoss) -> tuple[object, ...]:
+    """What the value of a penalised loss depends on.
+
+    Parameters
+    ----------
+    loss : PenalisedLoss
+        Any.
+
+    Returns
+    -------
+    tuple
+        For :func:`~sdp_vs_penalty.paper.memo.content_key`.
+    """
+    return (
+        loss.data,
+        loss.box.lower,
+        loss.box.upper,
+        loss.box.links,
+        loss.fixed,
+        loss.free,
+        [vars(demand) for demand in loss.demands],
+    )

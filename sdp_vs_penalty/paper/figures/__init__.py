@@ -1,0 +1,114 @@
+"""The paper's figures."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from sdp_vs_penalty.errors import InputError, missing_extra
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.files import writing
+from sdp_vs_penalty.paper.figures import panda, two_link
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.problem.load import load_problem
+
+#: By number the problem, and what draws the figure of its study: each ``figure_N`` of a
+#: problem's file.
+FIGURES: Mapping[int, tuple[str, Callable[[Study], Any]]] = {
+    int(name.removeprefix("figure_")): (home.PROBLEM, draw)
+    for home in (panda, two_link)
+    for name, draw in vars(home).items()
+    if name.startswith("figure_")
+}
+
+
+def make_figures(
+    numbers: Sequence[int] = (),
+    out: str | Path = "results",
+    budget: str = "quick",
+    progress: Progress = no_progress,
+    workers: Workers = ALONE,
+) -> list[Path]:
+    """Draw figures and write each, as soon as it is drawn, as figure_N.png and
+    figure_N.pdf.
+
+    Parameters
+    ----------
+    numbers : sequence of int
+        Of the figures; none: all.
+    out : str or Path
+        The folder.
+    budget : str
+        As :func:`~sdp_vs_penalty.paper.tables.make_tables` takes it.
+    progress : callable
+        Hears what is at work.
+    workers : Workers
+        Who estimates, a method on a data set or a fold each.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    InputError
+        For a number that is no figure, before anything is computed or written, and
+        where matplotlib is absent.
+    """
+    for number in numbers:
+        if number not in FIGURES:
+            raise InputError(
+                f"figure {number} is not made",
+                f"choose from {', '.join(map(str, FIGURES))}; 4 is a photograph of"
+                " V-REP's window",
+            )
+    try:
+        import matplotlib
+    except ImportError:
+        raise missing_extra("Figures need matplotlib,", "plot") from None
+    matplotlib.use("Agg")
+    study_of = cache(
+        lambda problem: Study(load_problem(problem), budget, progress, workers)
+    )
+    paths = []
+    for number in numbers or FIGURES:
+        problem, draw = FIGURES[number]
+        progress(f"figure {number}")
+        paths += save(draw(study_of(problem)), Path(out) / f"figure_{number}")
+    return paths
+
+
+def save(figure: Any, base: Path) -> list[Path]:
+    """Write a figure as PNG and PDF, each whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Closed afterwards.
+    base : Path
+        The files' name without its ending.
+
+    Returns
+    -------
+    list of Path
+        base.png and base.pdf.
+    """
+    import matplotlib.pyplot as plt
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    # Once for both files: a figure that has a layout engine is laid out and drawn twice
+    # by each savefig.
+    ConstrainedLayoutEngine().execute(figure)
+    paths = []
+    # Without a date the same numbers make the same file.
+    for suffix, metadata in (
+        (".png", {"Software": None}),
+        (".pdf", {"CreationDate": None}),
+    ):
+        paths.append(base.with_name(base.name + suffix))
+        with writing(paths[-1]) as file:
+            figure.savefig(file, format=suffix[1:], dpi=200, metadata=metadata)
+    plt.close(figure)
+    return paths

@@ -1,0 +1,105 @@
+"""The penalised objective's global optimum over its weight, with the runs of annealing."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.paper.figures import style
+from sdp_vs_penalty.paper.figures.style import legend_below, new_figure
+from sdp_vs_penalty.paper.tables.global_optimum import WEIGHTS, Searched
+
+
+def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
+    """Draw the objective over the feasible optimum, and the worst violation, over the weight:
+    a line the certified optimum, a dot a run of annealing.
+
+    Parameters
+    ----------
+    searched : sequence of Searched
+        A column each.
+    title : str
+        Above all.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        To be saved.
+    """
+    figure, axes = new_figure(2, len(searched), 5.2, sharex=True)
+    for column, problem in zip(axes.T, searched, strict=True):
+        _draw_objective(column[0], problem)
+        _draw_violation(column[1], problem)
+        column[0].set_title(f"{problem.label} run, {problem.name}")
+        for axis in column:
+            axis.set_xscale("symlog", linthresh=0.1)
+            axis.set_xticks([0, 0.1, 1, 10, 100, 1000], [0, 0.1, 1, 10, 100, 1000])
+            axis.set_xlim(-0.02, 1500.0)  # room for the dots at both ends
+            axis.axvspan(0.0, 40.0, color=style.GREY, alpha=0.15, linewidth=0)
+            axis.axvline(
+                problem.exact_by_theory,
+                color=style.RED,
+                linestyle=":",
+                label="exact from here on (largest multiplier)",
+            )
+        column[1].set_xlabel("weight xi (grey: the paper's)")
+    axes[0, 0].set_ylabel("objective over feasible\noptimum [%]")
+    axes[1, 0].set_ylabel("worst violation\n[kg m$^2$, kg or m]")
+    legend_below(figure, axes[0, 0], n_columns=2)
+    figure.suptitle(title)
+    return figure
+
+
+def _draw_objective(axis: Any, problem: Searched) -> None:
+    base = problem.feasible_loss
+    lines = {
+        "certified optimum": ([x.value for x in problem.free], style.BLACK, "-"),
+        "certified, box on inertias": (
+            [x.lower for x in problem.boxed],
+            style.BLUE,
+            "--",
+        ),
+    }
+    for label, (values, color, line) in lines.items():
+        excess = 100.0 * (np.array(values) / base - 1.0)
+        axis.plot(WEIGHTS, excess, color=color, linestyle=line, label=label)
+    above = [100.0 * (point.objective / base - 1.0) for point in problem.annealed]
+    _dots(axis, problem, above)
+    axis.set_yscale("symlog", linthresh=1.0)
+    axis.yaxis.set_major_formatter("{x:g}")
+    axis.axhline(0.0, color=style.GREY, linewidth=0.6)
+
+
+def _draw_violation(axis: Any, problem: Searched) -> None:
+    none = 1e-8  # where "none" is drawn [kg m^2, kg or m]
+    worst = np.maximum([x.worst for x in problem.free], none)
+    axis.plot(WEIGHTS, worst, color=style.BLACK, label="certified optimum")
+    boxed = [np.nan if x.best is None else x.best.worst for x in problem.boxed]
+    axis.plot(
+        WEIGHTS,
+        np.maximum(boxed, none),
+        color=style.BLUE,
+        linestyle="--",
+        label="certified, box on inertias",
+    )
+    _dots(axis, problem, [max(x.worst_violation, none) for x in problem.annealed])
+    axis.set_yscale("log")
+    ticks = [1e-8, 1e-6, 1e-4, 1e-2, 1.0]
+    axis.set_yticks(ticks, ["none", "1e-6", "1e-4", "0.01", "1"])
+    axis.set_ylim(0.5 * none, 20.0)
+
+
+def _dots(axis: Any, problem: Searched, values: Sequence[float]) -> None:
+    """Draw a dot for every run of annealing at every weight."""
+    n_runs = max(point.run for point in problem.annealed)
+    n_evaluations = max(point.evaluations for point in problem.annealed)
+    axis.plot(
+        [point.xi for point in problem.annealed],
+        values,
+        linestyle="",
+        marker="o",
+        markersize=3.5,
+        color=style.ORANGE,
+        alpha=0.6,
+        label=f"annealing: {n_runs} runs, at most {n_evaluations} evaluations a weight",
+    )

@@ -1,0 +1,498 @@
+"""The published penalised objective with its box on barycentric inertias: a lower bound,
+the best point found, and spatial branch and bound between them.
+
+The box bounds I = J - m (c.c 1 - c c^T), which is not convex in theta. With Q = m c c^T
+it is linear, I = J - (tr(Q) 1 - Q), and Q is relaxed over a cell l <= c <= u:
+
+    [[Q, m c], [(m c)^T, m]] >= 0                                 (Shor 1987)
+    Q_ab >= l_a h_b + l_b h_a - l_a l_b m,  Q_ab >= u_a h_b + u_b h_a - u_a u_b m
+    Q_ab <= u_a h_b + l_b h_a - u_a l_b m,  Q_ab <= l_a h_b + u_b h_a - l_a u_b m
+    Sigma' - Q >= 0
+
+with h = m c (McCormick 1976, times m >= 0). The last line is the slack's matrix
+inequality of :mod:`penalised_optimum` about the centre of mass, Sigma' of theta'. What
+is left shrinks with the square of the cell: cells of the largest Q_aa - h_a^2 / m are cut
+in two (Androulakis, Maranas, Floudas, J. Global Optim. 1995). With c fixed the problem is
+convex and exact: that is the upper bound.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import combinations, count
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.paper.penalised_optimum import (
+    PenalisedOptimum,
+    PenalisedProblem,
+    solve_once,
+)
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, linear
+
+
+def _index_of_entry(a: int, b: int) -> int:
+    """Index of entry (a, b) of a symmetric matrix in the order xx, xy, yy, xz, yz, zz of
+    an inertia."""
+    low, high = sorted((a, b))
+    return high * (high + 1) // 2 + low
+
+
+@dataclass(frozen=True)
+class BoxedOptimum:
+    """best : the best point found, None where no cell had one; lower : certified bound
+    on the optimum inside the box; root_lower : the relaxation's without branching;
+    n_cells : relaxations solved."""
+
+    best: PenalisedOptimum | None
+    lower: float
+    root_lower: float
+    n_cells: int
+
+    @property
+    def gap(self) -> float:
+        """(best - lower) / best; infinite without a best point."""
+        if self.best is None:
+            return np.inf
+        return max(self.best.value - self.lower, 0.0) / self.best.scale
+
+
+class BoxedProblem:
+    """The published problem with its box on barycentric inertias."""
+
+    #: Where a table leaves a coordinate of a centre of mass open [m].
+    farthest = 10.0
+    #: A cell is cut no nearer to its end than this share of it.
+    nearest_cut = 0.2
+    #: The share of the box at its ends in which no start lies.
+    margin = 0.01
+
+    def __init__(self, problem: PenalisedProblem) -> None:
+        self.problem = problem
+        self.task = problem.task
+        self.links = problem.task.links
+        box = problem.task.box[: len(self.links)]
+        low = box[:, 1:4, 0]
+        high = box[:, 1:4, 1]
+        self.c_low = np.where(np.isfinite(low), low, -self.farthest)
+        self.c_high = np.where(np.isfinite(high), high, self.farthest)
+        self.inertia_box = box[:, 4:]
+        skipped = ("centre of mass", "moments")
+        self.hard = [c for c in problem.hard if c.family not in skipped]
+        self.first_q = problem.p + len(problem.prices)
+
+    def solve_cell(
+        self, weight: float, low: Array, high: Array
+    ) -> tuple[float, PenalisedOptimum, Array]:
+        """Solve the relaxation over a cell of centres of mass.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+        low : (n, 3) array
+            Least coordinates of the centres of mass [m].
+        high : (n, 3) array
+            Largest coordinates [m].
+
+        Returns
+        -------
+        tuple of (float, PenalisedOptimum, (n, 3) array)
+            Certified lower bound over the cell, the relaxation's theta
+            outside of the box, and by how much Q_aa exceeds h_a^2 / m [kg
+            m^2].
+
+        Raises
+        ------
+        InputError
+            Where the cell has no point inside of it.
+        """
+        problem = self.problem
+        n = len(self.links)
+        limit = problem.slack_limits(weight)
+        start = self._start(low, high, limit)
+        constraints = [*self.hard, *problem.consistency, *problem.soft]
+        constraints += problem.between(limit)
+        for k in range(n):
+            constraints += self._cell(k, low[k], high[k])
+        data = problem.in_slacks
+        without_q = np.zeros((len(data.R), 6 * n))
+        widened = replace(data, R=np.hstack([data.R, without_q]))
+        cost = np.zeros(len(start))
+        cost[problem.p : self.first_q] = weight * problem.prices
+        farthest = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
+        largest_q = self.task.bound[self.links[:, 0]] * farthest**2
+        bound = np.concatenate([self._bound(limit), np.repeat(largest_q, 6)])
+        fit = solve_once(widened, cost, constraints, start, bound)
+        if fit is None:
+            raise InputError(
+                "a cell of centres of mass has no point inside of it",
+                "check the bounds of the problem",
+            )
+        theta = problem.theta(fit.theta)
+        lower = max(fit.lower, 0.0)
+        mass = theta[self.links[:, 0]]
+        h = theta[self.links[:, 1:4]]
+        q = fit.theta[self.first_q :].reshape(n, 6)
+        excess = q[:, [0, 2, 5]] - h**2 / mass[:, None]
+        return lower, problem.optimum(theta, weight, lower), excess
+
+    def _bound(self, limit: Array) -> Array:
+        """(p + s,) bounds of theta' and the slacks."""
+        raised = self.problem.links_slack @ limit[: len(self.links)]
+        return np.concatenate([self.task.bound + raised, limit])
+
+    def _start(self, low: Array, high: Array, limit: Array) -> Array:
+        """Strictly inside a cell: its middle, nominal masses, inertias inside the box
+        and slacks that make them consistent."""
+        problem = self.problem
+        n = len(self.links)
+        mass = problem.interior[self.links[:, 0]]
+        middle = 0.5 * (low + high)
+        widths = (high - low)[:, None]
+        dyads = middle[:, :, None] * middle[:, None, :]
+        q = mass[:, None, None] * (dyads + np.eye(3) * widths**2 / 8.0)
+        about = self._inside_box(problem.interior[self.links])
+        moments = np.linalg.eigvalsh(inertia.inertia_matrix(about))
+        needed = np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
+        slack = problem.slack_start * np.minimum(limit, 1.0)
+        slack[:n] = np.maximum(slack[:n], 2.0 * needed)
+        slack[:n] = np.minimum(slack[:n], 0.9 * limit[:n])
+        steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
+        first_moments = mass[:, None] * middle
+        theta = problem.interior.copy()
+        theta[self.links] = np.column_stack([mass, first_moments, about + steiner])
+        theta = theta + problem.links_slack @ slack[:n]
+        return np.concatenate([theta, slack, inertia.inertia_entries(q).ravel()])
+
+    def _inside_box(self, links: Array) -> Array:
+        """(n, 6) inertias about the centres of mass of links (n, 10), moved strictly
+        inside the box; its open ends are as far as the bounds of theta reach."""
+        reach = self.task.bound[self.links[:, 4:]]
+        low = self.inertia_box[..., 0]
+        high = self.inertia_box[..., 1]
+        lower = np.where(np.isfinite(low), low, -reach)
+        upper = np.where(np.isfinite(high), high, reach)
+        clear = self.margin * (upper - lower)
+        about = inertia.barycentric_from_standard(links)[:, 4:]
+        return np.clip(about, lower + clear, upper - clear)
+
+    def _cell(self, k: int, low: Array, high: Array) -> list[Constraint]:
+        """All that a link's cell demands of (m, h), J', its slack and Q."""
+        link = self.links[k]
+        q = self.first_q + 6 * k + np.arange(6)
+        name = f"link {k + 1}"
+        rows = _cell_rows(low, high)
+        indices = np.concatenate([link, q])
+        cell = linear("cell", name, indices, np.array(rows).T, np.zeros(len(rows)))
+        with_slack = np.append(link, self.problem.p + k)
+        return [
+            _lifted(name, link, q),
+            _consistent_about_centre(name, link, q),
+            cell,
+            *self._box_rows(k, with_slack, q),
+        ]
+
+    def _box_rows(
+        self,
+        k: int,
+        link: NDArray[np.intp],
+        q: NDArray[np.intp] | None = None,
+        c: Array | None = None,
+    ) -> list[Constraint]:
+        """lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper.
+
+        link (11,) : indices of the link's parameters and its slack; q (6,) : of Q, or c
+        (3,) : the centre of mass with which Q is m c c^T.
+        """
+        out = list[Constraint]()
+        for e, (lower, upper) in enumerate(self.inertia_box[k]):
+            form = inertia.STEINER_FORMS[e]
+            row = {4 + e: 1.0}
+            if np.trace(form) > 0.0:
+                row[10] = -2.0
+            values = _row(row, 11)
+            indices = link
+            if q is not None:
+                doubled = inertia.inertia_entries(form) * [1, 2, 1, 2, 2, 1]
+                values = np.concatenate([values, -doubled])
+                indices = np.concatenate([link, q])
+            if c is not None:
+                values[0] -= c @ form @ c
+            used = np.flatnonzero(values)
+            for end, sign in ((lower, 1.0), (upper, -1.0)):
+                if not np.isfinite(end):
+                    continue
+                name = f"link {k + 1}, {e}, {sign:+g}"
+                column = sign * values[used, None]
+                out.append(
+                    linear(
+                        "barycentric inertia",
+                        name,
+                        indices[used],
+                        column,
+                        [-sign * end],
+                    )
+                )
+        return out
+
+    def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
+        """Optimum inside the box with fixed centres of mass: convex and exact.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+        c : (n, 3) array
+            Centres of mass [m].
+
+        Returns
+        -------
+        PenalisedOptimum or None
+            None where the box leaves no room there.
+        """
+        problem = self.problem
+        limit = problem.slack_limits(weight)
+        fold = self._fold_centres(c, problem.p + len(limit))
+        columns = np.flatnonzero(fold.any(axis=0))
+        number = np.full(len(fold), -1)
+        number[columns] = np.arange(len(columns))
+        constraints = [*self.hard, *problem.soft, *problem.between(limit)]
+        for k, link in enumerate(self.links):
+            constraints.append(
+                _consistent_about_fixed_centre(f"link {k + 1}", link, c[k])
+            )
+            with_slack = np.append(link, problem.p + k)
+            constraints += self._box_rows(k, with_slack, c=c[k])
+        data = problem.in_slacks
+        folded_data = replace(data, R=(data.R @ fold)[:, columns])
+        folded = [_fold(x, fold, number) for x in constraints]
+        cost = np.append(np.zeros(problem.p), weight * problem.prices)[columns]
+        start = self._start(c, c, limit)[: len(fold)][columns]
+        bound = self._bound(limit)[columns]
+        fit = solve_once(folded_data, cost, folded, start, bound)
+        if fit is None:
+            return None
+        theta = problem.theta(fold[:, columns] @ fit.theta)
+        return problem.optimum(theta, weight, max(fit.lower, 0.0))
+
+    def _fold_centres(self, c: Array, size: int) -> Array:
+        """(size, size) the map in which h = m c (n, 3) stands in the columns of m."""
+        fold = np.eye(size)
+        for link, centre in zip(self.links, c, strict=True):
+            fold[link[1:4], link[1:4]] = 0.0
+            fold[link[1:4], link[0]] = centre
+        return fold
+
+    def centres(self, theta: Array) -> Array:
+        """Centres of mass, moved inside their bounds.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+
+        Returns
+        -------
+        (n, 3) array
+            [m].
+        """
+        c = inertia.barycentric_from_standard(theta[self.links])[:, 1:4]
+        middle = 0.5 * (self.c_low + self.c_high)
+        return np.clip(np.where(np.isfinite(c), c, middle), self.c_low, self.c_high)
+
+    def branch_all(
+        self, weights: Iterable[float], gap: float, most_cells: int
+    ) -> list[BoxedOptimum]:
+        """Branch and bound at rising weights.
+
+        The objective rises with the weight: a bound at a smaller weight still holds, and so
+        does an answer that violates nothing.
+
+        Parameters
+        ----------
+        weights : iterable of float
+            xi, rising.
+        gap : float
+            At which a search ends.
+        most_cells : int
+            Relaxations of one search at most.
+
+        Returns
+        -------
+        list of BoxedOptimum
+            One a weight.
+        """
+        out = list[BoxedOptimum]()
+        for weight in weights:
+            if out and (best := out[-1].best) is not None:
+                same = self.problem.optimum(best.theta, weight, out[-1].lower)
+                held = BoxedOptimum(same, out[-1].lower, out[-1].root_lower, 0)
+                if held.gap <= self.problem.held_gap:
+                    out.append(held)
+                    continue
+            relaxation = self.branch_and_bound(weight, gap, most_cells)
+            if out:
+                relaxation = replace(
+                    relaxation, lower=max(relaxation.lower, out[-1].lower)
+                )
+            out.append(relaxation)
+        return out
+
+    def branch_and_bound(
+        self, weight: float, gap: float, most_cells: int
+    ) -> BoxedOptimum:
+        """Solve cells, the one of the lowest bound first, until the gap is reached.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+        gap : float
+            At which the search ends.
+        most_cells : int
+            Relaxations at most.
+
+        Returns
+        -------
+        BoxedOptimum
+            Best point and certified bound.
+        """
+        number = count()
+        cell = self._solved_cell(weight, self.c_low, self.c_high)
+        cells = [(cell.lower, next(number), cell)]
+        root = cell.lower
+        n_cells = 1
+        best: PenalisedOptimum | None = None
+        while True:
+            lower, _, cell = cells[0]
+            centres = np.clip(self.centres(cell.relaxation.theta), cell.low, cell.high)
+            candidate = self.solve_at(weight, centres)
+            if candidate is not None and (best is None or candidate.value < best.value):
+                best = candidate
+            result = BoxedOptimum(best, lower, root, n_cells)
+            if result.gap <= gap or n_cells + 2 > most_cells:
+                return result
+            heapq.heappop(cells)
+            for low, high in self._halves(cell):
+                half = self._solved_cell(weight, low, high)
+                n_cells += 1
+                entry = (max(half.lower, lower), next(number), half)
+                heapq.heappush(cells, entry)
+
+    def _solved_cell(self, weight: float, low: Array, high: Array) -> SolvedCell:
+        return SolvedCell(low, high, *self.solve_cell(weight, low, high))
+
+    def _halves(self, cell: SolvedCell) -> list[tuple[Array, Array]]:
+        """The cell cut in two where Q is off the most, not too near to an end."""
+        k, a = np.unravel_index(np.argmax(cell.excess), cell.excess.shape)
+        low = cell.low[k, a]
+        high = cell.high[k, a]
+        clear = self.nearest_cut * (high - low)
+        centre = self.centres(cell.relaxation.theta)[k, a]
+        cut = np.clip(centre, low + clear, high - clear)
+        below = cell.high.copy()
+        below[k, a] = cut
+        above = cell.low.copy()
+        above[k, a] = cut
+        return [(cell.low, below), (above, cell.high)]
+
+
+@dataclass(frozen=True)
+class SolvedCell:
+    """A cell low <= c <= high (n, 3), its certified bound, the relaxation's answer, and
+    (n, 3) by how much its Q_aa exceeds h_a^2 / m."""
+
+    low: Array
+    high: Array
+    lower: float
+    relaxation: PenalisedOptimum
+    excess: Array
+
+
+def _cell_rows(low: Array, high: Array) -> list[Array]:
+    """Rows in (m, h, J', Q) that are >= 0 inside of a cell low <= c <= high (3,)."""
+    rows = list[Array]()
+    for a in range(3):
+        rows.append(_row({1 + a: 1.0, 0: -low[a]}))
+        rows.append(_row({1 + a: -1.0, 0: high[a]}))
+    for a in range(3):
+        both = low[a] + high[a]
+        product = low[a] * high[a]
+        rows.append(_row({10 + _index_of_entry(a, a): -1.0, 1 + a: both, 0: -product}))
+    for a, b in combinations(range(3), 2):
+        corners = (
+            (low[a], low[b], 1.0),
+            (high[a], high[b], 1.0),
+            (high[a], low[b], -1.0),
+            (low[a], high[b], -1.0),
+        )
+        for x, y, sign in corners:
+            row = _row(
+                {10 + _index_of_entry(a, b): 1.0, 1 + b: -x, 1 + a: -y, 0: x * y}
+            )
+            rows.append(sign * row)
+    return rows
+
+
+def _row(values: dict[int, float], size: int = 16) -> Array:
+    """(size,) zeros but for the values at their indices."""
+    out = np.zeros(size)
+    for place, value in values.items():
+        out[place] = value
+    return out
+
+
+def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
+    """Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
+
+    link (10,) : indices of (m, h, second moments) of a link; q (6,) : of Q.
+    """
+    coefficients = np.zeros((10, 4, 4))
+    coefficients[:4] = inertia.PSEUDO_INERTIA_BASIS[:4]
+    for a, b in np.ndindex(3, 3):
+        coefficients[4 + _index_of_entry(a, b), a, b] = 1.0
+    indices = np.concatenate([link[:4], q])
+    return linear("lifted", name, indices, coefficients, np.zeros((4, 4)), "psd")
+
+
+def _consistent_about_centre(
+    name: str, link: NDArray[np.intp], q: NDArray[np.intp]
+) -> Constraint:
+    """Second moments about the centre of mass are positive semidefinite: Sigma' - Q >= 0
+    with Sigma' (3, 3) those about the frame and Q = m c c^T [kg m^2].
+
+    link (10,) : indices of a link's parameters; q (6,) : of Q.
+    """
+    coefficients = np.zeros((12, 3, 3))
+    coefficients[:6] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
+    for a, b in np.ndindex(3, 3):
+        coefficients[6 + _index_of_entry(a, b), a, b] = -1.0
+    indices = np.concatenate([link[4:], q])
+    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
+
+
+def _consistent_about_fixed_centre(
+    name: str, link: NDArray[np.intp], c: Array
+) -> Constraint:
+    """The same about a given centre of mass c (3,) [m]: Sigma' - m c c^T >= 0."""
+    coefficients = np.zeros((7, 3, 3))
+    coefficients[0] = -np.outer(c, c)
+    coefficients[1:] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
+    indices = np.append(link[:1], link[4:])
+    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
+
+
+def _fold(c: Constraint, fold: Array, number: NDArray[np.intp]) -> Constraint:
+    """The constraint in fewer variables: fold (k, k) maps the kept ones, numbered by
+    ``number`` (k,), to all."""
+    local = fold[c.indices]
+    used = np.flatnonzero(local.any(axis=0))
+    coefficients = np.tensordot(local[:, used].T, c.coefficients, axes=(1, 0))
+    return replace(c, indices=number[used], coefficients=coefficients)

@@ -1,0 +1,642 @@
+"""The certified global optimum of the published penalised objective (Gaz et al., RA-L
+2019, eq. 29).
+
+For a weight xi the paper's retrieval minimises
+
+    f(theta) + xi [ sum_i (lambda_max(I_i) - tr(I_i) / 2)+ + v_M(theta) + v_c(theta) ]
+
+over links inside bounds on masses, centres of mass and signs: f the torque loss (one
+step) or |pi(theta) - pi_hat|^2 (two steps), I_i a link's inertia about its centre of
+mass, v_M what the total mass violates [kg], v_c what centres of mass violate of their
+cones [m]. With the pseudo-inertia P(theta) = [[Sigma, m c], [(m c)^T, m]] and
+D = diag(1, 1, 1, 0), the Schur complement of P + s D at m > 0 gives
+
+    P + s D >= 0   <=>   (tr(I) / 2) 1 - I + s 1 >= 0   <=>   s >= lambda_max(I) - tr(I) / 2,
+
+so that the triangle penalty is the least slack s >= 0 of a linear matrix inequality:
+
+    minimise  f(theta) + xi (sum_i s_i + sum_k e_k + sum_j d_j / m_j)
+    subject to  P_i(theta) + s_i D >= 0,  s_i >= 0,                i = 1..n
+                total mass in [M - e, M + e],  e >= 0,
+                (m_j c_j, m_j) in its cone, widened by d_j >= 0,   m_j <= its upper bound,
+                masses, centres of mass and signs inside their bounds.
+
+Everything is convex but d_j / m_j, for which d_j / (upper bound of m_j) is taken: a lower
+bound, which is exact where no cone is violated (the Panda has none). The box on
+barycentric inertias is left out; :mod:`penalised_box` brings it in.
+
+Since P(theta) + s D = P(theta + 2 s j), j the three moments of inertia, the matrices are
+posed in theta' = theta + 2 s j: they are the SDP's own P(theta') >= 0, and the slack
+stands in the loss instead.
+
+A multiplier Z_i of P_i >= 0 in the problem without slack says from which weight on the
+penalty is exact: xi >= <Z_i, D> for each link, and xi at least the multipliers of the
+total mass (Han, Mangasarian, Math. Programming 1979).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, ClassVar
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.lmi_sdp import interior_point
+from sdp_vs_penalty.estimators.penalty_paper import PenalisedLoss
+from sdp_vs_penalty.paper.memo import remembered, source_version
+from sdp_vs_penalty.regression.regression import LeastSquares
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.solvers.fit import Fit, repair
+from sdp_vs_penalty.solvers.objective import Objective
+from sdp_vs_penalty.solvers.primal_dual import minimise
+from sdp_vs_penalty.solvers.small_cones import SmallCones
+
+
+@dataclass(frozen=True)
+class PenalisedOptimum:
+    """The relaxation's answer at one weight.
+
+    theta (p,); value : the published objective there; lower : certified bound of the
+    relaxation, below every value; loss : f at theta; triangle (n,) : what each link
+    violates [kg m^2]; worst : largest violation of all kinds; scale : what the gap is
+    relative to, the objective, of an exact fit a trace of the data.
+    """
+
+    #: A demand is violated above this [kg m^2, kg, m].
+    tolerance: ClassVar[float] = 1e-6
+
+    theta: Array
+    weight: float
+    value: float
+    lower: float
+    loss: float
+    triangle: Array
+    worst: float
+    scale: float
+
+    @property
+    def gap(self) -> float:
+        """(value - lower) / scale."""
+        return (self.value - self.lower) / self.scale
+
+    @property
+    def is_violated(self) -> bool:
+        """Whether any demand is."""
+        return self.worst > self.tolerance
+
+    @property
+    def n_links_violated(self) -> int:
+        """Links whose triangle inequality is violated beyond rounding."""
+        return int(np.sum(self.triangle > self.tolerance))
+
+
+class PenalisedProblem:
+    """The published problem of a task for every weight.
+
+    data : the loss f; two_step : whether f is the distance to the base parameters.
+    Slacks stand behind theta: one a link, then one an entry of each soft demand.
+    """
+
+    #: What the penalty takes the place of; "trace" is a consequence of the box.
+    soft_families = ("pseudo-inertia", "total mass", "centre of mass cone")
+    #: The bound on moments about the frame is this many times what the box implies,
+    #: where the box is left out.
+    moment_margin = 10.0
+    #: Of a link's ten parameters those of its moments of inertia.
+    moments = (4, 6, 9)
+    #: Up to this gap an optimum at a smaller weight is one at a larger weight as well.
+    held_gap = 1e-6
+    #: Where the slacks start, as a share of what they may be.
+    slack_start = 0.1
+
+    def __init__(self, task: Task, two_step: bool) -> None:
+        self.task = task
+        self.two_step = two_step
+        self.data = _links_distance(task) if two_step else task.data
+        self.p, self.n = len(task.bound), len(task.links)
+        free = task.model.rigid_indices if two_step else np.arange(self.p)
+        self.published = PenalisedLoss(task, self.data, free)
+        convex = task.constraints.convex
+        self.hard = [
+            c for c in convex if c.family not in (*self.soft_families, "trace")
+        ]
+        self.hard += self._moment_limits
+        self.demands = [c for c in convex if c.family in self.soft_families[1:]]
+        self.interior = interior_point(
+            task, ConstraintSet((*self.hard, *self.consistency, *self.demands))
+        )
+
+    @cached_property
+    def consistency(self) -> tuple[Constraint, ...]:
+        """P_i(theta) >= 0 of each link."""
+        return self.task.pseudo_inertias
+
+    @cached_property
+    def bound(self) -> Array:
+        """(p,) of theta, moments by a margin wider than the box implies."""
+        bound = self.task.bound.copy()
+        bound[self.task.links[:, 4:]] *= self.moment_margin
+        return bound
+
+    @property
+    def _moment_limits(self) -> list[Constraint]:
+        """Moments about the frame below their bounds: keeps the set from being open to
+        infinity where the data do not see them."""
+        moments = self.task.links[:, list(self.moments)]
+        return [
+            Constraint(
+                "moments", f"link {k}", "nonnegative", m, self.bound[m], -np.eye(3)
+            )
+            for k, m in enumerate(moments, start=1)
+        ]
+
+    @cached_property
+    def links_slack(self) -> Array:
+        """(p, n) what a unit of each link's slack takes from theta': 2 j."""
+        out = np.zeros((self.p, self.n))
+        for k, link in enumerate(self.task.links):
+            out[link[list(self.moments)], k] = 2.0
+        return out
+
+    @cached_property
+    def soft(self) -> tuple[Constraint, ...]:
+        """The demands on masses with their slacks behind the links'."""
+        out = list[Constraint]()
+        at = self.p + self.n
+        for c in self.demands:
+            size = len(c.constant)
+            more = np.eye(size)[: 1 if c.cone == "soc" else size]
+            slacks = np.arange(at, at + len(more))
+            at += len(more)
+            coefficients = np.concatenate([c.coefficients, more])
+            indices = np.concatenate([c.indices, slacks])
+            out.append(replace(c, indices=indices, coefficients=coefficients))
+        return tuple(out)
+
+    @cached_property
+    def prices(self) -> Array:
+        """What a unit of each slack costs in units of xi."""
+        out = [np.ones(self.n)]
+        for c in self.demands:
+            if c.cone == "soc":
+                out.append(np.array([1.0 / self.task.bound[c.indices[0]]]))
+            else:
+                out.append(np.ones(len(c.constant)))
+        return np.concatenate(out)
+
+    def value(self, theta: Array, weight: float) -> float:
+        """Published objective.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+        weight : float
+            xi.
+
+        Returns
+        -------
+        float
+            The box on inertias left out.
+        """
+        return self.data.loss(theta) + weight * self.published.penalty(self._p(theta))
+
+    def violations(self, theta: Array) -> dict[str, float]:
+        """Worst violation of each external demand.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+
+        Returns
+        -------
+        dict of str to float
+            By family [kg m^2, kg, m].
+        """
+        return self.published.violations(self._p(theta))
+
+    def triangle(self, theta: Array) -> Array:
+        """Violation of each link's triangle inequality: (lambda_max(I) - tr(I) / 2)+.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+
+        Returns
+        -------
+        (n,) array
+            [kg m^2].
+        """
+        links = inertia.barycentric_from_standard(theta[self.task.links])[:, 4:]
+        moments = np.linalg.eigvalsh(inertia.inertia_matrix(links))
+        return np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
+
+    def _p(self, theta: Array) -> Array:
+        out = theta.copy()
+        out[self.task.links] = inertia.barycentric_from_standard(theta[self.task.links])
+        return out
+
+    def solve(self, weight: float) -> PenalisedOptimum:
+        """Solve the relaxation at a weight.
+
+        Parameters
+        ----------
+        weight : float
+            xi >= 0.
+
+        Returns
+        -------
+        PenalisedOptimum
+            With its certified bound.
+        """
+        limit = self.slack_limits(weight)
+        slack = self.slack_start * np.minimum(limit, 1.0)
+        start = np.append(self.interior + self.links_slack @ slack[: self.n], slack)
+        bound = np.append(self.bound + self.links_slack @ limit[: self.n], limit)
+        constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
+        linear = np.append(np.zeros(self.p), weight * self.prices)
+        solved = solve_once(self.in_slacks, linear, constraints, start, bound)
+        if solved is None:
+            raise _not_inside()
+        return self.optimum(self.theta(solved.theta), weight, max(solved.lower, 0.0))
+
+    def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
+        """Solve the relaxation at rising weights.
+
+        The objective rises with the weight: a bound at a smaller one still holds, and an
+        answer that violates nothing stays the optimum.
+
+        Parameters
+        ----------
+        weights : iterable of float
+            xi, rising.
+
+        Returns
+        -------
+        list of PenalisedOptimum
+            One a weight.
+        """
+        out = list[PenalisedOptimum]()
+        for weight in weights:
+            if out:
+                before = out[-1]
+                same = self.optimum(before.theta, weight, before.lower)
+                if same.gap <= self.held_gap:
+                    out.append(same)
+                    continue
+            solved = self.solve(weight)
+            if out:
+                solved = replace(solved, lower=max(solved.lower, out[-1].lower))
+            out.append(solved)
+        return out
+
+    @cached_property
+    def in_slacks(self) -> LeastSquares:
+        """f in (theta', slacks)."""
+        of_demands = np.zeros((len(self.data.R), len(self.prices) - self.n))
+        R = np.hstack([self.data.R, -self.data.R @ self.links_slack, of_demands])
+        return replace(self.data, R=R)
+
+    def theta(self, x: Array) -> Array:
+        """Parameters of the relaxation's variables.
+
+        Parameters
+        ----------
+        x : (p + s,) array
+            theta' and slacks.
+
+        Returns
+        -------
+        (p,) array
+            Standard parameters.
+        """
+        return x[: self.p] - self.links_slack @ x[self.p : self.p + self.n]
+
+    def between(self, limit: Array) -> list[Constraint]:
+        """Constraints 0 <= slack <= limit.
+
+        Parameters
+        ----------
+        limit : (s,) array
+            Largest slacks.
+
+        Returns
+        -------
+        list of Constraint
+            One a slack.
+        """
+        rows = np.array([[1.0, -1.0]])
+        return [
+            Constraint(
+                "slack", f"{k}", "nonnegative", np.array([k]), np.array([0.0, x]), rows
+            )
+            for k, x in enumerate(limit, start=self.p)
+        ]
+
+    def slack_limits(self, weight: float) -> Array:
+        """Above these no slack is at an optimum: what it costs alone would exceed the
+        interior point's objective, or it undoes all that the bounds allow.
+
+        Parameters
+        ----------
+        weight : float
+            xi.
+
+        Returns
+        -------
+        (s,) array
+            [kg m^2, kg, m].
+        """
+        largest = np.full(len(self.prices), float(self.bound.max()))
+        if weight == 0.0:
+            return largest
+        limit = self.value(self.interior, weight) / (weight * self.prices)
+        return np.minimum(limit, largest)
+
+    def optimum(self, theta: Array, weight: float, lower: float) -> PenalisedOptimum:
+        """What a point is at a weight, beside a lower bound.
+
+        Parameters
+        ----------
+        theta : (p,) array
+            Standard parameters.
+        weight : float
+            xi.
+        lower : float
+            Certified bound on the objective.
+
+        Returns
+        -------
+        PenalisedOptimum
+            Objective, loss and violations.
+        """
+        return PenalisedOptimum(
+            theta,
+            weight,
+            self.value(theta, weight),
+            lower,
+            self.data.loss(theta),
+            self.triangle(theta),
+            max(self.violations(theta).values()),
+            max(self.value(theta, weight), self.data.loss_scale(theta)),
+        )
+
+    @cached_property
+    def feasible(self) -> Fit:
+        """The optimum subject to the demands themselves (xi infinite), certified."""
+        constraints = (*self.hard, *self.consistency, *self.demands)
+        return solve_certified(
+            self.data, np.zeros(self.p), constraints, self.interior, self.bound
+        )
+
+    @property
+    def exact_weight_by_theory(self) -> float:
+        """The largest multiplier: from this weight on no demand is violated."""
+        fit = self.feasible
+        largest = 0.0
+        assert fit.multipliers is not None
+        multipliers = fit.constraints.entries.each(fit.multipliers)
+        for c, multiplier in zip(fit.constraints.convex, multipliers, strict=True):
+            if c.cone == "psd":
+                largest = max(largest, float(np.trace(multiplier[:3, :3])))
+            elif c.family == "total mass":
+                largest = max(largest, float(multiplier.max()))
+            elif c.family == "centre of mass cone":
+                price = self.task.bound[c.indices[0]]
+                largest = max(largest, float(multiplier[0]) * price)
+        return largest
+
+    def exact_weight_by_bisection(self, relative: float = 1e-3) -> float:
+        """Least weight whose optimum violates nothing beyond rounding.
+
+        Parameters
+        ----------
+        relative : float
+            Width of the bracket at which the search ends.
+
+        Returns
+        -------
+        float
+            xi; 0 where no weight is needed.
+        """
+        if not self.solve(0.0).is_violated:
+            return 0.0
+        low = high = 1.0
+        while self.solve(high).is_violated:
+            low = high
+            high = 4.0 * high
+        while low == high or not self.solve(low).is_violated:
+            low, high = 0.25 * low, low
+        while high > low * (1.0 + relative):
+            middle = float(np.sqrt(low * high))
+            if self.solve(middle).is_violated:
+                low = middle
+            else:
+                high = middle
+        return high
+
+
+def _links_distance(task: Task) -> LeastSquares:
+    """|pi(theta) - pi_hat|^2 over the links' base parameters: friction stays as first
+    estimated."""
+    distance = task.base_distance
+    links = task.model.rigid_indices
+    rows = np.any(task.base[:, links] != 0.0, axis=1)
+    target = distance.rho[rows]
+    squares = float(target @ target)
+    return LeastSquares(distance.R[rows], target, 0.0, squares, len(target))
+
+
+def solve_certified(
+    data: LeastSquares,
+    linear: Array,
+    constraints: Iterable[Constraint],
+    start: Array,
+    bound: Array,
+    accuracy: float = 1e-10,
+) -> Fit:
+    """minimise |R x - rho|^2 + floor^2 + linear x subject to the constraints, by our own
+    interior-point method.
+
+    Parameters
+    ----------
+    data : LeastSquares
+        R, rho and the floor.
+    linear : (k,) array
+        Cost of a unit of each variable.
+    constraints : iterable of Constraint
+        Convex ones.
+    start : (k,) array
+        Strictly inside.
+    bound : (k,) array
+        |x| <= bound for every feasible x.
+    accuracy : float
+        Of the relative gap.
+
+    Returns
+    -------
+    Fit
+        With what its certificate needs.
+
+    Raises
+    ------
+    InputError
+        Where the start is not inside of the constraints.
+    """
+    demands = ConstraintSet(tuple(constraints))
+    cones = SmallCones(None, demands, len(start))
+    cones.linear = linear
+    solved = minimise(cones, data, [start], accuracy)
+    if solved is None:
+        raise _not_inside()
+    multipliers, _ = cones.multipliers(solved.multipliers)
+    theta = repair(demands, solved.theta, start)
+    return Fit(
+        theta, Objective(data, linear=linear), demands, multipliers, None, start, bound
+    )
+
+
+def _not_inside() -> InputError:
+    return InputError(
+        "the penalised problem's interior point is not inside of its constraints",
+        "check the bounds of the problem",
+    )
+
+
+@dataclass(frozen=True)
+class CertifiedPoint:
+    """Where a convex problem's solver ends: theta, and a certified bound from below."""
+
+    theta: Array
+    lower: float
+
+
+def solve_once(
+    data: LeastSquares,
+    linear: Array,
+    constraints: Sequence[Constraint],
+    start: Array,
+    bound: Array,
+) -> CertifiedPoint | None:
+    """What :func:`solve_certified` ends at, computed where the disk does not hold it.
+
+    Parameters
+    ----------
+    data, linear, constraints, start, bound
+        As :func:`solve_certified` takes them.
+
+    Returns
+    -------
+    CertifiedPoint or None
+        None where the start is not inside of the constraints.
+    """
+    posed = (data, linear, constraints, start, bound)
+    plain = remembered(
+        "penalised", (source_version(), *posed), partial(_solved, *posed)
+    )
+    if plain["theta"] is None:
+        return None
+    return CertifiedPoint(np.array(plain["theta"]), plain["lower"])
+
+
+def _solved(
+    data: LeastSquares,
+    linear: Array,
+    constraints: Sequence[Constraint],
+    start: Array,
+    bound: Array,
+) -> dict[str, Any]:
+    try:
+        fit = solve_certified(data, linear, constraints, start, bound)
+    except InputError:
+        return {"theta": None, "lower": None}
+    return {"theta": fit.theta.tolist(), "lower": float(fit.lower)}
+
+
+def cvxpy_optima(
+    problem: PenalisedProblem, weights: Iterable[float]
+) -> dict[float, float]:
+    """The relaxation's optimum at each weight by CVXPY and Clarabel.
+
+    Parameters
+    ----------
+    problem : PenalisedProblem
+        Which is posed once more.
+    weights : iterable of float
+        xi.
+
+    Returns
+    -------
+    dict
+        Optimum by weight; empty without CVXPY.
+
+    Notes
+    -----
+    The model is compiled once, the weight is its parameter. theta is scaled by the
+    torque that it makes, the loss by that of the feasible optimum.
+    """
+    try:
+        import cvxpy as cp
+    except ImportError:
+        return {}
+    data = problem.data
+    centre = problem.feasible.theta
+    unit = max(problem.feasible.upper, 1e-12 * data.tau_squared)
+    scale = _torque_scale(problem)
+    x = cp.Variable(problem.p)
+    y = cp.Variable(len(problem.prices), nonneg=True)
+    # The slacks in units of (loss at the optimum) / xi, so that they cost one.
+    slack_size = cp.Parameter(nonneg=True)
+    price = cp.Parameter(nonneg=True)
+    slack = slack_size * y
+    theta = cp.hstack([centre + cp.multiply(scale, x), slack])
+    demands = [_cvxpy(cp, c, theta) for c in (*problem.hard, *problem.soft)]
+    corner = np.diag([1.0, 1.0, 1.0, 0.0])
+    for k, c in enumerate(problem.consistency):
+        demands.append(_cvxpy_value(cp, c, theta) + slack[k] * corner >> 0)
+    root = np.sqrt(unit)
+    at_centre = (data.R @ centre - data.rho) / root
+    residual = (data.R * scale / root) @ x + at_centre
+    cost = cp.sum_squares(residual) + price * (problem.prices @ y)
+    program = cp.Problem(cp.Minimize(cost), demands)
+    out = {}
+    for xi in weights:
+        slack_size.value = unit / xi if xi > 0.0 else 1.0
+        price.value = 1.0 if xi > 0.0 else 0.0
+        program.solve(solver="CLARABEL")
+        if program.status in ("optimal", "optimal_inaccurate"):
+            out[xi] = float(program.value) * unit + data.residual_norm**2
+    return out
+
+
+def _torque_scale(problem: PenalisedProblem) -> Array:
+    """(p,) at which each parameter alone makes all the torque, at most its bound."""
+    norms = problem.data.column_norms
+    is_seen = norms > 0.0
+    size = np.sqrt(problem.data.tau_squared) / np.where(is_seen, norms, np.inf)
+    return np.where(is_seen, np.minimum(size, problem.bound), problem.bound)
+
+
+def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:
+    """F(theta)."""
+    rows = c.coefficients.reshape(len(c.indices), -1).T
+    value = rows @ theta[c.indices] + c.constant.ravel()
+    if c.cone == "psd":
+        return cp.reshape(value, c.constant.shape, order="C")
+    return value
+
+
+def _cvxpy(cp: Any, c: Constraint, theta: Any) -> Any:
+    """F(theta) in its cone, a second-order cone or non-negative rows."""
+    value = _cvxpy_value(cp, c, theta)
+    if c.cone == "soc":
+        return cp.norm(value[1:]) <= value[0]
+    return value >= 0

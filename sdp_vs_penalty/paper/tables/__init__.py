@@ -1,0 +1,178 @@
+"""The comparison tables, one file each: a file with a :class:`TableSpec` is its
+registration."""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas
+
+from sdp_vs_penalty.errors import InputError, require_known
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.paper.tables.kept import table_once
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Table, TableSpec
+from sdp_vs_penalty.parallel import ALONE, Workers
+from sdp_vs_penalty.plugins import by_word, modules
+from sdp_vs_penalty.problem.load import as_problem
+from sdp_vs_penalty.problem.problem import Problem
+
+#: The page's name in the tables' folder.
+PAGE = "index.html"
+#: What `tables` without names makes.
+DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
+
+
+@cache
+def makers() -> dict[str, TableSpec]:
+    """Every table of the package by its name."""
+    specs = (
+        value for home in modules(__name__, __path__) for value in vars(home).values()
+    )
+    return by_word(
+        (maker.name, maker) for maker in specs if isinstance(maker, TableSpec)
+    )
+
+
+def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
+    """The tables as data.
+
+    Parameters
+    ----------
+    names : sequence of str or None
+        Of the tables, in any case; None for III, IV, VIII and IX.
+    study : Study
+        The problem, its data, the budget and who works.
+
+    Returns
+    -------
+    list of Table
+        In the order of the names.
+
+    Raises
+    ------
+    InputError
+        For a table that does not exist, or not for the problem.
+    """
+    specs = _chosen(names)
+    _check_problem(specs, study)
+    return [spec.made(study) for spec in specs]
+
+
+def _check_problem(specs: Sequence[TableSpec], study: Study) -> None:
+    """Raises InputError for a table that does not exist for the problem."""
+    for spec in specs:
+        if spec.problems and study.problem.name not in spec.problems:
+            what = f"table {spec.name} belongs to {' and '.join(spec.problems)}"
+            raise InputError(what, "choose it with --problem, or leave the table out")
+
+
+def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
+    """The tables of these names, however they are written, each once."""
+    known = {name.lower(): spec for name, spec in makers().items()}
+    for name in names or ():
+        if name.lower() not in known:
+            require_known("table", name, makers())
+    chosen = [known[name.lower()] for name in names or DEFAULT_TABLES]
+    return list(dict.fromkeys(chosen))
+
+
+def _written_nowhere(_: Table, __: list[Path]) -> None:
+    """The default: nobody hears of a table."""
+
+
+def make_tables(
+    names: Sequence[str] | None = None,
+    problem: str | Path | Problem | None = None,
+    budget: str = "quick",
+    out: str | Path = "results",
+    progress: Progress = no_progress,
+    workers: Workers = ALONE,
+    report: Callable[[Table, list[Path]], None] = _written_nowhere,
+    html: bool = False,
+) -> list[tuple[Table, list[Path]]]:
+    """Build tables and write each, as soon as it is made, as CSV, Markdown and LaTeX.
+
+    Without the real run, a folder's measured tables are not overwritten: those without
+    it are written to its subfolder ``simulated``. A table is kept on the disk with all
+    that it depends on, and made again only where some of that has changed
+    ($SDP_VS_PENALTY_CACHE names the folder; empty: nothing is kept).
+
+    Parameters
+    ----------
+    names : sequence of str or None
+        Of the tables, in any case; None for III, IV, VIII and IX.
+    problem : str, Path, Problem or None
+        Default: the Panda, and the 2R for the tables that are about it only.
+    budget : str
+        "quick", or "paper" for as many loss evaluations of the paper's method as its
+        authors allow.
+    out : str or Path
+        The folder.
+    progress : callable
+        Hears what is at work.
+    workers : Workers
+        Who estimates, a method on a data set each.
+    report : callable
+        Hears of each table and its paths when they are written: what a run that is
+        stopped has made.
+    html : bool
+        Whether one page is written as well that shows the tables of one problem with
+        the links drawn: index.html, beside the first of them.
+
+    Returns
+    -------
+    list of (Table, list of Path)
+        Each table with its paths, CSV first.
+
+    Raises
+    ------
+    InputError
+        For names that do not exist, before anything is computed or written.
+    """
+    groups: dict[Any, list[TableSpec]] = {}
+    for spec in _chosen(names):
+        problem_name, *_ = spec.problems or ("panda",)
+        key = problem_name if problem is None else ""
+        groups.setdefault(key, []).append(spec)
+    studies = {
+        name: Study(as_problem(problem or name), budget, progress, workers)
+        for name in groups
+    }
+    for name, specs in groups.items():
+        _check_problem(specs, studies[name])
+    tables_made = []
+    for name, specs in groups.items():
+        made_here = []
+        for spec in specs:
+            table = table_once(spec, studies[name])
+            paths = table.write(_folder(table, Path(out)))
+            report(table, paths)
+            made_here.append((table, paths))
+        tables_made += made_here
+        if html and name == next(iter(groups)):
+            _write_page(made_here, studies[name])
+    return tables_made
+
+
+def _write_page(
+    tables_and_paths: Sequence[tuple[Table, list[Path]]], study: Study
+) -> None:
+    """The page of tables of one problem."""
+    from sdp_vs_penalty.paper.links_page import links_page
+
+    _, paths = tables_and_paths[0]
+    page = links_page([table for table, _ in tables_and_paths], study)
+    write_text(paths[0].with_name(PAGE), page)
+
+
+def _folder(table: Table, out: Path) -> Path:
+    """Where to write a table so that it takes no measured one's place without being
+    measured itself."""
+    there = out / f"table_{table.name}.csv"
+    if table.measured or not there.is_file():
+        return out
+    held = Table("", pandas.read_csv(there, dtype=str, keep_default_na=False))
+    return out / "simulated" if held.measured else out

@@ -1,0 +1,291 @@
+"""Table "global": the published penalised objective's global optimum over its weight,
+certified."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import pandas
+
+from sdp_vs_penalty.estimators.estimator import Task
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
+from sdp_vs_penalty.paper.annealing import (
+    SearchedPoint,
+    SearchPlan,
+    lowest,
+    point_fields,
+    search_runs,
+)
+from sdp_vs_penalty.paper.memo import remembered, source_version, task_content
+from sdp_vs_penalty.paper.penalised_box import BoxedOptimum, BoxedProblem
+from sdp_vs_penalty.paper.penalised_optimum import (
+    PenalisedOptimum,
+    PenalisedProblem,
+    cvxpy_optima,
+)
+from sdp_vs_penalty.paper.tables.study import QUICK, Data, Effort, Study
+from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.robot.arrays import Array
+
+#: The paper's weights, smaller ones, and larger ones until every penalty is exact.
+WEIGHTS = (0.0, 0.1, 10.0, 20.0, 30.0, 40.0, 100.0, 300.0, 1000.0)
+#: Those at which annealing is run: as published, and then on.
+ANNEALED = (*PenaltyPaper.weights, 100.0, 1000.0)
+#: Branch and bound ends at this gap, or after so many relaxations.
+GAP = 1e-3
+MOST_CELLS = 40
+
+
+def is_rounding(loss: float) -> bool:
+    """Whether a loss is too small for shares of it to mean anything.
+
+    Parameters
+    ----------
+    loss : float
+        Of any objective.
+
+    Returns
+    -------
+    bool
+        True for a loss of zero up to rounding.
+    """
+    return loss <= 1e-12
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What a problem is at every weight.
+
+    free : the optimum without the box on inertias; boxed : with it; cvxpy : the former
+    by CVXPY and Clarabel, NaN without them; annealed, multi_start : where each run of
+    annealing, and of the local search alone, ends inside the box, at the weights
+    ANNEALED.
+    """
+
+    label: str
+    two_step: bool
+    feasible_loss: float
+    exact_by_theory: float
+    exact_by_bisection: float
+    free: list[PenalisedOptimum]
+    boxed: list[BoxedOptimum]
+    cvxpy: Array
+    annealed: list[SearchedPoint]
+    multi_start: list[SearchedPoint]
+
+    @property
+    def name(self) -> str:
+        """ "one-step" or "two-step"."""
+        return "two-step" if self.two_step else "one-step"
+
+    def excess_percent(self, optimum: PenalisedOptimum) -> float:
+        """Loss of an optimum over that of the feasible one.
+
+        Parameters
+        ----------
+        optimum : PenalisedOptimum
+            Of this problem.
+
+        Returns
+        -------
+        float
+            [%]; 0 where the feasible optimum is rounding.
+        """
+        if is_rounding(self.feasible_loss):
+            return 0.0
+        return 100.0 * (optimum.loss / self.feasible_loss - 1.0)
+
+
+@dataclass(frozen=True)
+class _Item:
+    """What a worker is given."""
+
+    label: str
+    task: Task
+    two_step: bool
+    effort: Effort
+
+
+@register_table("global", slow=True)
+def global_optima(study: Study) -> Table:
+    """Global optimum of the published penalised objective over its weight, certified.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    searched = study.once(penalised_optima)
+    rows = [row for problem in searched for row in _rows(problem)]
+    exact = [
+        f"{x.label}, {x.name}: {x.exact_by_theory:.5g} by the largest multiplier,"
+        f" {x.exact_by_bisection:.5g} by bisection"
+        for x in searched
+    ]
+    return Table(
+        f"Global optimum of the published penalised objective, {study.problem.title}",
+        rows,
+        notes(
+            "global",
+            searches=_searches_in_words(study),
+            exact="; ".join(exact),
+        ),
+        _headline(searched),
+        digits=5,
+    )
+
+
+def _searches_in_words(study: Study) -> str:
+    """Runs and evaluations of each data set's searches."""
+    return "; ".join(
+        f"{data.label}: runs {effort.global_runs}, evaluations a weight"
+        f" {effort.global_evaluations}"
+        for data in study.whole
+        for effort in [_effort(study, data)]
+    )
+
+
+def penalised_optima(study: Study) -> list[Searched]:
+    """Certified optima and searches of both problems.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    list of Searched
+        One-step and two-step of each data set.
+    """
+    items = [
+        _Item(data.label, study.task(data), two_step, _effort(study, data))
+        for data in study.whole
+        for two_step in (False, True)
+    ]
+    study.progress("the penalised objective's global optima")
+    return list(study.workers.map(_searched, items))
+
+
+def _effort(study: Study, data: Data) -> Effort:
+    """The budget; "single" searches long in the real run alone, where there is one."""
+    if study.budget == "single" and data is not study.whole[-1]:
+        return QUICK
+    return study.effort
+
+
+def _searched(item: _Item) -> Searched:
+    problem = PenalisedProblem(item.task, item.two_step)
+    boxed = BoxedProblem(problem).branch_all(WEIGHTS, GAP, MOST_CELLS)
+    content = (source_version(), *task_content(item.task), item.two_step, WEIGHTS)
+    by_cvxpy = remembered("cvxpy", content, partial(_by_cvxpy, problem))
+    annealing = SearchPlan(item.effort.global_runs, item.effort.global_evaluations)
+    local = replace(annealing, annealing=False)
+    seed = item.task.seed
+    return Searched(
+        label=item.label,
+        two_step=item.two_step,
+        feasible_loss=problem.feasible.upper,
+        exact_by_theory=problem.exact_weight_by_theory,
+        exact_by_bisection=problem.exact_weight_by_bisection(),
+        free=problem.solve_all(WEIGHTS),
+        boxed=boxed,
+        cvxpy=np.array(by_cvxpy),
+        annealed=search_runs(problem.published, seed, ANNEALED, annealing),
+        multi_start=search_runs(problem.published, seed, ANNEALED, local),
+    )
+
+
+def _by_cvxpy(problem: PenalisedProblem) -> list[float]:
+    """The relaxation's optimum at each weight, NaN where there is none."""
+    optima = cvxpy_optima(problem, WEIGHTS)
+    return [optima.get(weight, np.nan) for weight in WEIGHTS]
+
+
+def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
+    """Every run of both searches at every weight, with how far it ends above the certified
+    bound inside the box [%].
+
+    Parameters
+    ----------
+    searched : sequence of Searched
+        What was searched.
+
+    Returns
+    -------
+    DataFrame
+        A row a run and weight.
+    """
+    rows = list[Row]()
+    for problem in searched:
+        for point in (*problem.annealed, *problem.multi_start):
+            bound = problem.boxed[WEIGHTS.index(point.xi)].lower
+            rows.append(
+                {
+                    "data": problem.label,
+                    "problem": problem.name,
+                    **point_fields(point),
+                    "above_bound_percent": _above(point.objective, bound),
+                }
+            )
+    return pandas.DataFrame(rows)
+
+
+def _rows(problem: Searched) -> list[Row]:
+    rows = []
+    for k, (weight, free, boxed) in enumerate(
+        zip(WEIGHTS, problem.free, problem.boxed, strict=True)
+    ):
+        annealed = lowest(problem.annealed, weight)
+        started = lowest(problem.multi_start, weight)
+        rows.append(
+            {
+                "data": problem.label,
+                "problem": problem.name,
+                "xi": weight,
+                "optimum": free.value,
+                "lower_bound": free.lower,
+                "gap": free.gap,
+                "cvxpy_optimum": problem.cvxpy[k],
+                "excess_loss_percent": problem.excess_percent(free),
+                "links_violated": free.n_links_violated,
+                "worst_violation": free.worst,
+                "box_optimum": np.nan if boxed.best is None else boxed.best.value,
+                "box_lower_bound": boxed.lower,
+                "box_gap": boxed.gap,
+                "box_cells": boxed.n_cells,
+                "annealing_best": annealed,
+                "annealing_above_percent": _above(annealed, boxed.lower),
+                "multi_start_best": started,
+                "multi_start_above_percent": _above(started, boxed.lower),
+            }
+        )
+    return rows
+
+
+def _above(value: float | None, lower: float) -> float | None:
+    """By how much a value is above a lower bound [%]; None above a bound of zero."""
+    if value is None or is_rounding(lower):
+        return None
+    return 100.0 * (value / lower - 1.0)
+
+
+def _headline(searched: Sequence[Searched]) -> str:
+    sentences = []
+    largest = max(PenaltyPaper.weights)
+    for problem in searched:
+        free = problem.free[WEIGHTS.index(largest)]
+        excess = problem.excess_percent(free)
+        sentences.append(
+            f"{problem.label}, {problem.name} {excess:.3f} %, {free.n_links_violated} links"
+        )
+    return (
+        f"At the paper's largest weight, {largest:g}, the optimum's loss against the"
+        f" feasible optimum's, and links that cannot exist: {'; '.join(sentences)}."
+    )

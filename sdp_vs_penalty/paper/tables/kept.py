@@ -1,0 +1,132 @@
+"""Tables that were made before, read from the disk: a run that was stopped makes again
+only what it had not finished."""
+
+import hashlib
+import sys
+from collections.abc import Mapping
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+
+from sdp_vs_penalty.paper.memo import program_version, remembered
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Table, TableSpec
+from sdp_vs_penalty.problem.problem import problem_to_dict
+from sdp_vs_penalty.problem.published import real_data_folder
+from sdp_vs_penalty.simulation.engines import engine_types
+
+#: The fields of a table that are text or numbers.
+_SHORT_FIELDS = ("title", "headline", "digits", "caption", "name")
+
+
+def table_once(spec: TableSpec, study: Study) -> Table:
+    """A table of a study, made where the disk does not hold it.
+
+    Parameters
+    ----------
+    spec : TableSpec
+        Which table.
+    study : Study
+        Its problem, budget and data.
+
+    Returns
+    -------
+    Table
+        The same cells and words, and no index of rows.
+
+    Notes
+    -----
+    A table is made again where anything that it depends on has changed: this program,
+    the installed packages, the problem, the files of the real run, the budget or the
+    seed.
+    """
+    content = (
+        program_version(),
+        _installed_packages(),
+        {name: kind.version() for name, kind in engine_types().items()},
+        type(study).__qualname__,
+        spec.name,
+        study.budget,
+        study.seed,
+        problem_to_dict(study.problem),
+        study.problem.robot.to_dict(),
+        _files_of_problem(study.problem.folder),
+        _real_files(study.problem.name),
+    )
+    return _restored(remembered("table", content, partial(_made, spec, study)))
+
+
+def _made(spec: TableSpec, study: Study) -> dict[str, Any]:
+    """A new table as JSON."""
+    table = spec.made(study)
+    return {
+        **{name: getattr(table, name) for name in _SHORT_FIELDS},
+        "notes": list(table.notes),
+        "rows": _frame_to_json(table.frame),
+        "everything": _frame_to_json(table.everything),
+    }
+
+
+def _restored(held: Mapping[str, Any]) -> Table:
+    """The table of its JSON."""
+    rows = _frame_from_json(held["rows"])
+    assert rows is not None
+    return Table(
+        rows=rows,
+        notes=held["notes"],
+        everything=_frame_from_json(held["everything"]),
+        **{name: held[name] for name in _SHORT_FIELDS},
+    )
+
+
+def _frame_to_json(frame: pandas.DataFrame | None) -> dict[str, Any] | None:
+    """Columns and cells."""
+    if frame is None:
+        return None
+    cells = [
+        [cell.item() if isinstance(cell, np.generic) else cell for cell in row]
+        for row in frame.to_numpy(object)
+    ]
+    return {"columns": list(frame), "cells": cells}
+
+
+def _frame_from_json(held: Mapping[str, Any] | None) -> pandas.DataFrame | None:
+    """The frame of its columns and cells."""
+    if held is None:
+        return None
+    return pandas.DataFrame(held["cells"], columns=held["columns"], dtype=object)
+
+
+@cache
+def _installed_packages() -> list[str]:
+    """Names and versions of the packages at hand."""
+    folders = {path for path in map(Path, sys.path) if path.is_dir()}
+    return sorted({entry.name for x in folders for entry in x.glob("*.dist-info")})
+
+
+def _files_of_problem(folder: Path | None) -> str:
+    """A hash of what a problem's folder says beside its problem.toml: the published
+    tables, their errata, and how the robot is simulated."""
+    if folder is None:
+        return ""
+    names = (folder / "errata.toml", folder / "simulation.toml")
+    return _hash_of([*names, *sorted((folder / "published").glob("*.csv"))])
+
+
+def _real_files(problem: str) -> str:
+    """A hash of the files of the real run and of the black box's configurations."""
+    folder = real_data_folder()
+    return "" if folder is None else _hash_of(sorted((folder / problem).glob("*")))
+
+
+def _hash_of(paths: list[Path]) -> str:
+    """A hash of names and contents; files that are not there are left out."""
+    hasher = hashlib.sha256()
+    for path in paths:
+        if path.is_file():
+            hasher.update(f"{path.name} {path.stat().st_size} ".encode())
+            hasher.update(path.read_bytes())
+    return hasher.hexdigest()

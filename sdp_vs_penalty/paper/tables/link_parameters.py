@@ -1,0 +1,228 @@
+"""Tables VI to IX: the 2R's kinematics; links' parameters about their centres of mass,
+row by row."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pandas
+import scipy
+
+from sdp_vs_penalty.estimation.identify import DATA, is_data_determined
+from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.paper.tables.study import Data, Study
+from sdp_vs_penalty.paper.tables.table import (
+    Row,
+    Table,
+    TableSpec,
+    notes,
+    register_table,
+)
+from sdp_vs_penalty.problem.problem import entries
+from sdp_vs_penalty.problem.published import box_tables, errata
+from sdp_vs_penalty.results.table import cell_text
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot.arrays import Array
+
+
+@register_table("VI", "two_link")
+def denavit_hartenberg(study: Study) -> Table:
+    """Table VI: the DH table of the 2R, as printed and as the problem's kinematics has
+    it.
+
+    Rows: joints. Our columns are read back from the joint placements, not from the same
+    file.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    rows: list[Row] = []
+    for row, joint in zip(
+        study.problem.published["table_VI"], study.problem.robot.joints, strict=True
+    ):
+        frame = joint.link_frame  # Tz(d) Tx(a) Rx(alpha)
+        a = frame[0, 3]
+        alpha = np.arctan2(frame[2, 1], frame[2, 2])
+        d = frame[2, 3]
+        our_values = {
+            "a_m_ours": float(a),
+            "alpha_rad_ours": float(alpha),
+            "d_m_ours": float(d),
+        }
+        rows.append({**row, **our_values})
+    return Table(
+        f"Table VI: Denavit-Hartenberg parameters of {study.problem.title}",
+        rows,
+        ("theta_i = q_i without offset.",),
+        caption="Standard (distal) convention; nothing here is simulated or measured.",
+    )
+
+
+def link_table(
+    study: Study, name: str, title: str, chosen: Callable[[str], bool]
+) -> Table:
+    """Bounds and published values as printed, "*" where the paper does not care, and
+    both routes; of all methods, the nominal robot and the truth in ``everything``.
+
+    Parameters
+    ----------
+    study : Study
+        Data and estimates.
+    name : str
+        "VIII".
+    title : str
+        What the entries are.
+    chosen : callable
+        Whether an entry, by its name, is in the table.
+
+    Returns
+    -------
+    Table
+        With all methods in ``everything``.
+    """
+    box = study.problem.box
+    bounds = {"parameter": list(entries(len(box))), "lower": box[..., 0].ravel()}
+    bounds |= {
+        "upper": box[..., 1].ravel(),
+        "unit": ["kg", *["m"] * 3, *["kg*m^2"] * 6] * len(box),
+    }
+    printed = [
+        row
+        for table in box_tables(study.problem)
+        for row in study.problem.published[table]
+    ]
+    rows = pandas.DataFrame(printed or bounds, dtype=object).set_index(
+        "parameter", drop=False
+    )
+    if printed:  # the paper's "don't care"
+        rows = rows.replace("", "*")
+    rows = rows[rows.index.map(chosen).to_numpy(bool)].assign(
+        nominal=by_name(study.problem.nominal_links)
+    )
+    rows["true_simulated"] = by_name(study.experiment.links)
+    for data in study.whole:
+        for method_name, method in study.methods.items():
+            rows[f"{method_name}_{data.label}"] = by_name(study.links(method, data))
+    notes_text = notes("links", method=DEFAULT_METHOD, priors=study.about_priors)
+    if rows.index.str.startswith("I").any():
+        notes_text += _bounds_received(study)
+    for erratum in errata(study.problem):
+        if erratum.cell and erratum.cell["row"] in rows.index:
+            notes_text.append(
+                f"{erratum.where}: printed {erratum.printed}; the other tables need "
+                f"{erratum.corrected}, which true_simulated has."
+            )
+    table = Table(
+        f"Table {name}: {title} of {study.problem.title}",
+        rows,
+        notes_text,
+        _headline(study, rows.index),
+    )
+    columns = [*(printed[0] if printed else bounds), *study.compared_columns]
+    return table.shortened([*columns, "true_simulated"])
+
+
+def _headline(study: Study, names: pandas.Index) -> str:
+    """How many of the entries of these names the torque determines by itself."""
+    n_by_data = {
+        data.label: int((sources(study, data).reindex(names) == DATA).sum())
+        for data in study.whole
+    }
+    if not any(n_by_data.values()):
+        return (
+            f"Torque determines none of these {len(names)} entries by itself, only the"
+            " sums of Table III: each column is one of many robots with equal torques."
+        )
+    counts = ", ".join(f"{label} {count}" for label, count in n_by_data.items())
+    return (
+        f"Of these {len(names)} entries torque determines so many at {DEFAULT_METHOD}'s"
+        f" estimate: {counts}. The others come from the nominal robot."
+    )
+
+
+def sources(study: Study, data: Data) -> pandas.Series:
+    """Whether data or prior decide each entry (m1, c1x, I1xx, ...), to first order.
+
+    Parameters
+    ----------
+    study : Study
+        Data and estimates.
+    data : Data
+        Which data set.
+
+    Returns
+    -------
+    Series
+        "data" or "prior" by name of the entry.
+    """
+    task = study.task(data)
+    theta = study.result(DEFAULT_METHOD, data).theta
+    gradients = np.zeros((len(task.links), 10, len(theta)))
+    for wide, indices in zip(gradients, task.links, strict=True):
+        wide[:, indices] = scipy.optimize.approx_fprime(
+            theta[indices], inertia.barycentric_from_standard
+        )
+    is_determined = is_data_determined(task, gradients.reshape(-1, len(theta)))
+    return pandas.Series(
+        np.where(is_determined, "data", "prior"), list(entries(len(gradients))), object
+    )
+
+
+def _bounds_received(study: Study) -> list[str]:
+    """Which method got which bound on inertias, and what became of those it did not
+    get."""
+    if not study.task(study.simulated).constraints.nonconvex:
+        return []
+    worst = []
+    for data in study.whole:
+        for name, method in study.methods.items():
+            worst_by_family = study.task(data).constraints.worst(
+                study.result(method, data).theta
+            )
+            worst.append(
+                f"{name}_{data.label} {cell_text(worst_by_family['barycentric inertia'], 2)}"
+            )
+    return notes("bounds", worst=", ".join(worst))
+
+
+def by_name(links: Array) -> pandas.Series:
+    """Barycentric parameters of links by name.
+
+    Parameters
+    ----------
+    links : (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+
+    Returns
+    -------
+    Series
+        m1, c1x, I1xx, ... about the centres of mass [kg, m, kg m^2]; the centre
+        of a massless link is NaN.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        barycentric = inertia.barycentric_from_standard(links)
+    return pandas.Series(barycentric.ravel(), list(entries(len(links))))
+
+
+def _maker(name: str, title: str, letters: str, *problems: str) -> TableSpec:
+    build = partial(
+        link_table,
+        name=name,
+        title=title,
+        chosen=lambda parameter: parameter[0] in letters,
+    )
+    return TableSpec(
+        name, f"Table {name}: {title}, published and ours.", build, problems
+    )
+
+
+VII = _maker("VII", "parameters", "mcI", "two_link")
+VIII = _maker("VIII", "masses and centres of mass", "mc")
+IX = _maker("IX", "inertias about the centres of mass", "I")

@@ -1,0 +1,140 @@
+"""Methods compared: all of them on every data set."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import pandas
+
+from sdp_vs_penalty.estimation.constants import ROUNDING
+from sdp_vs_penalty.estimation.identify import link_figures
+from sdp_vs_penalty.estimators import estimator_types
+from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.paper.tables.study import (
+    FOLDS,
+    WITH_PRIOR,
+    Data,
+    Frozen,
+    Result,
+    Study,
+)
+from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+from sdp_vs_penalty.robot import inertia
+
+
+@register_table("methods", slow=True)
+def methods(study: Study) -> Table:
+    """Method table: every method on every data set, judged by the same independent
+    figures.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    rows = [
+        _row(study, data, method)
+        for data in study.judged
+        for method in (*estimator_types(), *WITH_PRIOR)
+    ]
+    last = [row for row in rows if row["data"] == rows[-1]["data"]]
+    errors = [f"{row['method']} {row['unseen_error_percent']:.3g} %" for row in last]
+    return Table(
+        f"Methods compared on {study.problem.title}",
+        rows,
+        notes("methods", folds=FOLDS, budget=study.budget),
+        f"On unseen motion ({last[0]['data']}): {', '.join(errors)}.",
+        digits=3,
+    )
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A method on a data set: what it is, its estimate, and processor time [s]."""
+
+    estimator: str | Estimator
+    result: Result
+    seconds: float
+
+
+def _judged(study: Study, data: Data, method: str) -> Judged:
+    """A method's estimate; of one that needs a black box, its links with friction
+    refitted to these data."""
+    needs_black_box = (
+        method not in WITH_PRIOR and estimator_types()[method].needs_black_box
+    )
+    if not needs_black_box:
+        result = study.result(method, data)
+        return Judged(method, result, study.seconds(method, data))
+    retrieved = study.reverse_engineered
+    links = Frozen(retrieved.theta.reshape(-1, 10))
+    theta = study.theta(links, data)
+    result = Result(theta, retrieved.certificate, retrieved.seconds, {})
+    return Judged(links, result, retrieved.seconds)
+
+
+def _row(study: Study, data: Data, method: str) -> Row:
+    # The lower bound on the least loss that any feasible theta has.
+    optimum = study.result("lmi-sdp-plain", data).certificate.lower
+    assert optimum is not None
+    judged = _judged(study, data, method)
+    theta = judged.result.theta
+    task = study.task(data)
+    links = theta[task.links]
+    violations = task.constraints.worst(theta)
+    family = max(violations, key=lambda name: (violations[name], name))
+    worst = violations[family]
+    figures = link_figures(study.problem, links)
+    # With a joint prior the losses of runs hold it too.
+    runs = [] if method in WITH_PRIOR else judged.result.details.get("runs") or []
+    return {
+        "data": data.label,
+        "method": method,
+        "excess_loss_percent": 100.0 * (task.data.loss(theta) / optimum - 1.0),
+        "worst_violation": worst,
+        "violated_family": family if worst >= ROUNDING else None,
+        "smallest_eigenvalue": float(inertia.consistency_margin(links).min()),
+        "smallest_thickness_mm": 1e3 * figures["smallest_thickness"],
+        **_errors(study, data, judged),
+        "positive_definite_percent": 100.0 * figures["positive_mass_matrices"],
+        "seconds": judged.seconds,
+        **_independent_runs(runs, optimum),
+    }
+
+
+def _errors(study: Study, data: Data, judged: Judged) -> Row:
+    """Errors on unseen motion, of the worst fold, and on the training motion again."""
+    error = data.errors(judged.result.theta)[1]
+    if data is study.simulated:
+        return {
+            "unseen_error_percent": error,
+            "worst_fold_error_percent": None,
+            "repeatability_error_percent": None,
+        }
+    unseen = study.unseen(judged.estimator)
+    worst = unseen.folds[unseen.worst - 1]
+    return {
+        "unseen_error_percent": unseen.relative_error_percent,
+        "worst_fold_error_percent": worst.relative_error_percent,
+        "repeatability_error_percent": error,
+    }
+
+
+def _independent_runs(runs: Sequence[Mapping[str, float]], optimum: float) -> Row:
+    """Of a multi-start method how many starts there were, and where they ended."""
+    frame = pandas.DataFrame(runs, columns=["loss", "violation"]).astype(float)
+    excess = 100.0 * (frame["loss"] / optimum - 1.0)
+    violation = frame["violation"]
+    row: Row = {
+        "runs": len(frame) or None,
+        "feasible_runs": int((violation < 1e-6).sum()) if len(frame) else None,
+    }
+    for name in ("min", "median", "max"):
+        row[f"run_excess_loss_percent_{name}"] = excess.agg(name)
+    for name in ("min", "max"):
+        row[f"run_violation_{name}"] = violation.agg(name)
+    return row

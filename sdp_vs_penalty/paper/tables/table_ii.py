@@ -1,0 +1,110 @@
+"""Table II: the exciting trajectory, published, as commanded, and better conditioned
+ones."""
+
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.estimation.excitation import Excitation, Limits, Regressor, excite
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Row, Table, notes, register_table
+
+
+@register_table("II", "panda")
+def exciting_trajectory(study: Study) -> Table:
+    """Table II: the exciting trajectory, published, as commanded, and better
+    conditioned ones.
+
+    Rows: coefficients and condition numbers of the published and of optimised
+    trajectories.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    published = study.problem.published["table_II"]
+    paper = study.experiment.trajectory
+    optimum = optimised(study)
+    columns = list(published[0])
+    rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
+
+    def add(name: str, trajectory: str, *values: float) -> None:
+        rows.append(
+            {
+                **dict(zip(columns, (name, *values), strict=False)),
+                "trajectory": trajectory,
+            }
+        )
+
+    for which, excitation in optimum.items():
+        best_trajectory = excitation.trajectory
+        for letter, values in (
+            ("a", best_trajectory.a),
+            ("b", best_trajectory.b),
+            ("q", best_trajectory.q_0[:, None]),
+        ):
+            for k, column in enumerate(values.T):
+                add(
+                    f"{letter}_{k if letter == 'q' else k + 1}",
+                    which,
+                    *map(float, column),
+                )
+    trajectories = {
+        "published": paper,
+        **{name: e.trajectory for name, e in optimum.items()},
+    }
+    for label, effects in (("links", "rigid_body"), ("links and friction", None)):
+        regressor = Regressor.of(study.problem, effects)
+        for which, trajectory in trajectories.items():
+            add(f"condition number ({label})", which, regressor.condition(trajectory))
+    return Table(
+        f"Table II: exciting trajectory of {study.problem.title}",
+        rows,
+        notes(
+            "II",
+            harmonics=paper.a.shape[1],
+            over_pi=paper.frequency / np.pi,
+            paper=paper,
+        ),
+        digits=5,
+        caption=(
+            "Published coefficients, and trajectories optimised by this program;"
+            " nothing here is measured."
+        ),
+    )
+
+
+def optimised(study: Study) -> dict[str, Excitation]:
+    """From the paper's trajectory, within its own extremes and within the robot's
+    limits.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    dict of str to trajectory
+        By the name of the limits.
+    """
+    paper = study.experiment.trajectory
+    problem = study.problem
+    limits = {
+        "within the paper's extremes": Limits.of_trajectory(paper),
+        "within the robot's limits": Limits.of_robot(problem.robot),
+    }
+    how: dict[str, Any] = {
+        "iterations": study.effort.iterations,
+        "progress": study.progress,
+    }
+    return {
+        name: excite(problem, limits=limit, start=paper, **how)
+        for name, limit in limits.items()
+    }

@@ -1,0 +1,242 @@
+"""Table III: base parameters and friction, published and ours."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas
+
+from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.estimators.ols import condition_number, standard_deviations
+from sdp_vs_penalty.paper.tables.study import Data, Study, torque_errors
+from sdp_vs_penalty.paper.tables.table import Table, notes, register_table
+from sdp_vs_penalty.regression.base_parameters import base_parameter_symbols
+from sdp_vs_penalty.regression.black_box import compress_black_box
+from sdp_vs_penalty.regression.linalg import deviations
+from sdp_vs_penalty.robot.arrays import Array
+
+_CONDITION = "condition number"
+_ERROR = "relative error [%]"
+_DETAILS = {_CONDITION: "condition_number", _ERROR: "relative_error_percent"}
+#: Figures of the paper's two fits that are in its text: condition number, relative
+#: error [%].
+_PUBLISHED_FITS = {"pi_RE": ("48.9", "0.0315"), "pi_CLS": ("121.88", "1.41")}
+#: Where published cells are from that are easily taken for misread ones.
+_SOURCES = (
+    "Published cells are those of the supplementary material, revised October 15th, 2019."
+    " Rows 2 (its symbol) and 17 (pi_p_hat) are as printed there, though errata 5 and 2"
+    " show that they are wrong; pi_p_hat of rows 8 and 24 is empty there. The published"
+    " condition numbers and relative errors are not of that table but of the paper's"
+    " text (secs. III and IV)."
+)
+
+
+@dataclass(frozen=True)
+class PrintedDeviations:
+    """How the standard deviations that Table III prints of the reverse engineering
+    agree with those of its design.
+
+    n_rows : rows of the table; n_agreeing : those whose printed digits allow the common
+    factor; factor : residual standard deviation that all deviations share [N m, kg m^2].
+    """
+
+    n_rows: int
+    n_agreeing: int
+    factor: float
+
+
+def printed_deviations(
+    printed: Sequence[Mapping[str, str]], design: Array
+) -> PrintedDeviations:
+    """Compare |pi_RE| sigma_pct_RE with the standard deviations of a design.
+
+    Parameters
+    ----------
+    printed : sequence of mapping
+        The table's rows as printed, one a base parameter.
+    design : (b,) array
+        sqrt(diag((W^T W)^-1)) of the regressor W in the base parameters.
+
+    Returns
+    -------
+    PrintedDeviations
+        With the factor that most rows allow.
+    """
+    values = np.array([_digits_range(row["pi_RE"]) for row in printed])
+    percent = np.array([_digits_range(row["sigma_pct_RE"]) for row in printed])
+    low, high = (values * percent / 100.0).T / design
+    # The number of intervals around a point changes at their lower ends only.
+    agreeing = [int(((low <= x) & (x <= high)).sum()) for x in low]
+    best = int(np.argmax(agreeing))
+    allowed = high[(low <= low[best]) & (low[best] <= high)]
+    factor = 0.5 * float(low[best] + allowed.min())
+    return PrintedDeviations(len(design), agreeing[best], factor)
+
+
+def _digits_range(text: str) -> tuple[float, float]:
+    """The smallest and the largest size of a number that is printed like this."""
+    mantissa, _, exponent = text.lower().partition("e")
+    n_decimals = len(mantissa.partition(".")[2])
+    half = 0.5 * 10.0 ** (int(exponent or 0) - n_decimals)
+    size = abs(float(text))
+    return max(size - half, 0.0), size + half
+
+
+def _published_checks(study: Study, printed: Sequence[Mapping[str, str]]) -> str:
+    """Whether the printed figures of the reverse engineering agree with each other;
+    empty where the authors' configurations are not at hand."""
+    box, has_authors_file = study.black_box
+    if not has_authors_file:
+        return ""
+    data = compress_black_box(box, study.problem.model("rigid_body")).least_squares()
+    design = deviations(data.R @ np.linalg.pinv(study.base))
+    found = printed_deviations(printed[: len(design)], design)
+    return (
+        "pi_RE and sigma_pct_RE check each other. Their product is the standard deviation"
+        " that least squares have at the authors' 1010 configurations, times one factor"
+        f" ({found.factor:.4g}), within the printed digits in {found.n_agreeing} of"
+        f" {found.n_rows} rows. So rows 8 and 24, whose figures (30.3622 %, 218.6430 %)"
+        " look misread, are as printed. This checks sizes, not signs. pi_p_hat is checked"
+        " by Tables VIII and IX (table errata); pi_CLS and pi_OSI cannot be: their filters"
+        " are not public."
+    )
+
+
+@register_table("III")
+def base_parameter_table(study: Study) -> Table:
+    """Table III: base parameters and friction, published and ours.
+
+    Rows: base parameters, all other parameters, then condition number and relative
+    error.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    base = tuple(base_parameter_symbols(study.problem))
+    others = dict.fromkeys(name for data in study.whole for name in _others(data))
+    keys = [*base, *others, _CONDITION, _ERROR]
+    printed = study.problem.published.get("table_III")
+    known = {"true_simulated": study.experiment.links}
+    if printed is not None:
+        rows = _published(printed, keys, len(base))
+    else:
+        rows = _numbered(study, keys, len(base))
+        published = {f"pi_{k}": links for k, links in study.published_links.items()}
+        known = published | known
+    our_values = {
+        name: dict(zip(base, study.base @ links.ravel(), strict=True))
+        for name, links in known.items()
+    }
+    our_values["re_simulated"] = _retrieved(study, base)
+    study.estimate(study.methods.values(), study.whole)
+    for data in study.whole:
+        our_values |= _estimates(study, data, base)
+    table = Table(
+        f"Table III: base parameters of {study.problem.title}",
+        rows.join(pandas.DataFrame(our_values)),
+        _notes(study, printed),
+        _headline(study, our_values),
+    )
+    printed_columns = [name for name in rows if name != "row"]
+    links = [f"pi_{column}" for column in study.published_links]
+    columns = [*printed_columns, *links, *study.compared_columns]
+    return table.shortened(dict.fromkeys(columns))
+
+
+def _numbered(study: Study, keys: list[str], n_base: int) -> pandas.DataFrame:
+    """Number and symbol of each row, from the kinematics; of the base parameters, which
+    are the first keys, the symbols of their sums."""
+    symbols = [*base_parameter_symbols(study.problem).values(), *keys[n_base:]]
+    numbers = [*range(1, len(keys) - 1), None, None]
+    return pandas.DataFrame(
+        {"row": numbers, "coefficient": symbols}, keys, dtype=object
+    )
+
+
+def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
+    """Base parameters from the black box, its condition number and relative error."""
+    retrieved = study.reverse_engineered
+    values = dict(zip(base, study.base @ retrieved.theta, strict=True))
+    return values | {key: retrieved.details[name] for key, name in _DETAILS.items()}
+
+
+def _notes(study: Study, printed: Sequence[Mapping[str, str]] | None) -> list[str]:
+    """What the table says below itself; printed : the published rows, if there are some."""
+    box, has_authors_file = study.black_box
+    where = f"{box.samples} random (the authors' file is absent)"
+    if has_authors_file:
+        where = "the authors' 1010"
+    return notes(
+        "III",
+        where=where,
+        priors=study.about_priors,
+        published="" if printed is None else _SOURCES,
+        checks="" if printed is None else _published_checks(study, printed),
+    )
+
+
+def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
+    """Errors of least squares and of the default method on the training data."""
+    columns = [
+        f"{method}_{data.label}".replace("-", "_")
+        for data in study.whole
+        for method in ("ols", DEFAULT_METHOD)
+    ]
+    errors = [f"{column} {values[column][_ERROR]:.3g} %" for column in columns]
+    return f"Relative error on the training data: {', '.join(errors)}."
+
+
+def _others(data: Data) -> list[str]:
+    """Names of the parameters that are no link's."""
+    names = (p.name for p in data.model.parameters)
+    return np.delete(list(names), data.model.rigid_indices).tolist()
+
+
+def _published(
+    printed: Sequence[Mapping[str, str]], keys: list[str], base: int
+) -> pandas.DataFrame:
+    """The paper's own columns, row by row as printed; its two fits' figures below."""
+    names = [*keys[:base], *(row["coefficient"] for row in printed[base:])]
+    fits = pandas.DataFrame(_PUBLISHED_FITS, [_CONDITION, _ERROR])
+    rows = pandas.concat(
+        [pandas.DataFrame(printed, names, dtype=object), fits]
+    ).reindex(keys)
+    return rows.assign(
+        coefficient=rows["coefficient"].fillna(pandas.Series(keys, keys))
+    )
+
+
+def _estimates(
+    study: Study, data: Data, base: tuple[str, ...]
+) -> dict[str, dict[str, float]]:
+    """Every method; after OLS its percent standard deviations."""
+    task = study.task(data)
+    rigid = data.model.rigid_indices
+    keys = [*base, *_others(data)]
+    out = {}
+    for name, method in study.methods.items():
+        theta = study.theta(method, data)
+        values = dict(
+            zip(
+                keys,
+                [*(study.base @ theta[rigid]), *np.delete(theta, rigid)],
+                strict=True,
+            )
+        )
+        values[_ERROR] = torque_errors(data.regression, theta)[1]
+        out[f"{name}_{data.label}"] = values
+        if name == "ols":
+            values[_CONDITION] = condition_number(
+                replace(task, data=data.regression.least_squares())
+            )
+            pi, std = standard_deviations(task, data.regression.oversampling)
+            percent = dict(zip(keys, 100.0 * std / np.abs(pi), strict=True))
+            out[f"sigma_pct_ols_{data.label}"] = percent
+    return out

@@ -1,0 +1,248 @@
+"""Table IV: torque error of each joint on motion that no estimate was made from."""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.model import Model
+from sdp_vs_penalty.estimators.estimator import Estimator
+from sdp_vs_penalty.paper.tables.folds import fold_errors, interval_of
+from sdp_vs_penalty.paper.tables.study import (
+    CUT,
+    FOLDS,
+    Data,
+    Frozen,
+    Study,
+    torque_errors,
+)
+from sdp_vs_penalty.paper.tables.table import (
+    Cell,
+    Row,
+    Table,
+    by_joint,
+    notes,
+    register_table,
+)
+from sdp_vs_penalty.paper.tables.table_i import SigmoidFriction
+from sdp_vs_penalty.robot.arrays import Array
+
+#: Rows whose sensitivity to the filter is told.
+_SHOWN = ("p_hat", "delta", "ols")
+
+
+@register_table("IV")
+def unseen_torque(study: Study) -> Table:
+    """Table IV: torque error of each joint on unseen and on repeated motion.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    study.estimate(study.methods.values(), study.judged)
+    rows = _published_rows(study)
+    for data in study.judged:
+        if data is study.repeated:
+            rows += _unseen_rows(study)
+        rows += _judged_rows(study, data)
+    units = " and ".join(_squared_units(study))
+    where = "simulated" if study.repeated is None else "measured"
+    errors = {row["estimate"]: row["relative_error_percent"] for row in rows}
+    errors_in_words = [
+        f"{name} {errors[f'{name}_{where}']:.3g} %" for name in study.methods
+    ]
+    table = Table(
+        f"Table IV: torque MSE [{units}] per joint of {study.problem.title} on other"
+        " motion",
+        rows,
+        _notes(study, rows),
+        f"On unseen motion ({where}): {', '.join(errors_in_words)}.",
+        caption=f"{study.sentence} {_judgement(study)}",
+    )
+    columns = [name for name in table.frame if name != "worst_fold_percent"]
+    shown = ("p_hat", "p_real", "delta", "ols", "penalty", "lmi_sdp")
+    as_printed = [name in shown for name in _bare_names(rows)]
+    return table.shortened(columns, as_printed)
+
+
+def _published_rows(study: Study) -> list[Row]:
+    """As printed."""
+    joints = [f"joint_{j + 1}" for j in range(study.problem.robot.n)]
+    return [
+        _row(row["estimate"], [row[joint] for joint in joints], "published")
+        for row in study.problem.published.get("table_IV", [])
+    ]
+
+
+def _unseen_rows(study: Study) -> list[Row]:
+    """Every estimate on the folds of the real run that it has not seen."""
+    rows = []
+    for name, (method, effects) in _estimates(study).items():
+        result = study.unseen(method, effects)
+        rows.append(
+            _row(
+                f"{name}_measured",
+                (result.rmse**2).tolist(),
+                "measured, unseen",
+                result.relative_error_percent,
+                interval_of(fold_errors(result)).in_words,
+                result.folds[result.worst - 1].relative_error_percent,
+            )
+        )
+    return rows
+
+
+def _judged_rows(study: Study, data: Data) -> list[Row]:
+    """Every estimate from the training part of a data set, on its test part."""
+    is_repeated = data is study.repeated
+    ending = "repeatability" if is_repeated else data.label
+    label = "measured, repeated" if is_repeated else data.label
+    rows = []
+    for name, (method, effects) in _estimates(study).items():
+        judged = data
+        if effects is not None:
+            judged = replace(data, model=Model(study.problem.robot, effects))
+        theta = study.theta(method, judged)
+        mse, relative = judged.errors(theta)
+        interval = None if is_repeated else _over_runs(judged, theta)
+        rows.append(_row(f"{name}_{ending}", mse.tolist(), label, relative, interval))
+    return rows
+
+
+def _squared_units(study: Study) -> list[str]:
+    """Of the joints' mean squared errors."""
+    units = {unit.replace("*", " ") for unit in study.problem.robot.torque_units}
+    return sorted(f"({unit})^2" for unit in units)
+
+
+def _bare_names(rows: Sequence[Row]) -> list[str]:
+    """The estimates without their data's ending."""
+    return [
+        re.sub("_(simulated|measured|repeatability)$", "", row["estimate"])
+        for row in rows
+    ]
+
+
+def _over_runs(data: Data, theta: Array) -> str | None:
+    """The 95 % interval of the relative error over the test runs; None of one run."""
+    rows = data.test_regression
+    if len(rows.blocks) < 2:
+        return None
+    errors = [
+        torque_errors(rows.select([k]), theta)[1] for k in range(len(rows.blocks))
+    ]
+    return interval_of(np.array(errors)).in_words
+
+
+def _row(
+    name: str,
+    joints: Iterable[Cell],
+    data: str,
+    relative: Cell = None,
+    interval: Cell = None,
+    worst: Cell = None,
+) -> Row:
+    more = {
+        "relative_error_percent": relative,
+        "interval_percent": interval,
+        "worst_fold_percent": worst,
+        "data": data,
+    }
+    return {"estimate": name, **by_joint(joints), **more}
+
+
+def _estimates(
+    study: Study,
+) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:
+    """Published links first, then every method; with their effects, where these are
+    others."""
+    robot = study.problem.robot
+    friction = study.experiment.friction
+    published = study.published_links
+    out: dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]] = {
+        column: (Frozen(links), None) for column, links in published.items()
+    }
+    if friction is not None and "p_hat" in out:
+        amplitude = friction[:, :1]
+        shapes = friction[:, 1:]
+        effects = (
+            *study.problem.model("rigid_body").effects,
+            SigmoidFriction(robot, shapes),
+        )
+        others = (
+            amplitude * [1.0, 0.0, 0.0]
+        ).ravel()  # of phi_2 and phi_3 nothing is left to correct
+        out["p_hat_table_I"] = Frozen(published["p_hat"], others), effects
+    return out | {name: (method, None) for name, method in study.methods.items()}
+
+
+def _judgement(study: Study) -> str:
+    count, duration = study.experiment.validation
+    sentence = (
+        f"Simulated rows: estimated from that trajectory, judged on {count} other"
+        f" random trajectories of {duration:g} s."
+    )
+    if study.repeated is None:
+        return sentence
+    return (
+        f"{sentence} Measured rows: unseen motion of the real run, {FOLDS} folds by phase,"
+        " each estimated without a stretch of the motion and all its repetitions. Rows"
+        f" named repeatability: estimated from the first {CUT[0]:g} s of the run,"
+        f" judged from {CUT[1]:g} s on, where it repeats its beginning."
+    )
+
+
+def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
+    printed = "table_IV" in study.problem.published
+    sigmoid = ""
+    published = ""
+    sensitivity = ""
+    if study.experiment.friction is not None:
+        sigmoid = (
+            "p_hat_table_I keeps the published sigmoid friction as well; in the"
+            " simulation that is the truth, and its MSE the noise that is left behind"
+            " the filters."
+        )
+    if printed:
+        where = "whose data are not public"
+        published = (
+            "The published rows are of the paper's own trajectories and filters,"
+            f" {where}."
+        )
+    if printed and study.run is not None:
+        sensitivity = _sensitivity(study, rows)
+    more = {"sigmoid": sigmoid, "published": published, "sensitivity": sensitivity}
+    cutoff = study.simulated.preprocessing.torque_cutoff
+    return notes("IV", cutoff=cutoff, priors=study.about_priors, **more)
+
+
+def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
+    """The measured errors behind a wider filter, beside the table's own."""
+    assert study.run is not None
+    settings = study.problem.preprocessing.resolve(study.run)
+    assert settings.torque_cutoff is not None
+    wide = replace(settings, torque_cutoff=2.0 * settings.torque_cutoff)
+    behind = replace(study.problem, preprocessing=wide)
+    other = Study(behind, study.budget, study.progress, study.workers)
+    data_of_study = {row["estimate"]: row["relative_error_percent"] for row in rows}
+    estimates = _estimates(other)
+    wider = {
+        name: other.unseen(*estimates[name]).relative_error_percent for name in _SHOWN
+    }
+    errors = [
+        f"{name} {data_of_study[f'{name}_measured']:.3g} and {wider[name]:.3g} %"
+        for name in _SHOWN
+    ]
+    return (
+        f"The filter matters: behind {settings.torque_cutoff:g} and"
+        f" {wide.torque_cutoff:g} Hz the errors on unseen motion are"
+        f" {', '.join(errors)}."
+    )

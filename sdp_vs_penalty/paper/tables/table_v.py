@@ -1,0 +1,363 @@
+"""Table V, and the runs that Figures 5 to 7 share: physics engines against the
+identified model.
+
+Joints follow velocities; an engine says which torque that took and where the arm went,
+the identified model which torque it should have taken. Published engines stand beside
+those at hand.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty.diagnosis.comparison import predicted
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.paper.memo import program_version, remembered_arrays
+from sdp_vs_penalty.paper.tables.study import Data, Study
+from sdp_vs_penalty.paper.tables.table import (
+    Row,
+    Table,
+    by_joint,
+    notes,
+    register_table,
+)
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot, joint_limits
+from sdp_vs_penalty.signals.filtered import FilteredRun
+from sdp_vs_penalty.signals.runs import interpolated
+from sdp_vs_penalty.simulation.engines import engine_types
+from sdp_vs_penalty.simulation.engines.engine import Engine
+
+#: q, dq, ddq (M, n) at the instants (M,) [s].
+Course = Callable[[Any], tuple[Array, Array, Array]]
+#: Time step along the real run [s].
+MEASURED_STEP = 2e-3
+#: The method whose links the engines get.
+METHOD = "lmi-sdp"
+
+
+@dataclass(frozen=True)
+class EngineRun:
+    """One engine along one motion, beside the model of the same links.
+
+    t (N,) middle of each step [s], of which its torque is the mean; torque, model (N,
+    n) of the engine and of recursive Newton-Euler [N m, N]; error (N, n) torque less
+    the model's, or less what was measured and is not friction; position [m], angle
+    [rad] (N,) : distance and rotation of the last link's joint frame from where the
+    commanded motion puts it, at the end of each step.
+    """
+
+    engine: str
+    t: Array
+    torque: Array
+    model: Array
+    error: Array
+    position: Array
+    angle: Array
+
+
+#: Of every engine its run along one motion, or why there is none: absent, or it rejects
+#: a link.
+Played = dict[type[Engine], EngineRun | str]
+
+
+def sinusoids(robot: Robot) -> Course:
+    """Sinusoidal velocities from rest: q_j(t) = middle_j - a_j cos(w_j t), over 90 % of every
+    joint's range and to half of its velocity limit.
+
+    Parameters
+    ----------
+    robot : Robot
+        With limits of position and velocity.
+
+    Returns
+    -------
+    callable
+        q, dq, ddq (M, n) at instants (M,) [s].
+    """
+    lower, upper, velocity = joint_limits(robot)
+    a = 0.5 * 0.9 * (upper - lower)
+    middle = 0.5 * (lower + upper)
+    w = 0.5 * velocity / a
+
+    def states(t: Array) -> tuple[Array, Array, Array]:
+        angle = np.outer(t, w)
+        return (
+            middle - a * np.cos(angle),
+            a * w * np.sin(angle),
+            a * w**2 * np.cos(angle),
+        )
+
+    return states
+
+
+def play(
+    kind: type[Engine],
+    robot: Robot,
+    links: Array,
+    motion: Course,
+    duration: float,
+    step: float = 1e-3,
+) -> EngineRun:
+    """Let an engine follow a motion.
+
+    The velocity commanded for a step is the motion's mean velocity over it, so that an
+    engine that obeys ends each step exactly where the motion does.
+
+    Parameters
+    ----------
+    kind : type of Engine
+        An engine that is present.
+    robot : Robot
+        Its kinematics.
+    links : (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+    motion : callable
+        q, dq, ddq (M, n) at instants (M,) [s].
+    duration : float
+        Of the motion [s].
+    step : float
+        Time step [s].
+
+    Returns
+    -------
+    EngineRun
+        Torque and pose beside the model's.
+
+    Raises
+    ------
+    InputError
+        Where the engine rejects a link.
+    """
+    steps = np.arange(round(duration / step) + 1)
+    q = motion(steps * step)[0]
+    t = np.asarray((steps[:-1] + 0.5) * step, float)
+    content = (program_version(), kind.name, kind.version(), robot.to_dict(), links, q)
+    followed = remembered_arrays(
+        "engine", (*content, step), partial(_follow, kind, robot, links, q, step)
+    )
+    torque = followed["torque"]
+    model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
+    return EngineRun(
+        engine=kind.name,
+        t=t,
+        torque=torque,
+        model=model,
+        error=torque - model,
+        position=followed["position"],
+        angle=followed["angle"],
+    )
+
+
+def _follow(
+    kind: type[Engine], robot: Robot, links: Array, q: Array, step: float
+) -> dict[str, Array]:
+    """An engine's torque (N, n), and its errors of position and angle (N,), on the way
+    through q (N + 1, n), a step of ``step`` [s] each."""
+    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    there = robot.poses(q[1:])[:, robot.n - 1]
+    distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
+    relative = np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
+    turned = scipy.spatial.transform.Rotation.from_matrix(relative)
+    return {"torque": torque, "position": distance, "angle": turned.magnitude()}
+
+
+def inverse_dynamics_error(
+    kind: type[Engine], robot: Robot, links: Array
+) -> float | None:
+    """Largest torque difference to Pinocchio in 100 random states.
+
+    Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1
+    rad/s^2.
+
+    Parameters
+    ----------
+    kind : type of Engine
+        An engine that is present.
+    robot : Robot
+        Its kinematics.
+    links : (n, 10) array
+        Standard parameters [kg, kg m, kg m^2].
+
+    Returns
+    -------
+    float or None
+        [N m]; None without inverse dynamics.
+    """
+    q = robot.random_configurations(100, seed=0)
+    dq, ddq = np.random.default_rng(0).normal(size=(2, 100, robot.n))
+    torque = kind(robot, links).inverse_dynamics(q, dq, ddq)
+    if torque is None:
+        return None
+    return float(
+        np.abs(
+            torque - robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)
+        ).max()
+    )
+
+
+def sinusoidal_runs(study: Study) -> Played:
+    """Sinusoidal velocities over the range, with the links identified from the
+    simulated run.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Played
+        A run of each engine.
+    """
+    motion = sinusoids(study.problem.robot)
+    return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
+
+
+def measured_runs(study: Study) -> Played:
+    """Engines along the real run, with the links identified from it.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Played
+        A run of each engine; error : engine plus identified friction less
+        measured torque, below the torque filter's cut-off.
+    """
+    data = study.measured
+    assert data is not None
+    # Decimated: dense enough for splines through the positions.
+    rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
+    theta = study.theta(METHOD, data).copy()
+    theta[data.model.rigid_indices] = 0.0
+    reference = rows.torque - predicted(rows, theta)
+    t = rows.motion.t - rows.motion.t[0]
+
+    def less_measured(run: EngineRun) -> EngineRun:
+        at = interpolated(run.t, t, reference)
+        # From rest to the run's velocity, within the first 0.1 s, is no motion of the
+        # robot's.
+        return replace(run, error=(run.torque - at)[run.t > 0.1])
+
+    spline = scipy.interpolate.CubicSpline(t, rows.motion.q)
+    motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
+    played = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
+    return {
+        kind: x if isinstance(x, str) else less_measured(x)
+        for kind, x in played.items()
+    }
+
+
+def _played(
+    study: Study, data: Data, motion: Course, duration: float, step: float
+) -> Played:
+    """Every engine with the links identified from a data set."""
+    links = study.links(METHOD, data)
+    out = Played()
+    for name, kind in engine_types().items():
+        if kind.version() is None:
+            out[kind] = f"absent ({kind.install})"
+            continue
+        study.progress(f"engine {name}, {data.label} motion")
+        try:
+            out[kind] = play(kind, study.problem.robot, links, motion, duration, step)
+        except InputError as error:
+            out[kind] = f"rejected: {error}"
+    return out
+
+
+@register_table("V", "panda")
+def engines(study: Study) -> Table:
+    """Table V: physics engines with the identified model, published ones and those at
+    hand.
+
+    Rows: the paper's engines inside V-REP, then each of ours on simulated and real
+    motion.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    n = study.problem.robot.n
+    rows = []
+    for row in study.problem.published["table_V"]:
+        about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
+        rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
+    for engine, pose in _PUBLISHED_POSE.items():
+        figures = dict(zip(_NO_RUN, (*pose, None), strict=True))
+        about = {"motion": "published (text)", **figures, "status": "published"}
+        none = [None] * n
+        joints = {**by_joint(none), **by_joint(none, "std_joint")}
+        rows.append({"engine": engine, **joints, **about})
+    for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
+        rows += [
+            _row(study, data, *row_fields) for row_fields in study.once(runs).items()
+        ]
+    formulations = "; ".join(
+        f"{name}: {kind.formulation}" for name, kind in engine_types().items()
+    )
+    table = Table(
+        f"Table V: physics engines with the identified {study.problem.title}",
+        rows,
+        notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),
+        digits=3,
+    )
+    columns = ["engine", *by_joint([None] * n), "motion", *_POSE_FIGURES]
+    if any(row["status"] not in ("run", "published") for row in rows):
+        columns.append("status")
+    return table.shortened(columns)
+
+
+#: Distance and rotation of the last joint's frame, mean and largest.
+_POSE_FIGURES = (
+    "position_mean_mm",
+    "position_worst_mm",
+    "angle_mean_deg",
+    "angle_worst_deg",
+)
+_NO_RUN: Row = dict.fromkeys((*_POSE_FIGURES, "inverse_dynamics_error"))
+#: Figures of the pose that stand in the paper's text, of all its engines and of ODE.
+_PUBLISHED_POSE = {
+    "all four": ("< 15", "91.3", "< 3", "180 (3.14 rad)"),
+    "ODE": ("5", "", "1.2", ""),
+}
+
+
+def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> Row:
+    robot = study.problem.robot
+    figures = _NO_RUN
+    status = run
+    means: Any = [None] * robot.n
+    deviations = means
+    if isinstance(run, EngineRun):
+        inverse = inverse_dynamics_error(kind, robot, study.links(METHOD, data))
+        far = 1e3 * run.position
+        turned = np.rad2deg(run.angle)
+        pose = far.mean(), far.max(), turned.mean(), turned.max()
+        both = (*map(float, pose), inverse)
+        figures = dict(zip(_NO_RUN, both, strict=True))
+        status = "run"
+        means = list(map(np.mean, run.error.T))
+        deviations = list(map(np.std, run.error.T))
+    about = {"motion": data.label, **figures, "status": status}
+    name = f"{kind.name} {kind.version() or ''}".rstrip()
+    return {
+        "engine": name,
+        **by_joint(means),
+        **by_joint(deviations, "std_joint"),
+        **about,
+    }

@@ -1,0 +1,247 @@
+"""Motion that was not trained on: how much data a method needs for it, and what lowers
+its errors."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas
+
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.comparison import Comparison, compare
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
+from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimation.resampling import CrossValidation, Fold
+from sdp_vs_penalty.estimators import DEFAULT_METHOD
+from sdp_vs_penalty.estimators.estimator import make_task
+from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.paper.tables.study import (
+    CUT,
+    FOLDS,
+    Data,
+    Study,
+    halves,
+    refitted,
+    torque_errors,
+)
+from sdp_vs_penalty.paper.tables.table import (
+    Cell,
+    Row,
+    Table,
+    by_joint,
+    notes,
+    register_table,
+)
+from sdp_vs_penalty.regression.regression import Regression, compress, compress_cells
+from sdp_vs_penalty.signals.filtered import FilteredRuns
+from sdp_vs_penalty.signals.phases import PhaseFolds, phase_folds
+
+#: With a joint prior: the observations that `lmi-sdp` adds, so that each optimiser
+#: stands in the table with them and without.
+_METHODS = (
+    *("ols", "ols, joint prior", "lmi-sdp-plain", "lmi-sdp-plain, joint prior"),
+    *("penalty", "penalty, joint prior", "lmi-sdp", "lmi-sdp-entropic"),
+)
+
+#: Rows to train on, and rows of other motion to judge on.
+_Window = tuple[Regression, Regression]
+
+
+@register_table("data", slow=True)
+def data_needed(study: Study) -> Table:
+    """Data table: how much measured motion each method needs.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    # Lengths of the windows [s] (of the real motion's 13.3 s the longest leaves one to
+    # judge on), and how many of each.
+    lengths = (1, 2, 4, 7, 9)
+    most_windows = 6
+    rows = list[Row]()
+    sources = [(study.simulated, _time_windows(study.simulated, most_windows))]
+    if study.measured is not None:
+        real = study.measured
+        sources.append((real, _phase_windows(real, most_windows, 0.5 * min(lengths))))
+    for data, windows_of in sources:
+        for length in lengths:
+            windows = windows_of(length)
+            study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
+            about = {"data": data.label, "seconds": length, "windows": len(windows)}
+            rows += [
+                {**about, "method": m, **_errors(study, data, windows, m)}
+                for m in _METHODS
+            ]
+    last = [
+        row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))
+    ]
+    errors_in_words = [
+        f"{row['method']} {row['error_percent_median']:.3g} %" for row in last
+    ]
+    return Table(
+        f"How much data each method needs: {study.problem.title}",
+        rows,
+        notes("data", most=most_windows),
+        f"After {last[0]['seconds']} s ({last[0]['data']}), on other motion:"
+        f" {', '.join(errors_in_words)}.",
+        digits=3,
+    )
+
+
+def _phase_windows(
+    real: Data, most_windows: int, cell: float
+) -> Callable[[int], list[_Window]]:
+    """Windows around the motion's period, which is cut into cells [s]; judged on what
+    lies beyond the filters' reach of them."""
+    all_phases = phase_folds(real.train, real.preprocessing, 1)
+    count = round(all_phases.clocks[0].length / cell)
+    clear = math.ceil(all_phases.guard / cell)
+    split = PhaseFolds(all_phases.clocks, count)
+    cells = compress_cells(
+        FilteredRuns.of(real.train, real.preprocessing), real.model, split
+    )
+    starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
+
+    def chosen(length: int) -> list[_Window]:
+        size = round(length / cell)
+        window_phases = [(start + np.arange(count)) % count for start in starts]
+        return [
+            (cells.select(x[:size]), cells.select(x[size + clear : count - clear]))
+            for x in window_phases
+        ]
+
+    return chosen
+
+
+def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window]]:
+    """Consecutive one-second blocks of the training run, evenly spread; those cut short
+    are left out."""
+    seconds = round(float(data.train.t[-1] - data.train.t[0]))
+    blocks = compress(
+        FilteredRuns.of(data.train, data.preprocessing), data.model, seconds
+    )
+    rows = np.zeros(len(blocks.blocks))
+    for factor in blocks.factors:
+        rows[factor.block] += factor.rows
+    first, *_, last = np.flatnonzero(rows >= 0.9 * np.median(rows)).tolist()
+
+    def chosen(length: int) -> list[_Window]:
+        ends = (first, last + 1 - length) if first <= last + 1 - length else ()
+        starts = (
+            np.unique(np.linspace(*ends, most_windows).round().astype(int))
+            if ends
+            else ()
+        )
+        return [
+            (blocks.select(k + np.arange(length)), data.test_regression) for k in starts
+        ]
+
+    return chosen
+
+
+def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Row:
+    """Held-out errors [%] of one method over the windows: as estimated, and of the
+    links alone."""
+    pairs = []
+    for train, test in windows:
+        task = make_task(study.problem, data.model, train, seed=study.seed)
+        estimator = study.estimator(method)
+        if isinstance(estimator, Penalty):
+            estimator = replace(estimator, starts=1)  # one start of it stands for all
+        theta = estimator.fit(task).theta
+        links = np.full(len(theta), np.nan)
+        links[task.links] = theta[task.links]
+        refit = refitted(test.least_squares(), links)
+        pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
+    frame = pandas.DataFrame(
+        pairs, columns=["error_percent", "links_error_percent"], dtype=float
+    )
+    words = "median", "min", "max"
+    return {
+        f"{name}_{word}": errors.agg(word)
+        for name, errors in frame.items()
+        for word in words
+    }
+
+
+METHODS_TRIED = tuple(
+    dict.fromkeys(("ols", "lmi-sdp-plain", "lmi-sdp-entropic", DEFAULT_METHOD))
+)
+#: What joins the problem's effects, one after the other.
+ADDED_EFFECTS = ("", "presliding_hysteresis", "presliding_hysteresis, torque_gain:6")
+
+
+@register_table("unseen", "panda", slow=True)
+def unseen(study: Study) -> Table:
+    """Unseen table: errors on motion that was not trained on, fold by fold, and what
+    lowers them.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    if study.run is None:
+        raise InputError(
+            "table unseen is about the real run, which is not at hand",
+            "name the folder of the measurements by SDP_VS_PENALTY_DATA",
+        )
+    rows: list[Row] = []
+    errors: dict[tuple[str, str], Cell] = {}
+    for method in METHODS_TRIED:
+        for added in ADDED_EFFECTS:
+            study.progress(f"unseen motion: {method}, {added or 'the usual effects'}")
+            rows += (rows_found := _rows(study, study.run, method, added))
+            errors[method, added] = rows_found[FOLDS]["relative_error_percent"]
+    default_errors = [errors[DEFAULT_METHOD, added] for added in ADDED_EFFECTS]
+    usual, friction, all_of_it = default_errors
+    return Table(
+        f"Errors on unseen motion of {study.problem.title}",
+        rows,
+        notes("unseen", folds=FOLDS, cut=CUT),
+        f"{DEFAULT_METHOD}: {usual:.3g} % on unseen motion, {friction:.3g} % with"
+        f" pre-sliding hysteresis, {all_of_it:.3g} % with a gain on joint 6 as well.",
+        digits=3,
+        caption=f"Measured: the authors' real run ({len(study.run.t)} samples).",
+    )
+
+
+def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]:
+    """The folds, all of them together, and repeatability."""
+    problem = study.problem
+    effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
+    result = study.unseen(method, effects)
+    train, test = halves(run)
+    runs = read_and_filter(problem, train)
+    options = PoseOptions(effects=effects, seed=study.seed)
+    again = compare(estimate_parameters(problem, runs, method, options), test)[0]
+    judged: list[tuple[str, Fold | CrossValidation | Comparison]] = [
+        *((f"{f.start:.2f}-{f.stop:.2f} s", f) for f in result.folds),
+        ("all", result),
+        ("repeatability", again),
+    ]
+    about = {
+        "data": "measured",
+        "method": method,
+        "added_effects": f"+ {added}" if added else "",
+    }
+    return [
+        about
+        | {"judged_on": name, "relative_error_percent": x.relative_error_percent}
+        | by_joint(x.rmse, "rmse_joint")
+        for name, x in judged
+    ]

@@ -1,0 +1,410 @@
+"""Internal joint wrenches: the force and moment that a joint bears, of which torque is
+one part.
+
+The wrench w_j = (force [N], moment about the joint frame's origin [N m]), in the axes
+of joint j's frame, is what the parent link exerts on everything that joint j carries
+(recursive Newton-Euler; Luh, Walker, Paul 1980). Its component along the axis is the
+joint's torque; the other five load the bearings. All six are linear in the standard
+parameters, w_j = Y_j(q, dq, ddq) theta, but only the torque is a function of the base
+parameters: estimates with equal torques can bear different wrenches. How different is
+answered by :func:`wrench_intervals`, over all feasible parameters at once. The paper's
+supplementary material shows on a spatial 2R why that matters: parameters that reproduce
+every torque can bear impossible loads. They come from the relaxed retrieval: torques
+and no physics.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import pandas
+import scipy
+from numpy.typing import ArrayLike
+
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.estimators.lmi_sdp import interior_point
+from sdp_vs_penalty.estimators.penalty import Penalty
+from sdp_vs_penalty.estimators.penalty_paper import PenaltyPaper
+from sdp_vs_penalty.paper.memo import (
+    program_version,
+    remembered_arrays,
+    task_content,
+)
+from sdp_vs_penalty.paper.tables.study import Study
+from sdp_vs_penalty.paper.tables.table import Table, notes, register_table
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.problem.published import published_links
+from sdp_vs_penalty.regression.base_parameters import base_parameters
+from sdp_vs_penalty.robot import inertia
+from sdp_vs_penalty.robot._pinocchio import pin
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
+from sdp_vs_penalty.solvers.extremes import Slice
+
+#: Components of a wrench, and their units.
+COMPONENTS = {
+    "fx": "N",
+    "fy": "N",
+    "fz": "N",
+    "nx": "N*m",
+    "ny": "N*m",
+    "nz": "N*m",
+}
+
+
+def wrench_regressor(
+    robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+) -> Array:
+    """Regressor of the joints' wrenches in the links' parameters.
+
+    Parameters
+    ----------
+    robot : Robot
+        Its kinematics.
+    q : (N, n) array
+        Positions [rad, m].
+    dq : (N, n) array
+        Velocities.
+    ddq : (N, n) array
+        Accelerations.
+
+    Returns
+    -------
+    (N, n, 6, 10 n) array
+        Y with w_j = Y[:, j] theta.
+    """
+    q, dq, ddq = map(_states, (q, dq, ddq))
+    n = robot.n
+    model = robot._model
+    data = model.createData()
+    frames = [inertia.transform(j.link_frame) for j in robot.joints]
+    out = np.zeros((len(q), n, 6, n, 10))
+    for k in range(len(q)):
+        pin.rnea(model, data, q[k], dq[k], ddq[k])
+        for link in range(n):
+            body = pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1])
+            wrench = body @ frames[link]
+            joint = link
+            down = np.eye(6)
+            while joint >= 0:
+                out[k, joint, :, link] = down @ wrench
+                down = data.liMi[joint + 1].toDualActionMatrix() @ down
+                joint = robot.joints[joint].parent
+    return out.reshape(len(q), n, 6, 10 * n)
+
+
+def _states(values: ArrayLike) -> Array:
+    """(N, n) of one state or several."""
+    return np.ascontiguousarray(np.atleast_2d(values), float)
+
+
+@dataclass(frozen=True)
+class WrenchIntervals:
+    """For M instants, n joints and six components, (M, n, 6) each [N, N m].
+
+    lower, upper : attained by parameters with equal torques within the convex
+    constraints; lower_bound, upper_bound : certified from the dual, no such parameters
+    lie outside.
+    """
+
+    lower: Array
+    upper: Array
+    lower_bound: Array
+    upper_bound: Array
+
+    @property
+    def slack(self) -> float:
+        """Largest distance between attained and certified ends, relative to the widest
+        interval."""
+        widest = float((self.upper_bound - self.lower_bound).max())
+        below = self.lower - self.lower_bound
+        above = self.upper_bound - self.upper
+        worst = float(np.maximum(below, above).max())
+        return worst / widest if widest > 0.0 else 0.0
+
+
+def wrench_intervals(
+    feasible: Slice, regressor: Array, progress: Progress = no_progress
+) -> WrenchIntervals:
+    """Smallest and largest value of every wrench component over feasible parameters.
+
+    Two SDPs a component, each certified.
+
+    Parameters
+    ----------
+    feasible : Slice
+        Parameters with equal torques.
+    regressor : (M, n, 6, 10 n) array
+        Of the wrenches.
+    progress : callable
+        Hears which instant is at work.
+
+    Returns
+    -------
+    WrenchIntervals
+        (M, n, 6) each [N, N m].
+    """
+    ends = np.empty((4, *regressor.shape[:3]))
+    for index in np.ndindex(*regressor.shape[:3]):
+        progress(f"wrench intervals: instant {index[0] + 1} of {len(regressor)}")
+        lower = feasible.minimum(regressor[index])
+        upper = feasible.maximum(regressor[index])
+        ends[:, *index] = lower.value, upper.value, lower.bound, upper.bound
+    return WrenchIntervals(*ends)
+
+
+def unfeasible_retrievals(
+    problem: Problem, pi: Array, count: int, boxed: bool
+) -> Iterator[Array]:
+    """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base
+    parameters pi (b,) to 1e-8 of the largest and are physically inconsistent.
+
+    Non-linear least squares |pi(p) - pi|^2 in barycentric parameters p from random
+    starts without triangle inequality or shape: what the paper's retrieval is without
+    its conditional constraints. boxed : keep the box bounds of the problem's tables,
+    which leave the 2R's c1x, c1z, c2y, c2z open; otherwise nothing is bounded. What is
+    open starts within 1 kg, m or kg m^2 of zero.
+    """
+    base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
+    size = float(np.abs(pi).max())
+    low, high = _start_box(problem, boxed)
+    bounds: tuple[Array | float, Array | float] = (-np.inf, np.inf)
+    if boxed:
+        box = problem.box.reshape(-1, 2)
+        bounds = (box[:, 0], box[:, 1])
+
+    def residual(p: Array) -> Array:
+        return np.asarray((base @ _links(p).ravel() - pi) / size)
+
+    n_yielded = 0
+    for seed in range(20 * count):
+        end = scipy.optimize.least_squares(
+            residual,
+            np.random.default_rng(seed).uniform(low, high),
+            bounds=bounds,
+            x_scale="jac",
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
+            max_nfev=1000,
+        )
+        links = _links(end.x)
+        reproduces = np.abs(end.fun).max() <= 1e-8
+        if reproduces and inertia.consistency_margin(links).min() < 0.0:
+            yield links
+            n_yielded += 1
+        if n_yielded == count:
+            return
+
+
+def _links(p: Array) -> Array:
+    """(n, 10) links of barycentric parameters (10 n,)."""
+    return inertia.standard_from_barycentric(p.reshape(-1, 10))
+
+
+def _start_box(problem: Problem, boxed: bool) -> tuple[Array, Array]:
+    """Ends (10 n,) between which random starts are drawn: the bounds of masses, with
+    ``boxed`` of all, else 1 kg, m or kg m^2 about zero."""
+    box = problem.box.reshape(-1, 2)
+    is_mass = np.arange(len(box)) % 10 == 0
+    free = np.tile([-1.0, 1.0], (len(box), 1))
+    if not boxed:
+        free[is_mass, 0] = 0.0
+    is_bounded = np.isfinite(box) & (boxed | is_mass)[:, None]
+    low, high = np.where(is_bounded, box, free).T
+    return low, high
+
+
+@dataclass(frozen=True)
+class WrenchStudy:
+    """Wrenches (M, n, 6) along the exciting trajectory at t (M,), and the intervals.
+
+    feasible : of each method's estimate; penalty_runs : of the exact penalty from other
+    starts; boxed, unbounded : of relaxed retrievals that reproduce the torques and are
+    inconsistent, with and without the box bounds.
+    """
+
+    t: Array
+    true: Array
+    feasible: dict[str, Array]
+    penalty_runs: list[Array]
+    boxed: list[Array]
+    unbounded: list[Array]
+    intervals: WrenchIntervals
+
+
+def wrench_study(study: Study) -> WrenchStudy:
+    """Wrenches of a study's estimates, and the intervals; computed where the disk does
+    not hold them.
+
+    Parameters
+    ----------
+    study : Study
+        Of the 2R.
+
+    Returns
+    -------
+    WrenchStudy
+        At as many instants as the budget has.
+    """
+    problem = study.problem
+    x = study.experiment
+    t = np.linspace(0.0, x.trajectory.duration, study.effort.instants + 2)[1:-1]
+    Y = wrench_regressor(problem.robot, *x.trajectory.states(t))
+    estimates = {"published p_hat": published_links(problem, "p_hat")}
+    for name, method in study.methods.items():
+        if name != "ols":
+            estimates[name] = study.links(method, study.simulated)
+    task = study.task(study.simulated)
+    n_retrievals = study.effort.retrievals
+    content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
+    held = remembered_arrays("wrenches", content, partial(_computed, study, Y))
+    intervals = WrenchIntervals(**{name: held[name] for name in _ENDS})
+    named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
+    return WrenchStudy(
+        t=t,
+        true=Y @ x.links.ravel(),
+        feasible=named,
+        penalty_runs=list(held["penalty_runs"]),
+        boxed=list(held["boxed"]),
+        unbounded=list(held["unbounded"]),
+        intervals=intervals,
+    )
+
+
+#: The fields of :class:`WrenchIntervals`.
+_ENDS = ("lower", "upper", "lower_bound", "upper_bound")
+
+
+def _computed(study: Study, Y: Array) -> dict[str, Array]:
+    """What takes long: the ends of the intervals (M, n, 6), and wrenches (k, M, n, 6)
+    of runs of the penalty and of relaxed retrievals; Y (M, n, 6, 10 n) : regressor."""
+    problem = study.problem
+    model = problem.model("rigid_body")
+    links = study.experiment.links.ravel()
+    bound = problem.parameter_bound(model)
+    feasible = Slice(problem.constraints(model), study.base, links, bound)
+    intervals = wrench_intervals(feasible, Y, study.progress)
+    study.progress("relaxed retrievals")
+    pi = study.base @ links
+    count = study.effort.retrievals
+    searches = {
+        "boxed": unfeasible_retrievals(problem, pi, count, boxed=True),
+        "unbounded": unfeasible_retrievals(problem, pi, count, boxed=False),
+        "penalty_runs": penalty_links(study),
+    }
+    none = np.empty((0, *Y.shape[:3]))
+    wrenches = {
+        name: np.array(_wrenches(Y, retrieved) or none)
+        for name, retrieved in searches.items()
+    }
+    return {**{name: getattr(intervals, name) for name in _ENDS}, **wrenches}
+
+
+def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
+    """(M, n, 6) of links (n, 10) each."""
+    return [regressor @ links.ravel() for links in retrievals]
+
+
+def penalty_links(study: Study) -> list[Array]:
+    """Links that the exact penalty finds from scattered feasible starts, as many as the
+    paper's runs.
+
+    A start lies near the boundary of the feasible set, where a random linear function
+    is least.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    list of (n, 10) array
+        A run each.
+    """
+    task = study.task(study.simulated)
+    links_found = []
+    p = len(task.bound)
+    interior = interior_point(task, task.constraints)
+    everywhere = Slice(task.constraints, np.zeros((0, p)), interior, task.bound)
+    rng = np.random.default_rng(study.seed)
+    estimator = Penalty(body=False, thickness=0.0, starts=1)
+    for k in range(PenaltyPaper.runs):
+        study.progress(f"penalty run {k + 1} of {PenaltyPaper.runs}")
+        edge = everywhere.minimum(rng.normal(size=p) / task.bound).theta
+        # How far towards the boundary such a start lies, from the interior point.
+        start = everywhere.interior + 0.9 * (edge - everywhere.interior)
+        links_found.append(
+            estimator.fit(replace(task, nominal=start)).theta[task.links]
+        )
+    return links_found
+
+
+@register_table("wrenches", "two_link")
+def wrench_table(study: Study) -> Table:
+    """How far internal wrenches differ between parameters that make the same torques.
+
+    Rows: joint and component; largest true value, then largest deviations from it.
+
+    Parameters
+    ----------
+    study : Study
+        Data, estimates and budget.
+
+    Returns
+    -------
+    Table
+        Rows, notes and headline.
+    """
+    w = study.once(wrench_study)
+    components = [
+        (joint + 1, *component)
+        for joint in range(study.problem.robot.n)
+        for component in COMPONENTS.items()
+    ]
+    rows = pandas.DataFrame(components, columns=["joint", "component", "unit"])
+    for name, values in _columns(w).items():
+        rows[name] = values.ravel()
+    table_notes = notes(
+        "wrenches",
+        instants=len(w.t),
+        slack=w.intervals.slack,
+        runs=len(w.penalty_runs),
+        boxed=len(w.boxed),
+        unbounded=len(w.unbounded),
+    )
+    title = f"Internal joint wrenches of {study.problem.title}"
+    return Table(title, rows, table_notes, digits=3)
+
+
+def _columns(w: WrenchStudy) -> dict[str, Array]:
+    """(n, 6) a column: over the instants the largest, or the mean where it says so."""
+    low = w.intervals.lower
+    high = w.intervals.upper
+    width = high - low
+    columns: dict[str, Array] = {
+        "true": np.abs(w.true).max(axis=0),
+        "interval_mean_width": width.mean(axis=0),
+        "interval_max_width": width.max(axis=0),
+        # How far feasible parameters of equal torque can be from the true wrench.
+        "interval_deviation": np.maximum(high - w.true, w.true - low).max(axis=0),
+    }
+    for name, wrenches in w.feasible.items():
+        columns[name] = _largest_error(wrenches, w.true)
+    estimates = list(w.feasible.values())
+    columns["spread_of_penalty_runs"] = np.ptp(w.penalty_runs, axis=0).max(axis=0)
+    columns["spread_of_estimates"] = np.ptp(estimates, axis=0).max(axis=0)
+    groups = {"unfeasible_in_box": w.boxed, "unfeasible_unbounded": w.unbounded}
+    for name, group in groups.items():
+        if group:
+            errors = [_largest_error(wrenches, w.true) for wrenches in group]
+            columns[f"{name}_median"] = np.median(errors, axis=0)
+            columns[f"{name}_max"] = np.max(errors, axis=0)
+    return columns
+
+
+def _largest_error(wrenches: Array, true: Array) -> Array:
+    """(n, 6) over the instants."""
+    return np.asarray(np.abs(wrenches - true).max(axis=0))

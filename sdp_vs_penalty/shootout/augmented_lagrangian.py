@@ -1,0 +1,250 @@
+"""Log-Cholesky variables, an augmented Lagrangian and L-BFGS: what one writes without
+an SDP solver.
+
+Each link's 4x4 demand P (with a minimum thickness that of the demand) is L L^T in units
+of an interior point, L lower triangular, the logarithms of its diagonal variables:
+consistent by construction (Rucker, Wensing, "Smooth parameterization of rigid-body
+inertia", RA-L 2022). Every other demand is imposed by the shifted penalty of
+``estimators/penalty.py``, of one weight (Nocedal, Wright, Numerical Optimization,
+section 17.4), minimised by SciPy's L-BFGS-B, conditioned anew in each round.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+
+from sdp_vs_penalty.estimators.penalty import ShiftedPenalty, largest_change
+from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.constraint import Constraint, ConstraintSet
+from sdp_vs_penalty.shootout.instances import Instance
+from sdp_vs_penalty.shootout.judge import Answer, no_answer
+
+#: Logarithms of a factor's diagonal end here, in units of an interior point: at what
+#: doubles resolve.
+_LEAST = float(np.log(np.finfo(float).eps))
+#: Of the demands (100 fails on the Panda), and rounds of multipliers.
+_WEIGHT = 10.0
+_ROUNDS = 60
+
+
+def options(accuracy: float) -> dict[str, Any]:
+    """What L-BFGS-B is told, by the names of SciPy's documentation: gtol of the scaled
+    gradient.
+
+    Parameters
+    ----------
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    dict
+        Options of L-BFGS-B by the names of SciPy's documentation.
+    """
+    return {
+        "maxcor": 50,
+        "maxiter": 1000,
+        "maxfun": 2000,
+        "ftol": 0.0,
+        "gtol": 1e-2 * accuracy,
+    }
+
+
+class Chart:
+    """theta (p,) of variables (n,): ten a link, then the other parameters in units of
+    their size at the strictly feasible ``inside``, where the links' factors have rows
+    of length one and which ``start`` are the variables of.
+
+    indices (links, 10), others (k,) : of the parameters in theta; shift (links, 16),
+    maps (links, 16, 10) : from a link's demand to its parameters; corners (links, 4, 1)
+    : units of the factors' rows. Raises LinAlgError where ``inside`` is not inside.
+    """
+
+    #: Places of a factor's entries, by row, and of its diagonal.
+    lower = np.tril_indices(4)
+    diagonal = np.arange(4)
+
+    def __init__(self, demands: Sequence[Constraint], inside: Array) -> None:
+        links = _link_demands(demands)
+        self.indices = np.array([c.indices for c in links], np.intp).reshape(-1, 10)
+        self.others = np.setdiff1d(np.arange(len(inside)), self.indices)
+        self.scale = np.maximum(np.abs(inside[self.others]), 1e-2)
+        self.shift = np.array([c.constant for c in links]).reshape(-1, 16)
+        maps = [np.linalg.pinv(c.coefficients.reshape(10, 16)) for c in links]
+        self.maps = np.array(maps).reshape(-1, 16, 10)
+        values = np.array([c.value(inside) for c in links]).reshape(-1, 4, 4)
+        roots = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
+        self.corners = roots[:, :, None]
+        factors = np.linalg.cholesky(values / (self.corners * roots[:, None, :]))
+        logarithms = np.log(factors[:, self.diagonal, self.diagonal])
+        factors[:, self.diagonal, self.diagonal] = logarithms
+        of_links = factors[:, *self.lower].ravel()
+        self.start = np.concatenate([of_links, inside[self.others] / self.scale])
+
+    def theta(self, x: Array) -> tuple[Array, Array]:
+        """Parameters of the variables.
+
+        Parameters
+        ----------
+        x : (n,) array
+            Variables.
+
+        Returns
+        -------
+        tuple of ((p,) array, (links, 4, 4) array)
+            Parameters, and the factors L.
+        """
+        count = self.indices.size
+        factors = np.zeros((len(self.indices), 4, 4))
+        factors[:, *self.lower] = x[:count].reshape(-1, 10)
+        logarithms = factors[:, self.diagonal, self.diagonal]
+        pivots = np.exp(np.clip(logarithms, _LEAST, -_LEAST))
+        factors[:, self.diagonal, self.diagonal] = pivots
+        factors *= self.corners
+        demands = factors @ factors.transpose(0, 2, 1)
+        flat = demands.reshape(-1, 16) - self.shift
+        theta = np.empty(len(x))
+        theta[self.indices] = np.einsum("ke,kei->ki", flat, self.maps)
+        theta[self.others] = x[count:] * self.scale
+        return theta, factors
+
+    def slope(self, factors: Array, gradient: Array) -> Array:
+        """Gradient in the variables.
+
+        Parameters
+        ----------
+        factors : (links, 4, 4) array
+            L of each link.
+        gradient : (p,) array
+            In the parameters.
+
+        Returns
+        -------
+        (n,) array
+            In the variables.
+        """
+        of_links = np.einsum("kei,ki->ke", self.maps, gradient[self.indices])
+        matrix = of_links.reshape(-1, 4, 4)
+        symmetric = matrix + matrix.transpose(0, 2, 1)
+        pull = symmetric @ factors * self.corners
+        pivots = factors[:, self.diagonal, self.diagonal] / self.corners[:, :, 0]
+        pull[:, self.diagonal, self.diagonal] *= pivots
+        of_others = gradient[self.others] * self.scale
+        return np.concatenate([pull[:, *self.lower].ravel(), of_others])
+
+
+def _link_demands(demands: Sequence[Constraint]) -> list[Constraint]:
+    """The 4x4 demand of each link: that of a minimum thickness where there is one."""
+    by_first_index: dict[int, Constraint] = {}
+    for c in sorted(demands, key=lambda c: c.family == "minimum thickness"):
+        if c.constant.shape == (4, 4) and len(c.indices) == 10:
+            by_first_index[int(c.indices[0])] = c
+    return list(by_first_index.values())
+
+
+@dataclass(frozen=True)
+class Round:
+    """One minimisation: the Lagrangian in z (n,) about x (n,), with these shifts.
+
+    turn (n, n) : T with T' H T = 1 for the Gauss-Newton matrix H, so that steps of
+    L-BFGS are taken in T^-1 x.
+    """
+
+    instance: Instance
+    chart: Chart
+    penalty: ShiftedPenalty
+    shifts: list[Array]
+    weight: float
+    x: Array
+
+    @cached_property
+    def turn(self) -> Array:
+        """The inverse of the weight is the least curvature: a smaller one stretches no
+        variable further."""
+        scale = self.penalty.theta_scale
+        theta, factors = self.chart.theta(self.x)
+        _, slopes = self.penalty.rows(theta / scale, self.shifts, self.weight)
+        rows = np.sqrt(2.0) * slopes / scale
+        in_variables = np.array([self.chart.slope(factors, row) for row in rows])
+        values, vectors = np.linalg.eigh(in_variables.T @ in_variables)
+        return vectors / np.sqrt(np.maximum(values, 1.0 / self.weight))
+
+    def value_and_slope(self, z: Array) -> tuple[float, Array]:
+        """The Lagrangian and its gradient.
+
+        Parameters
+        ----------
+        z : (n,) array
+            Scaled variables.
+
+        Returns
+        -------
+        tuple of (float, (n,) array)
+            In units of the loss.
+        """
+        penalty = self.penalty
+        theta, factors = self.chart.theta(self.x + self.turn @ z)
+        value = self.instance.objective.value(theta) / penalty.loss_scale
+        slope = self.instance.objective.gradient(theta) / penalty.loss_scale
+        scaled = theta / penalty.theta_scale
+        moved = penalty.shifted(scaled, self.shifts, self.weight)
+        for part, shift, push in zip(penalty.parts, self.shifts, moved, strict=True):
+            rise = np.vdot(push, push) - np.vdot(shift, shift)
+            value += 0.5 * float(rise) / self.weight
+            slope -= push.ravel() @ part.jacobian(theta) / penalty.theta_scale
+        in_variables = self.turn.T @ self.chart.slope(factors, slope)
+        return (value if np.isfinite(value) else 1e300), in_variables
+
+
+def solve(instance: Instance, accuracy: float) -> Answer:
+    """Minimise from the interior point; no multipliers come back, since a chart has
+    none for its links.
+
+    Claims an optimum where slope, violation and complementarity are within accuracy.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    Answer
+        Without multipliers.
+    """
+    inside = instance.interior
+    if inside is None:
+        return no_answer(instance, "no interior point to start from")
+    others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
+    penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
+    chart = Chart(instance.sent, inside)
+    x = chart.start
+    shifts = [np.zeros_like(part.values(inside)) for part in penalty.parts]
+    message = ""
+    claims = "inaccurate"
+    for _ in range(_ROUNDS):
+        stage = Round(instance, chart, penalty, shifts, _WEIGHT, x)
+        solution = scipy.optimize.minimize(
+            stage.value_and_slope,
+            np.zeros(len(x)),
+            method="L-BFGS-B",
+            jac=True,
+            options=options(accuracy),
+        )
+        x = x + stage.turn @ solution.x
+        message = str(solution.message)
+        theta, _ = chart.theta(x)
+        moved = penalty.shifted(theta / penalty.theta_scale, shifts, _WEIGHT)
+        violation = largest_change(moved, shifts) / _WEIGHT
+        shifts = moved
+        if max(violation, float(np.abs(solution.jac).max())) <= accuracy:
+            claims = "optimal"
+            break
+    theta, _ = chart.theta(x)
+    return Answer(theta, claims, message)

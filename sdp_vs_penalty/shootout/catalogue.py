@@ -1,0 +1,439 @@
+"""The instances that there are, by name: which exist is known without building one.
+
+The library is what `shootout --export` writes; the catalogue is the part of it that the
+shootout runs on by itself. Ill-conditioned ones take a standard instance, such as the
+simulated Panda with a minimum thickness, and change one thing that users do, or data do
+to them.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from itertools import product
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.problem.published import real_data_folder
+from sdp_vs_penalty.robot import constraint as build
+from sdp_vs_penalty.shootout.instances import (
+    Instance,
+    chain_task,
+    in_units,
+    posed,
+    recorded,
+)
+
+Change = Callable[[Instance], Instance]
+
+
+def posed_as(formulation: str, unit: float = 1.0) -> Change:
+    """Change to other units and another formulation.
+
+    Parameters
+    ----------
+    formulation : str
+        One of an instance's.
+    unit : float
+        So many kg and m are one.
+
+    Returns
+    -------
+    callable
+        From an instance to the changed one.
+    """
+    return lambda made: replace(in_units(made, unit, unit), formulation=formulation)
+
+
+def unidentifiable(instance: Instance) -> Instance:
+    """Drop the bounds on size.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Whose optima are unbounded; the certificate holds within |theta| <= B.
+    """
+    open_families = (
+        "trace",
+        "range",
+        "bounding ellipsoid",
+        "total mass",
+        "minimum thickness",
+    )
+    constraints_kept = [
+        c for c in instance.constraints.convex if c.family not in open_families
+    ]
+    wide = instance.having(
+        (
+            build.linear("mass", c.name, c.indices, [[1.0]], [0.0])
+            if c.family == "mass"
+            else c
+        )
+        for c in constraints_kept
+    )
+    return replace(wide, task=replace(wide.task, bound=1e3 * instance.task.bound))
+
+
+def total_mass_at_least(shift: float) -> Change:
+    """Demand a total mass ``shift`` above what the links may weigh together.
+
+    Parameters
+    ----------
+    shift : float
+        Relative; negative: below.
+
+    Returns
+    -------
+    callable
+        From an instance to the changed one.
+    """
+
+    def change(instance: Instance) -> Instance:
+        """Add the demand to an instance.
+
+        Parameters
+        ----------
+        instance : Instance
+            Which problem.
+
+        Returns
+        -------
+        Instance
+            With the demand.
+        """
+        rows = [
+            (c.constant, c.coefficients[0])
+            for c in instance.constraints.convex
+            if c.family == "mass"
+        ]
+        upper = sum(float(min(-c0[c1 < 0] / c1[c1 < 0])) for c0, c1 in rows)
+        masses = instance.task.links[:, 0]
+        smallest_mass = (1.0 + shift) * upper
+        demand = build.linear(
+            "total mass", "robot", masses, np.ones((len(masses), 1)), [-smallest_mass]
+        )
+        constraints_kept = [
+            c for c in instance.constraints.convex if c.family != "total mass"
+        ]
+        return instance.having((*constraints_kept, demand))
+
+    return change
+
+
+def rounded(instance: Instance) -> Instance:
+    """Round the factor to single precision.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Solved and certified as rounded.
+    """
+    R = instance.data.R.astype(np.float32).astype(float)
+    rho = instance.data.rho.astype(np.float32).astype(float)
+    return instance.having(R=R, rho=rho)
+
+
+def too_thick(instance: Instance) -> Instance:
+    """Demand radii of gyration that the bounds on the moments exclude.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Infeasible.
+    """
+    constraints_kept = [
+        c for c in instance.constraints.convex if c.family != "minimum thickness"
+    ]
+    return instance.having((*constraints_kept, *instance.task.minimum_thickness(3.0)))
+
+
+def rank_deficient(instance: Instance) -> Instance:
+    """Leave some twenty rows of the factor.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Whose rows see far fewer directions than there are parameters.
+    """
+    step = max(1, len(instance.data.R) // 20)
+    return instance.having(R=instance.data.R[::step], rho=instance.data.rho[::step])
+
+
+def noise_free(instance: Instance) -> Instance:
+    """Replace the torque by that of the nominal robot, exactly.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Instance
+        Whose optimum is zero.
+    """
+    rho = instance.data.R @ instance.task.nominal
+    return instance.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
+
+
+#: One thing that users do, or data do to them, and how it is told in the library; the
+#: last one is not in it: its file would have other numbers than its proof.
+CHANGES: dict[str, tuple[Change, str]] = {
+    "gram kg m": (posed_as("gram"), "as the bare quadratic form of the Gram matrix"),
+    "gram g mm": (
+        posed_as("gram", 1e-3),
+        "as the bare quadratic form, in grams and millimetres",
+    ),
+    "gram t km": (
+        posed_as("gram", 1e3),
+        "as the bare quadratic form, in tons and kilometres",
+    ),
+    "units g mm": (posed_as("residual", 1e-3), "in grams and millimetres"),
+    "units t km": (posed_as("residual", 1e3), "in tons and kilometres"),
+    "no scaling": (posed_as("rows"), "without a centre and without scales"),
+    "unidentifiable links": (
+        unidentifiable,
+        "without bounds on size: the optima are unbounded",
+    ),
+    "rank-deficient": (rank_deficient, "from twenty rows only"),
+    "noise-free": (noise_free, "of exact torques: the optimum is zero"),
+    "nearly infeasible 1e-3": (
+        total_mass_at_least(-1e-3),
+        "with masses within 0.1 % of the most that their bounds allow",
+    ),
+    "nearly infeasible 1e-6": (
+        total_mass_at_least(-1e-6),
+        "with masses within a millionth of the most that their bounds allow",
+    ),
+    "infeasible 1e-3": (
+        total_mass_at_least(1e-3),
+        "with 0.1 % more mass than the bounds allow",
+    ),
+    "infeasible 1e-6": (
+        total_mass_at_least(1e-6),
+        "with a millionth more mass than the bounds allow",
+    ),
+    "infeasible thickness": (too_thick, "with links thicker than their bounds allow"),
+    "float32 data": (rounded, "from data rounded to single precision"),
+    "float32 gram": (posed_as("gram in float32"), ""),
+}
+
+_SHAPES = {
+    "plain": "physical consistency and the problem's bounds",
+    "gyration": "links at least 2 cm thick",
+    "regulariser": "an entropic pull to the nominal robot (exponential cones)",
+    "cones": "centres of mass in second-order cones",
+}
+_STEPS = {
+    "one-step": "torque error",
+    "two-step": "distance of the base parameters from least squares",
+}
+#: Names of the catalogue, and of them those of --quick.
+_CATALOGUE = (
+    r"two_link simulated (one|two)-step (plain|gyration|regulariser)|"
+    r"panda (simulated|measured) (14 s .*|1 s (one-step .*|two-step gyration))|"
+    r"ur10e (simulated (one|two)|measured one)-step gyration|"
+    rf"chain of (2|7|14|30|60) links gyration 0|panda ({'|'.join(CHANGES)})"
+)
+_QUICK = (
+    r"two_link .* gyration|panda simulated 14 s one-step (plain|gyration|regulariser)|"
+    r"chain of [27] links .*|panda (gram g mm|float32 gram|infeasible 1e-3|noise-free)"
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """build : the instance, nameless; sentence : what it is, in the library ("": not
+    one of it)."""
+
+    name: str
+    group: str
+    build: Callable[[], Instance]
+    sentence: str
+
+    @property
+    def measured(self) -> bool:
+        """Whether it needs real data."""
+        return " measured " in self.name
+
+    def make(self) -> Instance:
+        """The instance, by its name."""
+        return replace(self.build(), name=self.name)
+
+    @property
+    def folder(self) -> str:
+        """Where its files are in the library."""
+        return (
+            f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
+        )
+
+    @property
+    def quick(self) -> bool:
+        """Whether it is part of --quick."""
+        return re.fullmatch(_QUICK, self.name) is not None
+
+
+def everything() -> list[Entry]:
+    """Every instance, measured ones included, in a fixed order."""
+    return [*_robots(), *_chains(), *_changed()]
+
+
+def library() -> list[Entry]:
+    """Those that are exported."""
+    return [entry for entry in everything() if entry.sentence]
+
+
+def catalogue() -> dict[str, Entry]:
+    """Those that the shootout runs on by itself, by name."""
+    return {e.name: e for e in everything() if re.fullmatch(_CATALOGUE, e.name)}
+
+
+def _robots() -> Iterator[Entry]:
+    """Simulated and measured robots in every formulation."""
+    for robot in ("two_link", "panda", "ur10e", "emps", "tx40"):
+        sources = ("simulated",) if robot == "two_link" else ("simulated", "measured")
+        stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
+        for source, stop, step, shape in product(sources, stops, _STEPS, _SHAPES):
+            seconds = f" {stop:g} s" if np.isfinite(stop) else ""
+            description = (
+                f"{robot}, {source}{seconds}: least {_STEPS[step]}; {_SHAPES[shape]}."
+            )
+            name = f"{robot} {source}{seconds} {step} {shape}"
+            build = partial(recorded, robot, source, step, shape, stop)
+            yield Entry(name, robot, build, description)
+
+
+def _chains() -> Iterator[Entry]:
+    """Random serial arms: every size once in every shape, small ones twice more."""
+    for n in (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 20, 30, 40, 60):
+        for shape, demand in _SHAPES.items():
+            if n > 14 and shape in ("plain", "cones"):
+                continue
+            for draw in range(3 if n <= 8 and shape in ("plain", "gyration") else 1):
+                description = (
+                    f"A random arm of {n} revolute joints from 60 random states;"
+                    f" {demand}."
+                )
+                name = f"chain of {n} links {shape} {draw}"
+                yield Entry(
+                    name, "chains", partial(_chain, n, shape, draw), description
+                )
+
+
+def _chain(n: int, shape: str = "gyration", draw: int = 0) -> Instance:
+    return posed(chain_task(n, draw), "one-step", shape)
+
+
+def _changed() -> Iterator[Entry]:
+    """Regular instances with one thing changed that users or data do."""
+    simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
+    bases: dict[str, Callable[[], Instance]] = {
+        "two_link": partial(simulated, "two_link"),
+        "panda": partial(simulated, "panda", stop=14.0),
+        "ur10e": partial(simulated, "ur10e"),
+        "chain of 7 links": partial(_chain, 7),
+        "chain of 14 links": partial(_chain, 14),
+    }
+    for (robot, base), (change, (make, words)) in product(
+        bases.items(), CHANGES.items()
+    ):
+        if (change, robot) != (
+            "rank-deficient",
+            "two_link",
+        ):  # its factor has no more rows than twenty
+            sentence = words and f"{robot} with links at least 2 cm thick, {words}."
+            build = lambda make=make, base=base: make(base())  # noqa: E731
+            yield Entry(f"{robot} {change}", "ill-conditioned", build, sentence)
+
+
+def selected(
+    groups: Sequence[str] | None, entries: Iterable[Entry], quick: bool = False
+) -> tuple[list[Entry], list[Entry]]:
+    """Choose instances by group or name.
+
+    Parameters
+    ----------
+    groups : sequence of str, optional
+        Groups or names; default: all.
+    entries : iterable of Entry
+        Of which to choose.
+    quick : bool
+        Whether only those of --quick.
+
+    Returns
+    -------
+    tuple of (list of Entry, list of Entry)
+        Those at hand, and those whose measurements are absent.
+
+    Raises
+    ------
+    InputError
+        For a group that does not exist.
+    """
+    there = list(entries)
+    known = list(dict.fromkeys(e.group for e in there))
+    for group in groups or ():
+        if group not in known and all(group != e.name for e in there):
+            what = f"--problems {group!r} is unknown"
+            remedy = (
+                f"choose from {', '.join(known)} and the names of `sdp-vs-penalty"
+                " shootout --list`"
+            )
+            raise InputError(what, remedy)
+    groups_chosen = groups or known
+    chosen = [
+        e
+        for e in there
+        if (e.group in groups_chosen and (e.quick or not quick))
+        or e.name in groups_chosen
+    ]
+    absent = [e for e in chosen if e.measured and real_data_folder() is None]
+    return [e for e in chosen if e not in absent], absent
+
+
+@lru_cache(maxsize=4)
+def instance(name: str) -> Instance:
+    """Build an instance.
+
+    Parameters
+    ----------
+    name : str
+        Of the catalogue.
+
+    Returns
+    -------
+    Instance
+        The last few are kept.
+
+    Raises
+    ------
+    InputError
+        Where the name is unknown.
+    """
+    entries = {e.name: e for e in everything()}
+    if name not in entries:
+        raise InputError(
+            f"instance {name!r} is unknown", "see `sdp-vs-penalty shootout --list`"
+        )
+    return entries[name].make()

@@ -1,0 +1,352 @@
+"""Who takes part: our default method, every conic solver of the library, what users do
+without one."""
+
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.errors import InputError, require_known
+from sdp_vs_penalty.estimators.estimator import Fit
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
+from sdp_vs_penalty.estimators.penalty import Penalty, fit_penalty
+from sdp_vs_penalty.shootout import augmented_lagrangian
+from sdp_vs_penalty.shootout.instances import Instance
+from sdp_vs_penalty.shootout.judge import Answer, no_answer
+from sdp_vs_penalty.solvers import solver_types
+from sdp_vs_penalty.solvers.solver import Solver
+from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS, ThroughCvxpy
+from sdp_vs_penalty.version import __version__
+
+
+def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
+    """Solve the problem by CVXPY as its formulas read.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    accuracy : float
+        Not told to it.
+    solver : str or None
+        By name; None: CVXPY's own choice.
+
+    Returns
+    -------
+    Answer
+        Without multipliers.
+    """
+    import cvxpy as cp
+
+    data = instance.data
+    entropy = instance.objective.entropy
+    theta = cp.Variable(data.R.shape[1])
+
+    def matrix(c: Any) -> Any:
+        flat = (
+            c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices]
+            + c.constant.ravel()
+        )
+        square = cp.reshape(flat, c.constant.shape, order="C")
+        return 0.5 * (square + square.T)
+
+    constraints = []
+    for c in instance.constraints.convex:
+        if c.cone == "psd":
+            constraints.append(matrix(c) >> 0)
+            continue
+        flat = c.coefficients.T @ theta[c.indices] + c.constant
+        constraints.append(cp.SOC(flat[0], flat[1:]) if c.cone == "soc" else flat >= 0)
+    objective = cp.sum_squares(data.R @ theta - data.rho)
+    if entropy is not None:
+        for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
+            trace = cp.trace(np.linalg.inv(p0) @ matrix(link))
+            objective = objective + entropy.weight * (trace - cp.log_det(matrix(link)))
+    problem = cp.Problem(cp.Minimize(objective), constraints)
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            problem.solve(solver=solver)
+    except cp.error.SolverError as error:
+        return no_answer(instance, str(error))
+    value = (
+        np.full(data.R.shape[1], np.nan)
+        if theta.value is None
+        else np.asarray(theta.value)
+    )
+    status = f"{problem.status} ({problem.solver_stats.solver_name})"
+    return Answer(value, CLAIMS.get(problem.status, "failed"), status)
+
+
+def solve_penalty(instance: Instance, accuracy: float) -> Answer:
+    """Solve the problem by the exact penalty.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    Answer
+        Its shifts are its multipliers.
+    """
+    try:
+        fit = fit_penalty(
+            instance.task, instance.data, instance.constraints, Penalty.starts, accuracy
+        )
+    except InputError as error:
+        return no_answer(instance, error)
+    runs = fit.details["runs"]
+    best = min(runs, key=lambda run: run["objective"])
+    claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
+    status = f"residual {best['residual']:.1e}"
+    return Answer(fit.theta, claims, status, fit.multipliers, attempts=len(runs))
+
+
+_LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """name, description, solve(instance, accuracy) and version; absent : why it is not
+    here, or "".
+
+    options : what it is told at an accuracy, by the names of its documentation; None: it cannot be
+        asked, and promises ``promise``. entropy : whether log det can be posed to it. warm_up : what a
+        first call pays for once; it must start no thread: a forked child would wait for it for ever.
+    """
+
+    name: str
+    description: str
+    solve: Callable[[Instance, float], Answer]
+    version: Callable[[], str] = lambda: __version__
+    absent: str = ""
+    options: Callable[[float], dict[str, Any]] | None = None
+    promise: float = 1e-8
+    entropy: bool = True
+    warm_up: Callable[[], None] = lambda: None
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether it is a solver of the library inside our loop."""
+        return self.name.endswith(" certified")
+
+    def asked(self, accuracies: Iterable[float]) -> list[float]:
+        """Accuracies that are asked of it.
+
+        Parameters
+        ----------
+        accuracies : iterable of float
+            Of the shootout.
+
+        Returns
+        -------
+        list of float
+            From loose to tight; what it promises where it cannot be asked.
+        """
+        return (
+            [self.promise]
+            if self.options is None
+            else sorted(set(accuracies), reverse=True)
+        )
+
+    def settings(self, accuracy: float) -> str:
+        """How a run is set up.
+
+        Parameters
+        ----------
+        accuracy : float
+            Asked for.
+
+        Returns
+        -------
+        str
+            One word: the key in runs.csv.
+        """
+        return "default" if self.options is None else f"{accuracy:.0e}"
+
+    def options_in_words(self, accuracy: float) -> str:
+        """Options of a run.
+
+        Parameters
+        ----------
+        accuracy : float
+            Asked for.
+
+        Returns
+        -------
+        str
+            By the names of its documentation.
+        """
+        options = {} if self.options is None else self.options(accuracy)
+        return ", ".join(
+            f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}"
+            for k, v in options.items()
+        )
+
+    def refuses(self, instance: Instance) -> str | None:
+        """Why an instance cannot be posed to it.
+
+        Parameters
+        ----------
+        instance : Instance
+            Which problem.
+
+        Returns
+        -------
+        str or None
+            The reason; None where it can be posed.
+        """
+        posed = self.entropy or instance.objective.entropy is None
+        return None if posed else "no cone for log det"
+
+
+def contestants() -> dict[str, Contestant]:
+    """All of them by name, absent ones included."""
+    contestants_found = _baselines()
+    for name, kind in solver_types().items():
+        conic = kind()
+        conic_contestant = _conic(conic)
+        finest = conic.finest
+        certified = replace(
+            conic_contestant,
+            name=f"{name} certified",
+            description=f"{name} {_LOOP}",
+            solve=partial(_in_our_loop, solver=name, finest=finest),
+            options=None,
+            promise=max(Contestant.promise, 10.0 * finest),
+        )
+        contestants_found += [conic_contestant, certified]
+    return {c.name: c for c in sorted(contestants_found, key=lambda c: c.name)}
+
+
+def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]:
+    """Choose contestants by name.
+
+    Parameters
+    ----------
+    names : list of str or None
+        None: all.
+
+    Returns
+    -------
+    tuple of (list of Contestant, list of Contestant)
+        Those at hand, and those that are absent.
+
+    Raises
+    ------
+    InputError
+        For a name that does not exist, or one asked for that is absent.
+    """
+    everyone = contestants()
+    if names is None:
+        return [c for c in everyone.values() if not c.absent], [
+            c for c in everyone.values() if c.absent
+        ]
+    for name in names:
+        require_known("solver", name, everyone)
+        if why := everyone[name].absent:
+            raise InputError(f"solver {name} cannot be used here", why)
+    return [everyone[name] for name in names], []
+
+
+def _conic(solver: Solver) -> Contestant:
+    """A solver of the library."""
+
+    def solve(instance: Instance, accuracy: float) -> Answer:
+        sdp = instance.sdp
+        solution = solver.solve(sdp.conic, accuracy)
+        return Answer(
+            sdp.theta(solution),
+            solution.claims,
+            solution.status,
+            instance.constraints.stack_multipliers(sdp.multipliers(solution)),
+            sdp.entropy_slopes(solution),
+        )
+
+    return Contestant(
+        solver.name,
+        solver.description,
+        solve,
+        solver.version,
+        solver.absent,
+        solver.options,
+        entropy="exp" in solver.cones,
+        warm_up=lambda: None if solver.absent else solver.warm_up(),
+    )
+
+
+def _in_our_loop(
+    instance: Instance, accuracy: float, solver: str | None, finest: float
+) -> Answer:
+    """The certified fit, which claims what its own proof says."""
+    try:
+        posed = PosedSdp(
+            instance.task, instance.objective, instance.constraints, solver
+        )
+        fit: Fit = posed.fit(instance.objective, finest)
+        gap = fit.gap
+    except InputError as error:
+        return no_answer(instance, error)
+    solver_words: list[str] = fit.details["solver_said"]
+    return Answer(
+        fit.theta,
+        "optimal" if gap <= accuracy else "inaccurate",
+        f"certified gap {gap:.1e}; " + ", ".join(solver_words),
+        fit.multipliers,
+        fit.entropy_slopes,
+        attempts=len(solver_words),
+    )
+
+
+def _baselines() -> list[Contestant]:
+    """What ``identify`` runs; CVXPY as a user meets it, the penalty, an augmented
+    Lagrangian."""
+    words = (
+        "our default: the NumPy interior point, certified; Clarabel where the certified"
+        " gap is loose"
+    )
+    cvxpy = Contestant(
+        "cvxpy",
+        "CVXPY as a user meets it: the formulas, prob.solve(), no options",
+        partial(solve_cvxpy, solver=None),
+        partial(metadata.version, "cvxpy"),
+        promise=1e-5,  # what it asks of its default solver for such problems, SCS
+        warm_up=ThroughCvxpy.warm_up,
+    )
+    return [
+        Contestant(
+            "lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)
+        ),
+        cvxpy,
+        replace(
+            cvxpy,
+            name="cvxpy clarabel",
+            description=(
+                "CVXPY as a user meets it: the formulas, prob.solve(solver='CLARABEL')"
+            ),
+            solve=partial(solve_cvxpy, solver="CLARABEL"),
+            promise=Contestant.promise,
+        ),
+        Contestant(
+            "penalty",
+            "the exact penalty, multi-start (no SDP solver)",
+            solve_penalty,
+            options=lambda accuracy: {"starts": Penalty.starts, "tolerance": accuracy},
+            entropy=False,
+        ),
+        Contestant(
+            "log-cholesky L-BFGS",
+            "log-Cholesky variables, augmented Lagrangian, SciPy's L-BFGS-B (no SDP"
+            " solver)",
+            augmented_lagrangian.solve,
+            partial(metadata.version, "scipy"),
+            options=augmented_lagrangian.options,
+        ),
+    ]

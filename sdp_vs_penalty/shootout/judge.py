@@ -1,0 +1,306 @@
+"""What an answer is worth, whatever its author says of it: one standard for every
+contestant.
+
+``objective_error``: how far the objective as returned lies from the proved interval,
+relative to the loss; ``violation`` of the constraints as returned, relative to each
+one's size; beside them the dual gap from the contestant's own multipliers. The classes
+are those of the table in summary.md.
+"""
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from sdp_vs_penalty.errors import Infeasible, InputError
+from sdp_vs_penalty.estimators.lmi_sdp import LmiSdp, PosedSdp
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
+from sdp_vs_penalty.robot.constraint import Constraint, cone_margin
+from sdp_vs_penalty.shootout.instances import Instance
+from sdp_vs_penalty.solvers.fit import Fit
+from sdp_vs_penalty.solvers.identification import unit_diagonal_factors
+from sdp_vs_penalty.solvers.proof import Proof, infeasibility_proof, optimum_proof
+
+CLASSES = ("right", "inaccurate", "silently_wrong", "failed", "timeout", "crash")
+
+#: How far beyond what was asked an answer may be and still count as right: solvers stop
+#: by errors scaled in their own ways, of which ten times is the usual spread.
+SLACK = 10.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """lower <= optimum <= upper, both rigorous; scale : what gaps are relative to.
+
+    verdict : "feasible" (a strictly feasible point is proved), "infeasible" (proved) or
+    "unknown".
+    """
+
+    verdict: str
+    lower: float
+    upper: float
+    scale: float
+
+    @property
+    def gap(self) -> float:
+        """Width of the proved interval, over ``scale``."""
+        return (self.upper - self.lower) / self.scale
+
+
+def proved(instance: Instance) -> tuple[str, Proof | None]:
+    """Prove an instance's optimum, or that nothing is feasible.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    tuple of (str, Proof or None)
+        "optimum proved", "proved infeasible" or "not proved", and the proof in
+        rational arithmetic.
+    """
+    task = instance.task
+    constraints = instance.constraints
+    names = [p.name for p in task.model.parameters]
+    with suppress(InputError, ValueError, np.linalg.LinAlgError):
+        # Nothing in between: what the rational checker does not accept is not called
+        # proved.
+        try:
+            posed = PosedSdp(task, instance.objective, constraints, "clarabel")
+            fit = posed.fit(instance.objective, LmiSdp.accuracy)
+            return "optimum proved", optimum_proof(fit, names)
+        except Infeasible as error:
+            if error.proof is not None:
+                return "proved infeasible", infeasibility_proof(
+                    *error.proof, task.bound, names
+                )
+    return "not proved", None
+
+
+def reference(instance: Instance) -> Reference:
+    """Proved interval of an instance's optimum.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+
+    Returns
+    -------
+    Reference
+        The interval, or the verdict that there is none.
+    """
+    status, proof = proved(instance)
+    if proof is None or status == "proved infeasible":
+        return Reference("unknown" if proof is None else "infeasible", 0.0, np.inf, 1.0)
+    scale = instance.data.loss_scale(np.array(proof["theta"], float))
+    return Reference(
+        "feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300)
+    )
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a contestant returned. multipliers : of a Fit, or None without a dual;
+    attempts : runs that went into it, as far as the contestant starts several."""
+
+    theta: Array
+    claims: str
+    status: str
+    multipliers: Array | None = None
+    entropy_slopes: Array | None = None
+    attempts: int = 1
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """class of a run; objective_error, violation : of the answer as returned, relative;
+    own_gap : from the proved upper bound to what the contestant's own multipliers
+    prove, relative."""
+
+    kind: str
+    objective_error: float = np.inf
+    violation: float = np.inf
+    own_gap: float = np.inf
+    remark: str = ""
+
+
+def no_answer(instance: Instance, error: InputError | str) -> Answer:
+    """Answer of a contestant that returns nothing.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    error : InputError or str
+        What the contestant says.
+
+    Returns
+    -------
+    Answer
+        Of NaN; claims infeasibility where the error proves it.
+    """
+    nothing = np.full(len(instance.task.bound), np.nan)
+    claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
+    return Answer(nothing, claims, str(error))
+
+
+def judge(
+    instance: Instance, reference: Reference, answer: Answer, accuracy: float
+) -> Judgement:
+    """Classify an answer.
+
+    Parameters
+    ----------
+    instance : Instance
+        Which problem.
+    reference : Reference
+        Its proved interval.
+    answer : Answer
+        As returned.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    Judgement
+        Class and figures.
+    """
+    error, violation = _primal(instance, reference, answer.theta)
+    dual_gap = (reference.upper - _dual(instance, answer)) / reference.scale
+    kind = answer.claims
+    remark = ""
+    if answer.claims not in ("failed", "inaccurate"):
+        kind, remark = classified(reference, answer.claims, error, violation, accuracy)
+    return Judgement(kind, error, violation, dual_gap, remark)
+
+
+def classified(
+    reference: Reference, claims: str, error: float, violation: float, accuracy: float
+) -> tuple[str, str]:
+    """Class of an answer that claims something.
+
+    Parameters
+    ----------
+    reference : Reference
+        The proved interval.
+    claims : str
+        What the contestant claims.
+    error : float
+        Relative distance of the objective from the interval.
+    violation : float
+        Relative.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    tuple of (str, str)
+        The class, and why the answer is not right.
+    """
+    allowed = SLACK * accuracy
+    half = max(SLACK * accuracy, accuracy**0.5)
+    if claims in ("infeasible", "unbounded"):
+        if reference.verdict == claims:
+            return "right", ""
+        if reference.verdict == "unknown":
+            return "inaccurate", "whether anything is feasible is not proved"
+        return "silently_wrong", f"claims {claims}, which is proved wrong"
+    if reference.verdict == "infeasible":
+        return "silently_wrong", "solves what is proved infeasible"
+    if violation <= allowed and error <= allowed:  # of what is no number neither holds
+        if reference.gap > allowed and reference.verdict == "feasible":
+            return "inaccurate", "our interval is wider than what was asked"
+        return "right", ""
+    what = "the objective lies outside of the proved interval"
+    if violation > allowed:
+        what = "violates the constraints"
+    if violation <= half and error <= half:
+        return "inaccurate", f"{what}, with at least half of the digits asked for"
+    return "silently_wrong", what
+
+
+def _primal(
+    instance: Instance, reference: Reference, theta: Array
+) -> tuple[float, float]:
+    """Relative distance of the objective from the interval, and relative violation."""
+    if not np.all(np.isfinite(theta)):
+        return np.inf, np.inf
+    interior = instance.interior
+    inside = instance.task.nominal if interior is None else interior
+    violation = relative_violation(
+        instance.constraints.convex, theta, inside, instance.task.bound
+    )
+    if reference.verdict != "feasible":
+        return np.inf, violation
+    value = instance.objective.value(theta)
+    if not np.isfinite(
+        value
+    ):  # where the entropy is not defined: the least squares alone
+        value = instance.data.loss(theta)
+    return (
+        max(value - reference.upper, reference.lower - value, 0.0) / reference.scale,
+        violation,
+    )
+
+
+def _dual(instance: Instance, answer: Answer) -> float:
+    """The bound from the contestant's own multipliers, -inf without finite ones."""
+    multipliers = answer.multipliers
+    slopes = answer.entropy_slopes
+    numbers = (x for x in (answer.theta, multipliers, slopes) if x is not None)
+    if multipliers is None or not all(np.all(np.isfinite(x)) for x in numbers):
+        return -np.inf
+    fit = Fit(
+        answer.theta,
+        instance.objective,
+        instance.constraints,
+        multipliers,
+        slopes,
+        bound=instance.task.bound,
+    )
+    with suppress(np.linalg.LinAlgError):
+        return float(np.nan_to_num(fit.lower, nan=-np.inf))
+    return -np.inf
+
+
+def relative_violation(
+    constraints: Sequence[Constraint], theta: Array, inside: Array, bound: Array
+) -> float:
+    """Worst violation in units of each cone's own size at an interior point: free of units.
+
+    psd: the smallest eigenvalue of D F(theta) D with D F(inside) D of unit diagonal;
+    rows: relative to the largest term that they can hold.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        Convex.
+    theta : (p,) array
+        What is judged.
+    inside : (p,) array
+        An interior point.
+    bound : (p,) array
+        Largest size of each parameter.
+
+    Returns
+    -------
+    float
+        0 where theta is feasible.
+    """
+    worst = 0.0
+    for c in constraints:
+        value = c.value(theta)
+        if c.cone == "psd":
+            (scale,) = unit_diagonal_factors(c.value(inside)[None])
+            margin = float(np.linalg.eigvalsh(value * scale)[0])
+        else:
+            terms = np.abs(c.coefficients * bound[c.indices, None]).max(axis=0)
+            size = nonzero_or_one(np.maximum(terms, np.abs(c.constant)))
+            size = size.max() if c.cone == "soc" else size
+            margin = float(cone_margin(c.cone, value / size))
+        worst = max(worst, -margin)
+    return worst

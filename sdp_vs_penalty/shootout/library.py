@@ -1,0 +1,164 @@
+"""The library of instances: identification SDPs as files that any solver reads, with
+proofs beside them.
+
+Each instance is a folder with the problem in three formats (CBF, sparse SDPA where its
+cones allow that, NumPy arrays), a JSON that says how a file's optimum becomes the loss
+and between which proved bounds that lies, and a proof that `verify` checks in rational
+arithmetic. index.csv lists them all with sizes and SHA-256. The same version writes the
+same bytes on the same machine.
+"""
+
+import hashlib
+import io
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimators.estimator import Progress
+from sdp_vs_penalty.exporters.sdp import export_sdp
+from sdp_vs_penalty.files import write_bytes, write_text
+from sdp_vs_penalty.shootout.catalogue import Entry
+from sdp_vs_penalty.shootout.instances import Instance
+from sdp_vs_penalty.shootout.judge import proved
+from sdp_vs_penalty.shootout.runner import Shootout
+from sdp_vs_penalty.solvers.conic import ConicProblem
+from sdp_vs_penalty.solvers.proof import write_proof
+from sdp_vs_penalty.solvers.rewrite import linear_objective
+
+#: The data card and the citation that go with a library are files beside this one.
+_HERE = Path(__file__).parent
+
+
+def write_library(
+    folder: Path, entries: Sequence[Entry], progress: Progress
+) -> list[dict[str, Any]]:
+    """Write the instances, their index and the data card; returns the rows of the
+    index.
+
+    An instance whose measurements this machine lacks is left out.
+    """
+    rows = []
+    for k, item in enumerate(entries):
+        progress(f"{k} of {len(entries)}: {item.name}")
+        try:
+            rows.append(write_instance(folder / item.folder, item, item.make()))
+        except InputError:
+            if not item.measured:
+                raise
+    table = pandas.DataFrame(rows or {"name": []})
+    write_text(folder / "index.csv", table.to_csv(index=False, lineterminator="\n"))
+    proved = sum(r["status"] != "not proved" for r in rows)
+    card = (_HERE / "card.md").read_text("utf-8")
+    write_text(folder / "README.md", card.format(count=len(rows), proved=proved))
+    write_text(folder / "CITATION.cff", (_HERE / "citation.cff").read_text("utf-8"))
+    return rows
+
+
+def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
+    """Write the files of an instance.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the library.
+    item : Entry
+        Its name and group.
+    instance : Instance
+        The problem.
+
+    Returns
+    -------
+    dict
+        Its row of the index.
+    """
+    status, proof = proved(instance)
+    sdp = instance.sdp
+    interval: tuple[str, str] | None = None
+    if proof is not None:
+        write_proof(proof, folder / "proof.json")
+        if status == "optimum proved":
+            interval = (proof["lower"], proof["upper"])
+    has_exponential_cones = any(c.kind == "exp" for c in sdp.conic.cones)
+    names = (
+        ["problem.cbf"] if has_exponential_cones else ["problem.cbf", "problem.dat-s"]
+    )
+    about = {
+        "name": item.name,
+        "about": item.sentence,
+        "formulation": instance.formulation,
+    }
+    sums = {}
+    for name in names:
+        written = export_sdp(sdp, folder / name, interval, status=status, **about)
+        sums[name] = written["sha256"]
+    linear_problem = linear_objective(sdp.conic).problem
+    arrays = _npz(linear_problem)
+    write_bytes(folder / "problem.npz", arrays)
+    sums["problem.npz"] = hashlib.sha256(arrays).hexdigest()
+    cones = Counter(cone.kind for cone in linear_problem.cones)
+    return {
+        **{name: getattr(item, name) for name in ("name", "group", "folder")},
+        "status": status,
+        **_interval_cells(instance, status, interval),
+        "parameters": len(instance.task.bound),
+        "variables": len(linear_problem.q),
+        "rows": len(linear_problem.b),
+        "nonzeros": int(linear_problem.A.nnz),
+        "cones": " ".join(f"{k}:{v}" for k, v in cones.items()),
+        "sentence": item.sentence,
+        **{
+            f"sha256 problem.{x}": sums.get(f"problem.{x}", "")
+            for x in ("cbf", "dat-s", "npz")
+        },
+    }
+
+
+def _interval_cells(
+    instance: Instance, status: str, interval: tuple[str, str] | None
+) -> dict[str, str]:
+    """Difficulty, both ends of the proved interval as rational numbers, and its width
+    over the objective; empty cells where nothing is proved."""
+    if interval is None:
+        return {"difficulty": status, "lower": "", "upper": "", "relative_gap": ""}
+    low, high = map(float, interval)
+    # The objective is never negative.
+    gap = (high - low) / max(high, 1e-12 * instance.data.tau_squared)
+    # By what the shootout asks for: proved as tightly as that, or as the next accuracy.
+    _, medium, easy = Shootout.accuracies
+    difficulty = "hard"
+    if gap <= easy:
+        difficulty = "easy"
+    elif gap <= medium:
+        difficulty = "medium"
+    return {
+        "difficulty": difficulty,
+        "lower": interval[0],
+        "upper": interval[1],
+        "relative_gap": f"{gap:.1e}",
+    }
+
+
+def _npz(problem: ConicProblem) -> bytes:
+    """minimise c^T x subject to b - A x in a product of cones, matrices as svec
+    (README.md)."""
+    file = io.BytesIO()
+    A = problem.A.tocoo()
+    arrays = {
+        "c": problem.q,
+        "b": problem.b,
+        "A_row": A.row,
+        "A_column": A.col,
+        "A_value": A.data,
+    }
+    arrays |= {"A_shape": np.array(A.shape)}
+    arrays |= {
+        f"cone_{x}s": np.array([getattr(c, x) for c in problem.cones])
+        for x in ("kind", "size")
+    }
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()

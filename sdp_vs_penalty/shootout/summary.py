@@ -1,0 +1,596 @@
+"""What the runs say: one table by solver, one by problem, which solver to use, and what
+each was told.
+
+The shifted geometric mean is exp(mean log(t + s)) - s with s = 10 ms over all runs,
+those that were not right at the time limit. Performance profiles (Dolan, More, Math.
+Program. 2002), by accuracy: for each solver the share of problems that it brought to
+it, within a factor of the fastest solver that did. A run counts by its figures,
+whatever it was asked for: objective error and violation at most ten times the accuracy,
+and a claim of success; or infeasibility, rightly claimed.
+"""
+
+import importlib.util
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+
+from sdp_vs_penalty.files import write_text, writing
+from sdp_vs_penalty.formatting import number
+from sdp_vs_penalty.problem.load import load_problem, problem_names
+from sdp_vs_penalty.results.table import markdown_lines
+from sdp_vs_penalty.shootout.contestants import contestants
+from sdp_vs_penalty.shootout.judge import CLASSES, SLACK
+
+
+def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
+    """Whether each run claims success rightly at an accuracy.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+
+    Returns
+    -------
+    Series of bool
+        By run.
+    """
+    error = runs[["objective_error", "violation"]].max(axis=1)
+    near = np.isfinite(runs["lower"]) & (error <= SLACK * accuracy)
+    refuted = (runs["claimed"] == "infeasible") & (runs["class"] == "right")
+    return refuted | (runs["claimed"] == "optimal") & near
+
+
+def at_accuracy(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
+    """Runs asked for an accuracy, and those of contestants that cannot be asked.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Asked for.
+
+    Returns
+    -------
+    DataFrame
+        Of them.
+    """
+    return runs[(runs["settings"] == "default") | (runs["accuracy"] == accuracy)]
+
+
+def accuracies(runs: pandas.DataFrame) -> list[float]:
+    """Accuracies that were asked for.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    list of float
+        Loose to tight; 1e-8 where nobody could be asked.
+    """
+    values = runs.loc[runs["settings"] != "default", "accuracy"].unique()
+    return sorted(values, reverse=True) or [1e-8]
+
+
+def profile(
+    runs: pandas.DataFrame, accuracy: float
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Performance profile of each solver.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+
+    Returns
+    -------
+    dict of str to ((k,) array, (k,) array)
+        Ratios and shares: the corners of its step.
+    """
+    runs_at_accuracy = at_accuracy(runs, accuracy)
+    count = runs["problem"].nunique()
+    right = runs_at_accuracy[reached(runs_at_accuracy, accuracy)]
+    seconds = right["seconds"].clip(lower=1e-6)
+    ratio = seconds / seconds.groupby(right["problem"]).transform("min")
+    steps = {
+        s: np.sort(ratio[right["solver"] == s])
+        for s in sorted(runs_at_accuracy["solver"].unique())
+    }
+    return {
+        solver: (x, np.arange(1, len(x) + 1) / count) for solver, x in steps.items()
+    }
+
+
+def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
+    """Draw the profiles of the solvers that ran on four fifths of the problems at least, an
+    accuracy a panel.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    path : Path
+        Of the SVG.
+
+    Returns
+    -------
+    bool
+        False without matplotlib.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        return False
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    accuracies_shown = accuracies(runs)
+    count = runs.groupby("solver")["problem"].nunique()
+    count = count[~count.index.str.endswith(" certified")]
+    shown = sorted(count.index[count >= 0.8 * count.max()])
+    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
+        shared: dict[str, Any] = {
+            "sharey": True,
+            "squeeze": False,
+            "layout": "constrained",
+        }
+        figure, (axes,) = plt.subplots(
+            1,
+            len(accuracies_shown),
+            figsize=(3.2 * len(accuracies_shown) + 1.6, 3.4),
+            **shared,
+        )
+        for panel, accuracy in zip(axes, accuracies_shown, strict=True):
+            curves = profile(runs, accuracy)
+            for k, solver in enumerate(shown):
+                ratios, shares = curves.get(solver, (np.zeros(0), np.zeros(0)))
+                last = shares[-1:] if len(shares) else 0.0
+                x = np.append(ratios, 1e5)
+                y = np.append(shares, last)
+                style = {"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"}
+                width = 2.2 if solver == "lmi-sdp" else 1.2
+                panel.step(x, y, where="post", label=solver, linewidth=width, **style)
+            panel.set(
+                xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}"
+            )
+            panel.set_xlabel("time over the fastest that was right")
+            panel.grid(alpha=0.3)
+        axes[0].set_ylabel("share of problems got right")
+        labels = axes[0].get_legend_handles_labels()
+        figure.legend(*labels, loc="outside right upper", frameon=False)
+        with writing(path) as file:
+            figure.savefig(file, format="svg", metadata={"Date": None})
+        plt.close(figure)
+    return True
+
+
+def solved_over_time(
+    runs: pandas.DataFrame, accuracy: float
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Share of all problems that each solver has brought to an accuracy over time.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+
+    Returns
+    -------
+    dict of str to ((k,) array, (k,) array, (w,) array)
+        Seconds, shares, and when it gave its silently wrong answers [s].
+    """
+    asked = at_accuracy(runs, accuracy)
+    count = runs["problem"].nunique()
+    right = reached(asked, accuracy)
+    out = {}
+    for solver, solver_rows in asked.groupby("solver"):
+        seconds = np.sort(solver_rows["seconds"][right[solver_rows.index]])
+        wrong = np.sort(
+            solver_rows["seconds"][solver_rows["class"] == "silently_wrong"]
+        )
+        out[str(solver)] = seconds, np.arange(1, len(seconds) + 1) / count, wrong
+    return out
+
+
+def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
+    """Draw the share of problems solved over time, an accuracy a panel, a cross for each
+    silently wrong answer.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    path : Path
+        Of the SVG.
+
+    Returns
+    -------
+    bool
+        False without matplotlib.
+    """
+    if importlib.util.find_spec("matplotlib") is None:
+        return False
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    asked = accuracies(runs)
+    longest = max(float(runs["seconds"].max()), 1.0)
+    named = {
+        "lmi-sdp": "lmi-sdp (ours)",
+        "clarabel": "Clarabel",
+        "scs": "SCS",
+        "cvxopt": "CVXOPT",
+        "csdp": "CSDP",
+        "sdpa-program": "SDPA",
+        "penalty": "penalty (ours)",
+        "log-cholesky L-BFGS": "log-Cholesky",
+    }
+    with plt.rc_context({"svg.hashsalt": "shootout", "font.size": 9}):
+        figure, (axes,) = plt.subplots(
+            1,
+            len(asked),
+            figsize=(3.2 * len(asked) + 1.9, 3.6),
+            sharey=True,
+            squeeze=False,
+            layout="constrained",
+        )
+        for panel, accuracy in zip(axes, asked, strict=True):
+            curves = solved_over_time(runs, accuracy)
+            for k, (solver, label) in enumerate(named.items()):
+                if solver not in curves:
+                    continue
+                seconds, shares, wrong = curves[solver]
+                x = np.concatenate([[1e-4], seconds, [longest]])
+                y = np.concatenate([[0.0], shares, shares[-1:], [0.0]])[: len(x)]
+                width = 2.2 if solver == "lmi-sdp" else 1.2
+                panel.step(
+                    x, y, where="post", label=label, color=f"C{k}", linewidth=width
+                )
+                at = y[np.searchsorted(x, wrong, side="right") - 1]
+                panel.plot(wrong, at, "x", color=f"C{k}", markersize=6)
+            panel.set(
+                xscale="log",
+                xlim=(1e-3, longest),
+                ylim=(-0.02, 1.03),
+                title=f"to {accuracy:.0e}",
+            )
+            panel.set_xlabel("processor time [s]")
+            panel.grid(alpha=0.3)
+        axes[0].set_ylabel("share of problems solved")
+        handles, labels = axes[0].get_legend_handles_labels()
+        (cross,) = axes[0].plot([], [], "kx", markersize=6)
+        figure.legend(
+            [*handles, cross],
+            [*labels, "silently wrong answer"],
+            loc="outside right upper",
+            frameon=False,
+        )
+        with writing(path) as file:
+            figure.savefig(file, format="svg", metadata={"Date": None})
+        plt.close(figure)
+    return True
+
+
+def _milliseconds(seconds: float) -> str:
+    return number(1e3 * seconds)
+
+
+def _small(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.1e}"
+
+
+#: Headings and forms of the summary's columns, where these are not the column's own.
+_SHOWN: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "success_percent": ("right %", "{:.0f}".format),
+    "silently_wrong": ("silently wrong", str),
+    "mean_seconds": ("time [ms]", _milliseconds),
+    "objective_error": ("error", _small),
+    "violation": ("violation", _small),
+    "own_gap": ("dual gap", _small),
+}
+
+
+def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame:
+    """How often each solver is right and silently wrong, and how fast.
+
+    Of the answers called optimal the median of each figure for itself.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    time_limit : float
+        Counts for a run that is not right [s].
+
+    Returns
+    -------
+    DataFrame
+        One row for each solver and settings.
+    """
+    errors = runs[["objective_error", "violation", "own_gap"]].where(
+        runs["claimed"] == "optimal"
+    )
+    times = runs["seconds"].where(runs["class"] == "right", time_limit)
+    runs_with_errors = runs.assign(
+        **errors.replace(np.inf, np.nan), mean_seconds=np.log(times + 0.01)
+    )
+    runs_with_errors = runs_with_errors.join(
+        pandas.get_dummies(runs["class"], dtype=int).reindex(
+            columns=CLASSES, fill_value=0
+        )
+    )
+    runs_with_errors = runs_with_errors.sort_values(
+        ["solver", "accuracy"], ascending=[True, False]
+    )
+    how: dict[str, Any] = {
+        "runs": ("problem", "size"),
+        "success_percent": ("right", "mean"),
+    }
+    how |= {name: (name, "sum") for name in CLASSES} | {
+        "mean_seconds": ("mean_seconds", "mean")
+    }
+    how |= {name: (name, "median") for name in errors}
+    how |= {"attempts": ("attempts", "mean"), "version": ("version", "last")}
+    table = runs_with_errors.groupby(
+        ["solver", "settings"], sort=False, as_index=False
+    ).agg(**how)
+    table["success_percent"] *= 100.0
+    table["mean_seconds"] = np.exp(table["mean_seconds"]) - 0.01
+    return table.assign(attempts=table["attempts"].map("{:.1f}".format))
+
+
+def by_problem(runs: pandas.DataFrame) -> list[str]:
+    """Class of each solver's answer at the tightest accuracy asked for.
+
+    Beside a wrong answer stands the larger of its error and its violation, both
+    relative.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    list of str
+        Markdown: problems down, solvers across.
+    """
+    tightest = runs.sort_values("accuracy").drop_duplicates(["problem", "solver"])
+    worst = tightest[["objective_error", "violation"]].max(axis=1)
+    wrong = [f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in worst]
+    class_words = np.where(
+        tightest["class"] == "silently_wrong", wrong, tightest["class"]
+    )
+    grid = tightest.assign(said=class_words).pivot(
+        index="problem", columns="solver", values="said"
+    )
+    return _markdown(grid.fillna("n/a").loc[runs["problem"].unique()].reset_index())
+
+
+def _markdown(table: pandas.DataFrame) -> list[str]:
+    return markdown_lines(list(table.columns), table.astype(str).to_numpy().tolist())
+
+
+def ranking(
+    runs: pandas.DataFrame, accuracy: float, links: int | None = None
+) -> pandas.DataFrame:
+    """Contestants, those that reach the accuracy most often first.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+    accuracy : float
+        Relative.
+    links : int, optional
+        Of the arms that count; default: everything.
+
+    Returns
+    -------
+    DataFrame
+        run : on how many of the ``problems`` it ran (log det cannot be posed to
+        all, time ran out for some); seconds : the median where it was right.
+    """
+    mine = at_accuracy(runs, accuracy)
+    if links is not None:
+        # By its name or its robot; an ill-conditioned problem has neither.
+        robots = {name: load_problem(name).robot.n for name in problem_names()}
+        named = mine["problem"].str.extract(r"^chain of (\d+)")[0].astype(float)
+        mine = mine[named.fillna(mine["group"].map(robots)) == links]
+    right = reached(mine, accuracy)
+    runs_with_class = mine.assign(right=right, wrong=mine["class"] == "silently_wrong")
+    runs_with_class["seconds"] = runs_with_class["seconds"].where(right)
+    table = runs_with_class.groupby("solver").agg(
+        **{"right": ("right", "sum"), "run": ("problem", "nunique")},
+        **{"silently wrong": ("wrong", "sum"), "seconds": ("seconds", "median")},
+        attempts=("attempts", "mean"),
+    )
+    table = table.assign(problems=mine["problem"].nunique()).reset_index()
+    order = {
+        "by": ["right", "silently wrong", "seconds"],
+        "ascending": [False, True, True],
+    }
+    return table.sort_values(
+        **order, na_position="first", kind="stable", ignore_index=True
+    )
+
+
+def advice(table: pandas.DataFrame, where: str) -> list[str]:
+    """Which solver to take, and whose answers to check.
+
+    Parameters
+    ----------
+    table : DataFrame
+        A ranking.
+    where : str
+        What the problems are.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
+    if table.empty:
+        return []
+    wrong = table["silently wrong"]
+    enough = table[(table["right"] >= 0.9 * table["right"].max()) & (wrong == 0)]
+    best = table.iloc[0]
+    worst = table.loc[wrong.idxmax()]
+    quick = (
+        best if enough.empty else enough.sort_values("seconds", kind="stable").iloc[0]
+    )
+    sentences = [
+        (
+            f"Take {best['solver']}: right on {best['right']} of {best['problems']}"
+            f" problems {where}, {best['silently wrong']} times silently wrong,"
+            f" {_milliseconds(best['seconds'])} ms (median)."
+        ),
+        (
+            "The fastest of those never silently wrong and right at least nine tenths"
+            f" as often is {quick['solver']}: {quick['right']} of {quick['problems']},"
+            f" {_milliseconds(quick['seconds'])} ms."
+        ),
+    ]
+    if worst["silently wrong"]:
+        of = f"{worst['silently wrong']} of {worst['run']}"
+        sentences.append(
+            f"Check every answer of {worst['solver']}: silently wrong on {of}."
+        )
+    return sentences
+
+
+def answer(runs: pandas.DataFrame) -> str:
+    """Which solver for seven links, and why.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    str
+        Markdown; empty where nothing was run on seven links.
+    """
+    links = 7
+    accuracy = 1e-6
+    table = ranking(runs, accuracy, links)
+    if not (advice_words := advice(table, f"of {links} links at {accuracy:.0e}")):
+        return ""
+    shown = {
+        "solver": table["solver"],
+        "right": table["right"],
+        "of problems run": table["run"],
+    }
+    shown |= {"silently wrong": table["silently wrong"]}
+    shown |= {"median [ms]": table["seconds"].map(_milliseconds)}
+    shown |= {"attempts": table["attempts"].map("{:.1f}".format)}
+    return (
+        "\n".join([" ".join(advice_words), "", *_markdown(pandas.DataFrame(shown))])
+        + "\n"
+    )
+
+
+def sentences(runs: pandas.DataFrame) -> list[str]:
+    """Advice from all runs at the tightest accuracy asked for.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of runs.csv.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+    """
+    tightest = accuracies(runs)[-1]
+    return advice(ranking(runs, tightest), f"at {tightest:.0e}")
+
+
+def write_summary(
+    folder: Path,
+    runs: pandas.DataFrame,
+    time_limit: float,
+    absent: dict[str, str],
+    not_applicable: Sequence[tuple[str, str, str]],
+) -> list[Path]:
+    """Write summary.md, summary.csv and two pictures.
+
+    Parameters
+    ----------
+    folder : Path
+        That of runs.csv.
+    runs : DataFrame
+        Rows of runs.csv.
+    time_limit : float
+        Of a run [s].
+    absent : dict of str to str
+        Why, by name.
+    not_applicable : sequence of (str, str, str)
+        Problem, solver and reason.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+    """
+    table = summary_table(runs, time_limit)
+    missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
+    for (solver, reason), count in sorted(
+        Counter(x[1:] for x in not_applicable).items()
+    ):
+        missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
+    accuracies_shown = accuracies(runs)
+    ran = [c for name, c in contestants().items() if name in runs["solver"].unique()]
+    option_rows = [
+        [c.name, c.options_in_words(a)]
+        for c in ran
+        if c.options
+        for a in c.asked((accuracies_shown[0], accuracies_shown[-1]))
+    ]
+    forms = {
+        name: column.map(_SHOWN.get(name, ("", str))[1])
+        for name, column in table.items()
+    }
+    shown = pandas.DataFrame(forms).rename(
+        columns={name: head for name, (head, _) in _SHOWN.items()}
+    )
+    text = (
+        Path(__file__).with_suffix(".md").read_text("utf-8")
+    )  # a file beside this one
+    content = text.format(
+        sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
+        minutes=runs["seconds"].sum() / 60.0,
+        limit=time_limit,
+        answer=answer(runs),
+        told="\n".join(markdown_lines(["solver", "told"], option_rows)),
+        table="\n".join(_markdown(shown)),
+        problems="\n".join(by_problem(runs)) + "\n",
+        left_out="".join(f"- {line}.\n" for line in missing),
+        machines=", ".join(sorted(runs["machine"].unique())),
+    )
+    paths = [folder / name for name in ("summary.md", "summary.csv")]
+    write_text(paths[0], content)
+    write_text(paths[1], table.to_csv(index=False, lineterminator="\n"))
+    pictures = {"solved_over_time.svg": plot_over_time, "profile.svg": plot_profile}
+    drawn = [
+        folder / name for name, plot in pictures.items() if plot(runs, folder / name)
+    ]
+    return [*paths, *drawn]
