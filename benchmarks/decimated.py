@@ -33,7 +33,17 @@ def read(folder: Path, joints: int) -> tuple[Array, Array, Array]:
     grid = np.arange(t[0], t[-1], 0.001)
     columns = (x.reshape(-1, joints).T for x in channels)
     q, tau = (
-        np.column_stack([np.interp(grid, t, x) for x in channel]) for channel in columns
+        np.column_stack(
+            [
+                np.interp(
+                    grid,
+                    t,
+                    x,
+                )
+                for x in channel
+            ]
+        )
+        for channel in columns
     )
     return grid, q, tau
 
@@ -43,23 +53,41 @@ def kept(samples: int) -> slice:
     return slice(500, samples - 500, DECIMATION)
 
 
-def columns(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
+def columns(
+    model: Any,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+) -> Array:
     """Y (M, n, 13 n): rigid body, viscous, Coulomb, offset."""
     data = model.createData()
     n = q.shape[1]
     stack = []
     for x, dx, ddx in zip(q, dq, ddq, strict=True):
         rigid = pin.computeJointTorqueRegressor(model, data, x, dx, ddx).copy()
-        friction = [np.diag(dx), np.diag(np.tanh(dx / SIGN_WIDTH)), np.eye(n)]
+        friction = [
+            np.diag(dx),
+            np.diag(np.tanh(dx / SIGN_WIDTH)),
+            np.eye(n),
+        ]
         stack.append(np.hstack([rigid, *friction]))
     return np.array(stack)
 
 
-def rows(model: Any, q: Array, tau: Array) -> tuple[Array, Array]:
+def rows(
+    model: Any,
+    q: Array,
+    tau: Array,
+) -> tuple[Array, Array]:
     """Y (M, n, 13 n) and tau (M, n) of every kept sample."""
     pairs = (q, 5.0), (tau, 8.0)  # Hz
     q, tau = (
-        signal.filtfilt(*signal.butter(4, f / 500.0), x, axis=0) for x, f in pairs
+        signal.filtfilt(
+            *signal.butter(4, f / 500.0),
+            x,
+            axis=0,
+        )
+        for x, f in pairs
     )
     dq = np.gradient(q, 0.001, axis=0)
     states = q, dq, np.gradient(dq, 0.001, axis=0)
@@ -67,7 +95,12 @@ def rows(model: Any, q: Array, tau: Array) -> tuple[Array, Array]:
     return columns(model, *(x[few] for x in states)), tau[few]
 
 
-def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
+def solve(
+    y: Array,
+    tau: Array,
+    basis: Array,
+    triangle: bool = True,
+) -> Array:
     """theta (13 n,) of least squares with positive semidefinite pseudo-inertias and
     friction >= 0.
 
@@ -78,7 +111,12 @@ def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
     import cvxpy as cp
 
     links = y.shape[1]
-    R = np.column_stack([y.reshape(-1, y.shape[2]), tau.ravel()])
+    R = np.column_stack(
+        [
+            y.reshape(-1, y.shape[2]),
+            tau.ravel(),
+        ]
+    )
     R = np.linalg.qr(R, mode="r") if triangle else R
     norms = np.linalg.norm(R[:, :-1], axis=0)
     scale = 1.0 / np.maximum(norms, 1e-6 * norms.max())
@@ -93,7 +131,12 @@ def solve(y: Array, tau: Array, basis: Array, triangle: bool = True) -> Array:
     return np.asarray(scale * x.value)
 
 
-def identify(folder: Path, model: Any, basis: Array, triangle: bool = True) -> Array:
+def identify(
+    folder: Path,
+    model: Any,
+    basis: Array,
+    triangle: bool = True,
+) -> Array:
     """Text files to theta."""
     _, q, tau = read(folder, model.nv)
     return solve(*rows(model, q, tau), basis, triangle)

@@ -77,7 +77,14 @@ Row = tuple[str, float, float | None, str, str]
 
 def cpu(call: Callable[[], object], times: int = 1) -> float:
     """Least processor time of a call [s]."""
-    return min(timeit.repeat(call, repeat=times, number=1, timer=time.process_time))
+    return min(
+        timeit.repeat(
+            call,
+            repeat=times,
+            number=1,
+            timer=time.process_time,
+        )
+    )
 
 
 def text(problem: Problem, folder: Path) -> list[Row]:
@@ -105,7 +112,12 @@ def text(problem: Problem, folder: Path) -> list[Row]:
     t, q, tau = decimated.read(folder, 7)
     rows, torque = decimated.rows(model, q, tau)
     own_cells = split.cell(0, t[decimated.kept(len(t))])
-    columns = decimated.columns(model, at.q, at.dq, at.ddq)
+    columns = decimated.columns(
+        model,
+        at.q,
+        at.dq,
+        at.ddq,
+    )
     left = np.zeros_like(judged.torque)
     for k in range(split.count):
         train = np.isin(own_cells, split.training(k))
@@ -195,7 +207,13 @@ def measured(command: list[str]) -> tuple[float, ...]:
     """Processor time [s] and peak memory [MB] of a process on one thread."""
     env = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     around = [sys.executable, "-c", _WORK, *command]
-    done = subprocess.run(around, env=env, check=True, capture_output=True, text=True)
+    done = subprocess.run(
+        around,
+        env=env,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
     return tuple(map(float, done.stdout.split()))
 
 
@@ -206,7 +224,15 @@ def processes(problem: Problem, run: Measurements) -> list[Row]:
         model = str(Path(name, "model.json"))
         out = str(Path(name, "report.html"))
         save(run, Path(log))
-        identified = [*PROGRAM, "identify", problem.name, "--data", log, "--out", model]
+        identified = [
+            *PROGRAM,
+            "identify",
+            problem.name,
+            "--data",
+            log,
+            "--out",
+            model,
+        ]
         bare = [sys.executable, "-c", "import numpy, scipy.linalg, scipy.signal"]
         commands = {
             "bare": bare,
@@ -257,7 +283,11 @@ def recorded(path: Path, rows: int, model: Estimate) -> None:
             )
 
 
-def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[Row]:
+def memory(
+    problem: Problem,
+    run: Measurements,
+    counts: Sequence[int],
+) -> list[Row]:
     """Processor seconds and peak memory of whole commands on recordings of so many rows
     at 1 kHz."""
     rows = []
@@ -289,7 +319,11 @@ def memory(problem: Problem, run: Measurements, counts: Sequence[int]) -> list[R
 PARTS = {part.__name__: part for part in (text, fits, processes, memory)}
 
 
-def measure(part: str, data: Path, counts: Sequence[int]) -> pandas.DataFrame:
+def measure(
+    part: str,
+    data: Path,
+    counts: Sequence[int],
+) -> pandas.DataFrame:
     """Rows of the table."""
     run = load_measurements(folder := data / "panda", joints=7)
     more = {"text": (folder,), "memory": (run, counts)}.get(part, (run,))
@@ -298,21 +332,44 @@ def measure(part: str, data: Path, counts: Sequence[int]) -> pandas.DataFrame:
     used = " ".join(f"{name} {version}" for name, version in versions().items())
     when = f"{datetime.now(UTC):%Y-%m-%d %H:%M}, load {os.getloadavg()[0]:.0f}, {used}"
     return found.assign(
-        part=part, ratio=found["other"].astype(float) / found["ours"], when=when
+        part=part,
+        ratio=found["other"].astype(float) / found["ours"],
+        when=when,
     )[NAMES]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(usage=__doc__)
     data = os.environ.get("SDP_VS_PENALTY_DATA")
-    parser.add_argument("--data", type=Path, default=data, required=data is None)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--rows", type=int, nargs="+", default=[100_000, 1_000_000])
     parser.add_argument(
-        "--out", type=Path, default=Path(__file__).parents[1] / "results" / "benchmarks"
+        "--data",
+        type=Path,
+        default=data,
+        required=data is None,
+    )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=PARTS,
+        default=list(PARTS),
+    )
+    parser.add_argument(
+        "--rows",
+        type=int,
+        nargs="+",
+        default=[100_000, 1_000_000],
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path(__file__).parents[1] / "results" / "benchmarks",
     )
     given = parser.parse_args()
-    work = partial(measure, data=Path(given.data), counts=given.rows)
+    work = partial(
+        measure,
+        data=Path(given.data),
+        counts=given.rows,
+    )
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as pool:
         write(given.out, list(pool.map(work, given.only)))
 
@@ -328,7 +385,11 @@ def write(out: Path, tables: list[pandas.DataFrame]) -> None:
         new.append(old[~old["part"].isin([part for t in tables for part in t["part"]])])
     order = [*PARTS, *LEFT]
     cells = pandas.concat(new).replace("nan", "")
-    cells = cells.sort_values("part", key=lambda x: x.map(order.index), kind="stable")
+    cells = cells.sort_values(
+        "part",
+        key=lambda x: x.map(order.index),
+        kind="stable",
+    )
     write_text(table, cells.to_csv(index=False, lineterminator="\n"))
     left = ", ".join(
         f"{part} by one of commit {commit}" for part, commit in LEFT.items()

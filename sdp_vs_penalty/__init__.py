@@ -58,7 +58,11 @@ _NAMES = {
     "simulation.hidden_runs": "simulate",
 }
 _found = lazy_exports(__name__, **_NAMES)
-__all__ = ["__version__", "effects", *" ".join(_NAMES.values()).split()]
+__all__ = [
+    "__version__",
+    "effects",
+    *" ".join(_NAMES.values()).split(),
+]
 
 
 def __getattr__(name: str) -> Any:
@@ -68,4 +72,9 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})
+    return sorted(
+        {
+            *__all__,
+            *(name for name in globals() if name.startswith("__")),
+        }
+    )

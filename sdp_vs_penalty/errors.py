@@ -103,7 +103,12 @@ class InputError(ValueError):
     'run.csv: row 3 is empty: delete it.'
     """
 
-    def __init__(self, what: str, remedy: str = "", where: Any = None) -> None:
+    def __init__(
+        self,
+        what: str,
+        remedy: str = "",
+        where: Any = None,
+    ) -> None:
         self.what = what
         self.remedy = remedy
         self.where = where
@@ -156,7 +161,11 @@ class ColumnsRemark(Remark):
         The first rows as they were read, a line a channel.
     """
 
-    def __init__(self, sentence: str, rows: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self,
+        sentence: str,
+        rows: tuple[str, ...] = (),
+    ) -> None:
         super().__init__(sentence)
         self.rows = rows
 
@@ -193,7 +202,10 @@ class MissingJoints(InputError):  # noqa: N818 (what is missing)
 
 
 def require_known(
-    kind: str, name: object, known: Iterable[object], where: Any = None
+    kind: str,
+    name: object,
+    known: Iterable[object],
+    where: Any = None,
 ) -> None:
     """Refuse a name that does not exist; suggest the nearest one.
 
@@ -227,7 +239,9 @@ def require_known(
     near = difflib.get_close_matches(str(name), there, 1)
     guess = f"did you mean {near[0]}? There are" if near else "there are"
     raise InputError(
-        f"{kind} {name!r} is unknown".strip(), f"{guess}: {', '.join(there)}", where
+        f"{kind} {name!r} is unknown".strip(),
+        f"{guess}: {', '.join(there)}",
+        where,
     )
 
 
@@ -248,7 +262,9 @@ def unreadable(error: Exception, where: Any) -> InputError:
     """
     why = getattr(error, "strerror", None) or error
     return InputError(
-        f"cannot be read ({why})", "check its name and your right to read it", where
+        f"cannot be read ({why})",
+        "check its name and your right to read it",
+        where,
     )
 
 

@@ -92,7 +92,12 @@ def opened(path: str | Path) -> None:
         return
 
 
-def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
+def _bounded(
+    path: Path,
+    mode: int,
+    size: int,
+    largest: int,
+) -> None:
     """InputError unless it is a file that may be read whole."""
     if stat.S_ISDIR(mode):
         raise InputError("is a folder", "name a file", path)
@@ -107,7 +112,9 @@ def _bounded(path: Path, mode: int, size: int, largest: int) -> None:
             f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
         )
         raise InputError(
-            f"larger than {limit_words}", "name a smaller file, or cut it", path
+            f"larger than {limit_words}",
+            "name a smaller file, or cut it",
+            path,
         )
 
 
@@ -229,7 +236,9 @@ def path_or_file(path: Path) -> Path | BinaryIO:
 
 
 def read_bytes(
-    path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
+    path: str | Path,
+    largest: int = LARGEST_TEXT,
+    is_own: bool = False,
 ) -> bytes:
     """Read a whole file.
 
@@ -272,7 +281,9 @@ def read_bytes(
 
 
 def read_text(
-    path: str | Path, largest: int = LARGEST_TEXT, is_own: bool = False
+    path: str | Path,
+    largest: int = LARGEST_TEXT,
+    is_own: bool = False,
 ) -> str:
     """Read a whole file of UTF-8 text.
 
@@ -299,7 +310,9 @@ def read_text(
         return read_bytes(path, largest, is_own).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(
-            f"not UTF-8 text ({error})", "save it as UTF-8", Path(path)
+            f"not UTF-8 text ({error})",
+            "save it as UTF-8",
+            Path(path),
         ) from error
 
 
@@ -323,12 +336,17 @@ def read_table(path: str | Path) -> list[dict[str, str]]:
         ]
     except csv.Error as error:
         raise InputError(
-            f"not a CSV table ({error})", "write it anew as UTF-8 text", path
+            f"not a CSV table ({error})",
+            "write it anew as UTF-8 text",
+            path,
         ) from error
 
 
 def read_json(
-    path: str | Path, kind: str, mark: str, build: Callable[[dict[str, Any]], T]
+    path: str | Path,
+    kind: str,
+    mark: str,
+    build: Callable[[dict[str, Any]], T],
 ) -> T:
     """Read a JSON document of this program and build its record.
 
@@ -362,7 +380,11 @@ def read_json(
         return build(data)
 
     return _built(
-        Path(path), read_text(path), _parse_json, checked, "write the file anew"
+        Path(path),
+        read_text(path),
+        _parse_json,
+        checked,
+        "write the file anew",
     )
 
 
@@ -470,7 +492,13 @@ def read_toml(path: Path, build: Callable[[dict[str, Any]], T]) -> T:
         Names the file and what is wrong with it, whatever ``build`` raises.
     """
     remedy = "compare the file with a built-in one"
-    return _built(path, read_text(path, LARGEST_TOML), tomllib.loads, build, remedy)
+    return _built(
+        path,
+        read_text(path, LARGEST_TOML),
+        tomllib.loads,
+        build,
+        remedy,
+    )
 
 
 def _built(
@@ -486,7 +514,9 @@ def _built(
         what = "nested too deeply" if isinstance(error, RecursionError) else error
         kind = "JSON" if parse is _parse_json else "TOML"
         raise InputError(
-            f"not a {kind} file ({what})", "correct it, or name another", path
+            f"not a {kind} file ({what})",
+            "correct it, or name another",
+            path,
         ) from error
     try:
         return build(data)
@@ -495,7 +525,9 @@ def _built(
         raise error if isinstance(error.where, Path) else error.within(path) from error
     except KeyError as error:
         raise InputError(
-            f"the field {error.args[0]!r} is missing", else_, path
+            f"the field {error.args[0]!r} is missing",
+            else_,
+            path,
         ) from error
     except (
         ArithmeticError,
@@ -541,7 +573,9 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
         # By inode, so that no link hides it.
         if there is not None and (there.st_dev, there.st_ino) in (_inputs.get() or ()):
             raise InputError(
-                "is also an input of this command", "name another file to write", path
+                "is also an input of this command",
+                "name another file to write",
+                path,
             )
         if there is None or stat.S_ISREG(there.st_mode):
             with _replacing(Path(os.path.realpath(path))) as file:
@@ -560,7 +594,9 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
 def _unwritable(error: Exception, path: Path) -> InputError:
     what = error.strerror if isinstance(error, OSError) else error
     return InputError(
-        f"cannot be written ({what})", "choose another place, or free this one", path
+        f"cannot be written ({what})",
+        "choose another place, or free this one",
+        path,
     )
 
 
@@ -592,7 +628,11 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
     handle = _nameless_file(path.parent)
     has_name = handle is None
     if handle is None:
-        handle = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o666)
+        handle = os.open(
+            temporary,
+            os.O_CREAT | os.O_EXCL | os.O_RDWR,
+            0o666,
+        )
     try:
         try:
             with open(handle, "wb", closefd=False) as part:

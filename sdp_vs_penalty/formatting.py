@@ -9,7 +9,12 @@ from typing import Any
 from sdp_vs_penalty.errors import command_line, missing_extra, printable
 
 
-def axes(panels: Any, rows: int = 1, columns: int = 1, **settings: Any) -> Any:
+def axes(
+    panels: Any,
+    rows: int = 1,
+    columns: int = 1,
+    **settings: Any,
+) -> Any:
     """Axes to draw into: those that are given, or those of a new matplotlib figure.
 
     Parameters
@@ -203,7 +208,11 @@ def number(x: float | None, digits: int = 3) -> str:
     return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
 
 
-def milli(value: float, unit: str, digits: int = 3) -> str:
+def milli(
+    value: float,
+    unit: str,
+    digits: int = 3,
+) -> str:
     """A quantity in thousandths of its unit.
 
     Parameters

@@ -82,7 +82,10 @@ def spread(
             size = -(-len(todo) // max(1, min(len(todo), 16 * threads)))
             batches = [todo[k : k + size] for k in range(0, len(todo), size)]
             futures = client.map(
-                partial(_each, shared.name), batches, pure=False, retries=_RETRIES
+                partial(_each, shared.name),
+                batches,
+                pure=False,
+                retries=_RETRIES,
             )
             for future in as_completed(futures):
                 yield from future.result()
@@ -117,7 +120,10 @@ def _fetched(name: str) -> Callable[[Any], Any]:
 
     worker = get_worker()
     ask = partial(
-        worker.scheduler.variable_get, name=name, client="", timeout=_PATIENCE
+        worker.scheduler.variable_get,
+        name=name,
+        client="",
+        timeout=_PATIENCE,
     )
     held = sync(worker.loop, ask, callback_timeout=2.0 * _PATIENCE)
     function: Callable[[Any], Any] = deserialize_bytes(held["value"])
@@ -125,7 +131,9 @@ def _fetched(name: str) -> Callable[[Any], Any]:
 
 
 def _here(
-    function: Callable[[Item], Result], todo: list[tuple[int, Item]], jobs: int
+    function: Callable[[Item], Result],
+    todo: list[tuple[int, Item]],
+    jobs: int,
 ) -> Iterator[tuple[int, Result]]:
     """By processes that begin as this one is where the system can fork: they import and
     read nothing."""
@@ -194,7 +202,11 @@ def _signals_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(function: Callable[[Any], Any], line: Any, parent: int) -> None:
+def _serve(
+    function: Callable[[Any], Any],
+    line: Any,
+    parent: int,
+) -> None:
     """A worker process: to each item an answer, or an error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -224,7 +236,9 @@ class Workers:
     progress: Callable[[str], None] = lambda _: None
 
     def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
+        self,
+        function: Callable[[Item], Result],
+        items: Iterable[Item],
     ) -> list[Result]:
         """Map a function over items; results are in the order of the items.
 

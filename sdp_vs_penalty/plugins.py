@@ -11,7 +11,11 @@ from typing import Any
 from sdp_vs_penalty.errors import InputError, require_known
 
 
-def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[ModuleType]:
+def modules(
+    package: str,
+    path: Iterable[str],
+    mark: str = "",
+) -> Iterator[ModuleType]:
     """Modules of a package, imported one by one.
 
     Parameters
@@ -32,7 +36,11 @@ def modules(package: str, path: Iterable[str], mark: str = "") -> Iterator[Modul
     return (home for home in homes if not mark or hasattr(home, mark))
 
 
-def classes(package: str, path: Iterable[str], base: type) -> dict[str, Any]:
+def classes(
+    package: str,
+    path: Iterable[str],
+    base: type,
+) -> dict[str, Any]:
     """Plug-in classes of a package, by name.
 
     Parameters
@@ -137,7 +145,12 @@ def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     for value, thing in pairs:
         if out.setdefault(value, thing) is not thing:
             names = " and ".join(
-                getattr(x, "__name__", str(x)) for x in (out[value], thing)
+                getattr(
+                    x,
+                    "__name__",
+                    str(x),
+                )
+                for x in (out[value], thing)
             )
             raise InputError(
                 f"{names} have the same {word}, {value!r}", "give each its own"

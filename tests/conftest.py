@@ -139,7 +139,12 @@ def hidden(two_link: Problem) -> HiddenRuns:
     """Four runs of two joints, the first with pre-sliding hysteresis."""
     from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
-    return hidden_runs(two_link, [("presliding_hysteresis", [0])], "strong", seed=24)
+    return hidden_runs(
+        two_link,
+        [("presliding_hysteresis", [0])],
+        "strong",
+        seed=24,
+    )
 
 
 @pytest.fixture(scope="module")

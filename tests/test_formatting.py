@@ -72,7 +72,13 @@ def test_errors_stand_beside_each_other_with_the_noise():
 
 
 def test_errors_of_one_model_have_its_r2():
-    table = error_table(["a"], [[1.0]], None, ["N"], [0.98765])
+    table = error_table(
+        ["a"],
+        [[1.0]],
+        None,
+        ["N"],
+        [0.98765],
+    )
     assert table.headings == ["joint", "a", "R2", "noise floor"]
     assert table.rows == [["1 [N]", "1", "0.9877", "-"]]
 

@@ -21,7 +21,10 @@ from sdp_vs_penalty.diagnosis.rules import Rules  # noqa: E402
 def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks/challenge", description=__doc__)
     parser.add_argument(
-        "--cases", type=int, default=20, help="of each class; clean: of each nuisance"
+        "--cases",
+        type=int,
+        default=20,
+        help="of each class; clean: of each nuisance",
     )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(
@@ -40,7 +43,12 @@ def main() -> None:
         help="rules of the search: the same cases with and without each",
     )
     options = parser.parse_args()
-    cases = wanted(options.cases, options.seed, options.classes, options.nuisance)
+    cases = wanted(
+        options.cases,
+        options.seed,
+        options.classes,
+        options.nuisance,
+    )
     if options.without:
         written = run_ablation(cases, options.without, options.out, options.jobs)
     else:

@@ -113,7 +113,10 @@ def run_without(rules: Sequence[str], case: Case) -> tuple[str, Arms]:
 
 
 def run_ablation(
-    todo: Sequence[Case], rules: Sequence[str], out: Path, jobs: int
+    todo: Sequence[Case],
+    rules: Sequence[str],
+    out: Path,
+    jobs: int,
 ) -> list[Path]:
     """Run what is missing; write rules.json with all records, and from all of it
     rules.md and rules.csv."""

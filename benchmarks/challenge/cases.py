@@ -43,7 +43,10 @@ from sdp_vs_penalty.simulation.worlds.world import TrueMotion
 #: What every model in question has, unless that is what is hidden.
 USUAL = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")
 #: What can be hidden from a model that is refitted.
-EFFECTS: Mapping[str, makers.Maker] = {**makers.FRICTION, **makers.MACHINE}
+EFFECTS: Mapping[str, makers.Maker] = {
+    **makers.FRICTION,
+    **makers.MACHINE,
+}
 #: What rubs as the world's own friction does, by its name where that turns round over a
 #: travel.
 SLOW = {"load_dependent_friction": "load_dependent_hysteresis"}
@@ -84,14 +87,23 @@ class CaseClass:
             else drawn
         )
 
-    def names(self, case: Case, rng: np.random.Generator) -> list[str]:
+    def names(
+        self,
+        case: Case,
+        rng: np.random.Generator,
+    ) -> list[str]:
         """Effects of the library to hide: a single one in turn, in an order of the
         seed's, so that each is met equally often; of several none that the model
         usually has."""
         if self.what != "effects":
             return []
         if self.count == 1:
-            turns = np.random.default_rng([case.seed, zlib.crc32(case.kind.encode())])
+            turns = np.random.default_rng(
+                [
+                    case.seed,
+                    zlib.crc32(case.kind.encode()),
+                ]
+            )
             return [str(turns.permutation([*EFFECTS])[case.index % len(EFFECTS)])]
         others = [name for name in EFFECTS if name not in USUAL]
         return [str(x) for x in rng.choice(others, self.count, replace=False)]
@@ -115,7 +127,14 @@ class CaseClass:
         ]
         slow = {} if world.dry.jumps else SLOW
         called = [replace(one, effect=one.effect or slow.get(x, x)) for x, one in made]
-        return [one.sized(world, coarse, LEVELS[self.level]) for one in called]
+        return [
+            one.sized(
+                world,
+                coarse,
+                LEVELS[self.level],
+            )
+            for one in called
+        ]
 
 
 CLASSES: Mapping[str, CaseClass] = {
@@ -160,16 +179,37 @@ class BuiltCase:
 
 def build_case(case: Case) -> BuiltCase:
     """A case's world and logs, in a random stream of its own."""
-    rng = np.random.default_rng([case.seed, case.index, zlib.crc32(case.key.encode())])
+    rng = np.random.default_rng(
+        [
+            case.seed,
+            case.index,
+            zlib.crc32(case.key.encode()),
+        ]
+    )
     kind = CLASSES[case.kind]
     conditions = kind.conditions(draw_conditions(case.nuisance, rng))
     names = kind.names(case, rng)
     if "warming_friction" in names:
         conditions = replace(conditions, thermometer=True)
     world = draw_world(conditions, rng, without=names)
-    motions = [draw_motion(world, k, rng) for k in range(conditions.runs + 1)]
+    motions = [
+        draw_motion(
+            world,
+            k,
+            rng,
+        )
+        for k in range(conditions.runs + 1)
+    ]
     hidden = kind.hidden(names, world, motions[:-1], rng)
-    logged = [log_run(world, m, rng, torques(world, m, hidden)) for m in motions]
+    logged = [
+        log_run(
+            world,
+            m,
+            rng,
+            torques(world, m, hidden),
+        )
+        for m in motions
+    ]
     return BuiltCase(names, conditions, world, motions, hidden, logged, rng)
 
 
@@ -180,7 +220,14 @@ def identify_case(case: Case, built: BuiltCase) -> Estimate:
     if CLASSES[case.kind].frozen:
         world = built.world
         n_runs = built.conditions.runs
-        others = [draw_motion(world, k, built.rng) for k in range(n_runs)]
+        others = [
+            draw_motion(
+                world,
+                k,
+                built.rng,
+            )
+            for k in range(n_runs)
+        ]
         learnt = [log_run(world, m, built.rng) for m in others]
     effects = [name for name in USUAL if name not in built.names]
     problem = load_problem(urdf_of(built.conditions.arm))
@@ -198,7 +245,14 @@ def truth_of(case: Case, built: BuiltCase) -> Record:
         "nuisance": case.nuisance,
         "conditions": asdict(built.conditions) | {"dry": world.dry.to_dict()},
         "truth": [h.to_dict() for h in built.hidden],
-        "deviation": [deviation(h, world, built.motions[0]) for h in built.hidden],
+        "deviation": [
+            deviation(
+                h,
+                world,
+                built.motions[0],
+            )
+            for h in built.hidden
+        ],
         "fair": sorted(allowed),
         "abstains": abstains,
         **{name: [] for name in ("found", "retuned", "events", "after", "energy")},
@@ -206,7 +260,9 @@ def truth_of(case: Case, built: BuiltCase) -> Record:
 
 
 def all_hidden_energies(
-    kind: CaseClass, estimate: Estimate, built: BuiltCase
+    kind: CaseClass,
+    estimate: Estimate,
+    built: BuiltCase,
 ) -> list[float]:
     """How visible each hidden effect is; none where nothing is hidden."""
     if not built.hidden:
@@ -288,7 +344,12 @@ def rounded(record: Record) -> Record:
 VERSION = 3
 
 
-def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list[Path]:
+def run_challenge(
+    todo: Sequence[Case],
+    seed: int,
+    out: Path,
+    jobs: int,
+) -> list[Path]:
     """Run what is missing; write challenge.json, and from all of its cases of this seed
     challenge.md."""
     store = out / "challenge.json"
@@ -315,7 +376,10 @@ def run_challenge(todo: Sequence[Case], seed: int, out: Path, jobs: int) -> list
 
 
 def wanted(
-    cases: int, seed: int, kinds: Sequence[str], conditions: Sequence[str]
+    cases: int,
+    seed: int,
+    kinds: Sequence[str],
+    conditions: Sequence[str],
 ) -> list[Case]:
     """Cases, class by class; what hides an effect meets the nuisances at random."""
     out = []

@@ -106,7 +106,11 @@ class ArmFit:
             energy=np.einsum("jmk,jmk->jk", columns, columns),
         )
 
-    def gained_by_steps(self, heard: Array, first_rows: NDArray[np.intp]) -> Array:
+    def gained_by_steps(
+        self,
+        heard: Array,
+        first_rows: NDArray[np.intp],
+    ) -> Array:
         """:meth:`gained` of steps: columns that are 0 before a row.
 
         Products with a step are sums over the rows from its first one on.
@@ -137,7 +141,11 @@ class ArmFit:
         )
 
     def _gained(
-        self, pull: Array, in_arm: Array, in_basis: Array, energy: Array
+        self,
+        pull: Array,
+        in_arm: Array,
+        in_basis: Array,
+        energy: Array,
     ) -> Array:
         """(n, K) fall of log S_j from products of K columns with the residual (n, K), the
         arm's columns (n, K, s), the basis (n, K, k), and themselves (n, K)."""

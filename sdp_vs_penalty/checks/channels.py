@@ -71,7 +71,12 @@ def _jumps_by(steps: Array, turn: float) -> Rows:
     return np.any(near, axis=0) & (np.median(steps, axis=0) < 0.05 * turn)
 
 
-def _degrees(g: RunSummary, turns: Rows, how: str, unwrap: bool) -> Iterator[Issue]:
+def _degrees(
+    g: RunSummary,
+    turns: Rows,
+    how: str,
+    unwrap: bool,
+) -> Iterator[Issue]:
     """All revolute positions in degrees, their jumps by a turn undone."""
     joints = np.flatnonzero(turns)
     reach = float(np.abs(g.run.q[:, joints]).max())
@@ -90,7 +95,10 @@ def _degrees(g: RunSummary, turns: Rows, how: str, unwrap: bool) -> Iterator[Iss
 
 
 def _in_radians(
-    run: Measurements, robot: Robot, turns: Rows, unwrap: bool
+    run: Measurements,
+    robot: Robot,
+    turns: Rows,
+    unwrap: bool,
 ) -> Measurements:
     """The run with revolute positions in radians, and velocities that are in degrees
     as well."""
@@ -104,7 +112,11 @@ def _in_radians(
     logged = np.abs(run.dq).sum(axis=0)
     derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
     in_degrees = turns & (logged > 8.0 * derived)
-    return replace(run, q=q, dq=np.where(in_degrees, run.dq * factor, run.dq))
+    return replace(
+        run,
+        q=q,
+        dq=np.where(in_degrees, run.dq * factor, run.dq),
+    )
 
 
 def _into_range(robot: Robot, q: Array) -> Array:
@@ -122,7 +134,11 @@ def degrees(g: RunSummary) -> Iterator[Issue]:
     turns = np.array([joint.kind == "revolute" for joint in g.robot.joints])
     far = far_outside(g.robot, g.run.q)
     if len(far) and turns[list(far)].all():
-        q = np.where(turns, np.radians(g.run.q), g.run.q)
+        q = np.where(
+            turns,
+            np.radians(g.run.q),
+            g.run.q,
+        )
         if not far_outside(g.robot, q) and len(far) * 2 > turns.sum():
             yield from _degrees(g, turns, "", unwrap=False)
 
@@ -263,7 +279,11 @@ def _dead(g: RunSummary, j: int, value: float) -> Issue:
     )
 
 
-def _clipped(g: RunSummary, j: int, x: Array) -> Iterator[Issue]:
+def _clipped(
+    g: RunSummary,
+    j: int,
+    x: Array,
+) -> Iterator[Issue]:
     """A torque that stays exactly at its largest value, and is never constant
     elsewhere."""
     parts = spans(np.diff(x) == 0.0)
@@ -350,7 +370,11 @@ def counts(g: RunSummary) -> Iterator[Issue]:
         )
 
 
-def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[Issue]:
+def coarse(
+    g: RunSummary,
+    motion: Motion,
+    settings: Preprocessing,
+) -> Iterator[Issue]:
     """Whether the motion's fastest part is sampled often enough to be differentiated
     twice, in positions fine enough for the accelerations of a motion behind the filter
     of these settings."""
@@ -373,10 +397,20 @@ def coarse(g: RunSummary, motion: Motion, settings: Preprocessing) -> Iterator[I
     assert settings.state_cutoff is not None
     sizes = motion.ddq.std(axis=0)
     for j in np.flatnonzero(g.moving).tolist():
-        yield from _quantised(g, j, float(sizes[j]), settings.state_cutoff)
+        yield from _quantised(
+            g,
+            j,
+            float(sizes[j]),
+            settings.state_cutoff,
+        )
 
 
-def _quantised(g: RunSummary, j: int, size: float, cutoff: float) -> Iterator[Issue]:
+def _quantised(
+    g: RunSummary,
+    j: int,
+    size: float,
+    cutoff: float,
+) -> Iterator[Issue]:
     """Rounding errors of one position beside its acceleration's size.
 
     They renew themselves when the level changes; the part below the cut-off [Hz] stays,

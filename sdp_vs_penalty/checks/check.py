@@ -120,7 +120,11 @@ def check_runs(
         if len(run.t):
             check_torque(run)
         if run.n != problem.robot.n:
-            raise other_robot(run.n, problem.robot.n, run.names[0])
+            raise other_robot(
+                run.n,
+                problem.robot.n,
+                run.names[0],
+            )
     windows: list[Report] = []
     of_run: list[tuple[Measurements, slice]] = []
     for run in runs:
@@ -136,7 +140,9 @@ def check_runs(
 
 
 def _facts_of_windows(
-    problem: Problem, run: Measurements, settings: Preprocessing
+    problem: Problem,
+    run: Measurements,
+    settings: Preprocessing,
 ) -> list[Report]:
     """The facts of the run, or of each window of a long run whose rows are usable."""
     windows = windows_of(run)
@@ -145,7 +151,9 @@ def _facts_of_windows(
             check_usable(run.names[0], run)
         except InputError as error:
             issue = Issue.of_refusal(
-                "unusable rows", error, "certain: read from the file"
+                "unusable rows",
+                error,
+                "certain: read from the file",
             )
             return [Report(run.names[0], (issue,), run, run)]
     return [judge_facts(problem, window, settings) for window in windows]
@@ -176,7 +184,13 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         issue = Issue.of_refusal("no rows", error, "certain: read from the file")
         return Report(run.names[0], (issue,), run, run)
     issues, work, fixed = mended(run, problem.robot, settings.standstill)
-    report = Report(run.names[0], tuple(issues), work, fixed, original=run)
+    report = Report(
+        run.names[0],
+        tuple(issues),
+        work,
+        fixed,
+        original=run,
+    )
     if any(f.kind in NO_ROWS for f in issues):
         return report
     if len(work.t) < RUN:
@@ -207,7 +221,9 @@ def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
 
 
 def judge_ranges(
-    problem: Problem, report: Report, is_plausible: bool = False
+    problem: Problem,
+    report: Report,
+    is_plausible: bool = False,
 ) -> Report:
     """Positions against the joints' ranges: what `identify` refuses is an error.
 
@@ -238,7 +254,9 @@ def judge_ranges(
 
 
 def _with_range_error(
-    problem: Problem, report: Report, issues: Sequence[Issue]
+    problem: Problem,
+    report: Report,
+    issues: Sequence[Issue],
 ) -> list[Issue]:
     """The issues, with an error where positions cannot be this robot's.
 
@@ -268,7 +286,9 @@ POSITION_UNITS = "positions in degrees", "position unit"
 
 
 def judge_excitation(
-    problem: Problem, report: Report, settings: Preprocessing
+    problem: Problem,
+    report: Report,
+    settings: Preprocessing,
 ) -> Report:
     """Base parameters that the motion of a run, as repaired, does not show.
 

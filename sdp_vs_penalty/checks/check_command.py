@@ -26,7 +26,11 @@ class CheckCommand:
     apply: Sequence[str] = ()
 
     @classmethod
-    def of(cls, problem: Problem, runs: Sequence[str | Path]) -> Self:
+    def of(
+        cls,
+        problem: Problem,
+        runs: Sequence[str | Path],
+    ) -> Self:
         """Of a problem that was loaded: a built-in by its name, others by their path; with
         its gravity, where that is not the usual one."""
         name: str | Path = problem.name
@@ -64,7 +68,13 @@ class CheckCommand:
     def words(self) -> list[str]:
         """Of the check itself, without the program's name."""
         runs = [str(run) for run in self.runs]
-        return ["check", str(self.problem), "--data", *runs, *self.options]
+        return [
+            "check",
+            str(self.problem),
+            "--data",
+            *runs,
+            *self.options,
+        ]
 
     @property
     def repair_words(self) -> list[str]:

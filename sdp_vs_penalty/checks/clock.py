@@ -37,7 +37,11 @@ def time_unit(g: RunSummary) -> Iterator[Issue]:
     if shortest <= g.step <= longest or not fits:
         return
     q = g.run.q[:, g.moving]
-    travel = np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0)
+    travel = np.quantile(
+        np.abs(q[10:] - q[:-10]),
+        0.9,
+        axis=0,
+    )
     speed = float(np.median(travel)) / (10.0 * g.step)
     unit = min(fits, key=lambda name: abs(np.log(speed / fits[name])))
     factor = fits[unit]
@@ -70,7 +74,11 @@ def backwards(g: RunSummary) -> Iterator[Issue]:
     bad = np.flatnonzero(g.steps < 0.0)
     if not len(bad):
         return
-    lengths = np.diff(bad, prepend=0, append=len(g.run.t) - 1)
+    lengths = np.diff(
+        bad,
+        prepend=0,
+        append=len(g.run.t) - 1,
+    )
     repair: Callable[[Measurements], Measurements]
     if np.any(lengths <= RUN):
         how = "the rows there do not continue the motion"
@@ -161,7 +169,13 @@ def repeated_time(g: RunSummary) -> Iterator[Issue]:
     how = "are copies of the row before" if same else "differ from the row before"
     what = f"{{rows}} rows with a repeated time; the values {how}."
     first = "keep the first of each"
-    yield from g.deleted("repeated time", bad, what, remedy=first, unusable=True)
+    yield from g.deleted(
+        "repeated time",
+        bad,
+        what,
+        remedy=first,
+        unusable=True,
+    )
 
 
 def change_of_rate(g: RunSummary) -> Iterator[Issue]:
@@ -201,7 +215,11 @@ def uneven(g: RunSummary) -> Iterator[Issue]:
         return
     over_time = g.steps[:-1] / (g.run.t[2:] - g.run.t[:-2])
     rough_in_time = _roughness(g, over_time, is_inner)
-    rough_in_rows = _roughness(g, np.full(len(over_time), 0.5), is_inner)
+    rough_in_rows = _roughness(
+        g,
+        np.full(len(over_time), 0.5),
+        is_inner,
+    )
     ratio = float(np.median(rough_in_time / np.maximum(rough_in_rows, 1e-300)))
     if ratio < TIMES:
         return
@@ -233,7 +251,14 @@ def _evened(run: Measurements, pause: float) -> Measurements:
     """The run with even stamps between two pauses [s]."""
     edges = np.flatnonzero(np.diff(run.t) > pause) + 1
     parts = np.split(run.t, edges)
-    even = [np.linspace(part[0], part[-1], len(part)) for part in parts]
+    even = [
+        np.linspace(
+            part[0],
+            part[-1],
+            len(part),
+        )
+        for part in parts
+    ]
     return replace(run, t=np.concatenate(even))
 
 
@@ -293,4 +318,7 @@ def _place(g: RunSummary, rows: NDArray[np.intp]) -> str:
 
 def _rows_and_seconds(g: RunSummary, rows: NDArray[np.intp]) -> dict[str, object]:
     seconds = float(g.steps[rows].max())
-    return {"rows": (rows + 3)[:100].tolist(), "seconds": seconds}
+    return {
+        "rows": (rows + 3)[:100].tolist(),
+        "seconds": seconds,
+    }

@@ -40,7 +40,9 @@ NO_TORQUE = "external torque"
 
 
 def judge_dynamics(
-    problem: Problem, reports: Sequence[Report], settings: Preprocessing
+    problem: Problem,
+    reports: Sequence[Report],
+    settings: Preprocessing,
 ) -> list[Report]:
     """What explains the torques of all runs together.
 
@@ -73,7 +75,10 @@ class LoggerJudge:
     """
 
     def __init__(
-        self, problem: Problem, reports: Sequence[Report], settings: Preprocessing
+        self,
+        problem: Problem,
+        reports: Sequence[Report],
+        settings: Preprocessing,
     ) -> None:
         self.problem = problem
         self.settings = settings
@@ -86,7 +91,9 @@ class LoggerJudge:
                 self.logs[k] = self.rows_of(report.repaired_all)
             except InputError as error:
                 issue = Issue.of_refusal(
-                    "too little data", error, "certain: the filters need more"
+                    "too little data",
+                    error,
+                    "certain: the filters need more",
                 )
                 self.reports[k] = with_issues(report, [issue])
         as_logged = LogTransform.unchanged(problem.robot.n, problem.robot.gravity)
@@ -96,7 +103,11 @@ class LoggerJudge:
     def rows_of(self, run: Measurements) -> Likelihood:
         """The rows of one run. Raises InputError for one shorter than the filters
         need."""
-        data = RegressionData.of(self.problem, run, self.settings.resolve(run))
+        data = RegressionData.of(
+            self.problem,
+            run,
+            self.settings.resolve(run),
+        )
         return Likelihood(self.problem, data)
 
     def judge(self) -> list[Report]:
@@ -131,7 +142,14 @@ class LoggerJudge:
         if len(numbers) < 2:
             return False
         comparison = RunComparison(
-            [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
+            [
+                RunLog(
+                    self.logs[k],
+                    net,
+                    self.reports[k].run,
+                )
+                for k in numbers
+            ]
         )
         is_one_joint = comparison.times_of_worst_joint >= TIMES
         differs = comparison.differs(1.0) or comparison.stands_out or is_one_joint
@@ -160,7 +178,11 @@ class LoggerJudge:
         what a search of this run by itself finds, one thing each."""
         log = self.logs[number]
         score = log.score(log.as_logged)
-        search = RepairSearch(log, [log], [self.reports[number].issues])
+        search = RepairSearch(
+            log,
+            [log],
+            [self.reports[number].issues],
+        )
         of_this_run = search.run()
         repairs = [
             search.alone(of_this_run, fault) for fault in search.elements(of_this_run)
@@ -231,7 +253,10 @@ class LoggerJudge:
         )
 
     def _explanations(
-        self, number: int, stated: Sequence[Issue], net: LogTransform
+        self,
+        number: int,
+        stated: Sequence[Issue],
+        net: LogTransform,
     ) -> list[Issue]:
         """Of what is stated of all runs and of this one alone, what is true of it: a
         sign that is wrong in all and in this one again is right here."""

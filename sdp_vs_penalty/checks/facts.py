@@ -56,7 +56,9 @@ RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
 
 
 def mended(
-    run: Measurements, robot: Robot, standstill: float
+    run: Measurements,
+    robot: Robot,
+    standstill: float,
 ) -> tuple[list[Issue], Measurements, Measurements]:
     """What the rules about rows, clock and channels say, each of the run as those
     before have mended it.

@@ -87,7 +87,11 @@ def fix_runs(
     copies = tuple(run for run, _ in repaired)
     issues = tuple(tuple(done) for _, done in repaired)
     for run, copy, report in zip(runs, copies, reports, strict=True):
-        _check_rows(len(run.t), len(copy.t), report.run)
+        _check_rows(
+            len(run.t),
+            len(copy.t),
+            report.run,
+        )
     if not any(issues) or not all(run.torque_logged for run in runs):
         return Repaired(copies, issues)
     filters = _filters(problem, copies, runs)
@@ -114,7 +118,11 @@ def _check_rows(before: int, after: int, name: str) -> None:
         raise InputError(what, "log it again: nothing was written", name)
 
 
-def _check_errors(before: float | None, after: float | None, allowed: float) -> None:
+def _check_errors(
+    before: float | None,
+    after: float | None,
+    allowed: float,
+) -> None:
     """InputError for a repair after which the error [%] on motion left out is more than
     so many times what it was."""
     if before is None or (after is not None and after <= before * allowed):
@@ -140,7 +148,9 @@ def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Iss
 
 
 def _filters(
-    problem: Problem, copies: Sequence[Measurements], runs: Sequence[Measurements]
+    problem: Problem,
+    copies: Sequence[Measurements],
+    runs: Sequence[Measurements],
 ) -> Preprocessing:
     """The filters of the repaired copies, for both logs: errors behind filters of other
     bands do not compare.
@@ -158,7 +168,9 @@ def _filters(
 
 
 def _error_left_out(
-    problem: Problem, runs: Sequence[Measurements], filters: Preprocessing
+    problem: Problem,
+    runs: Sequence[Measurements],
+    filters: Preprocessing,
 ) -> float | None:
     """Relative error [%] on the last part of each run of what is identified from the
     first; None where nothing is."""

@@ -134,7 +134,11 @@ class RunSummary:
             figures=figures,
         )
 
-    def _lost_share(self, channels: Mapping[str, Rows], gone: Rows) -> float:
+    def _lost_share(
+        self,
+        channels: Mapping[str, Rows],
+        gone: Rows,
+    ) -> float:
         """The share of the rows that are no measurements, or of a channel's energy
         about its median that they make up: the larger."""
         shares = [float(gone.mean())]
@@ -156,7 +160,11 @@ def _numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
     return np.unique(packed, return_inverse=True)[1].ravel()
 
 
-def stepping(run: Measurements, where: Rows, steps: float | Array) -> Measurements:
+def stepping(
+    run: Measurements,
+    where: Rows,
+    steps: float | Array,
+) -> Measurements:
     """The same rows, there (N - 1,) so far apart [s]."""
     apart = np.where(where, steps, np.diff(run.t))
     since_start = np.concatenate([[0.0], np.cumsum(apart)])

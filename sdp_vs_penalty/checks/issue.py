@@ -79,7 +79,11 @@ class Issue:
 
     @classmethod
     def of_refusal(
-        cls, kind: str, error: InputError, certainty: str, joints: Sequence[int] = ()
+        cls,
+        kind: str,
+        error: InputError,
+        certainty: str,
+        joints: Sequence[int] = (),
     ) -> "Issue":
         """Of what identification would refuse."""
         return cls.of(

@@ -127,11 +127,18 @@ class Likelihood:
     def _interpolate_channels(self, lead: float) -> tuple[Array, Array]:
         """(M, n) all channels and their rates, so much later [s]."""
         torque = self.data.torque
-        instants = np.clip(self.data.motion.t + lead, torque.x[0], torque.x[-1])
+        instants = np.clip(
+            self.data.motion.t + lead,
+            torque.x[0],
+            torque.x[-1],
+        )
         return torque(instants), torque(instants, 1)
 
     def motion(
-        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
+        self,
+        repair: LogTransform,
+        speed: float = 1.0,
+        push: float = 1.0,
     ) -> Motion:
         """States as repaired, with so many times their velocity and acceleration."""
         logged = self.data.motion
@@ -162,7 +169,11 @@ class Likelihood:
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
         return np.asarray(self.filter_gain(repair)[:, :, None] * columns)
 
-    def _make_model(self, gravity: tuple[float, ...], longer: Numbers) -> Model | None:
+    def _make_model(
+        self,
+        gravity: tuple[float, ...],
+        longer: Numbers,
+    ) -> Model | None:
         """What joints share, under another gravity, with other distances between joints
         [m]."""
         if self.data.shared is None:
@@ -173,11 +184,18 @@ class Likelihood:
             distance = nonzero_or_one(np.linalg.norm(placement[:3, 3]))
             placement[:3, 3] *= 1.0 + longer[j] / distance
             joints[j] = replace(joints[j], placement=placement)
-        robot = replace(self.problem.robot, gravity=gravity, joints=tuple(joints))
+        robot = replace(
+            self.problem.robot,
+            gravity=gravity,
+            joints=tuple(joints),
+        )
         return on_robot(self.data.shared, robot)
 
     def _make_columns(
-        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
+        self,
+        repair: LogTransform,
+        speed: float = 1.0,
+        push: float = 1.0,
     ) -> Array:
         """(n, M, p) columns of all parameters that joints share, of ``motion``."""
         model = self._model(repair.gravity, repair.longer)
@@ -187,7 +205,10 @@ class Likelihood:
         return model.dense_columns(motion)
 
     def shared(
-        self, repair: LogTransform, speed: float = 1.0, push: float = 1.0
+        self,
+        repair: LogTransform,
+        speed: float = 1.0,
+        push: float = 1.0,
     ) -> Array:
         """(n, M, s) those that say all that the others do."""
         columns = self.columns(repair.of_arm, speed, push)
@@ -205,7 +226,11 @@ class Likelihood:
             torque = torque - np.array(repair.lacks) * self.nominal(repair, 0.0)
         return torque
 
-    def _make_basis(self, order: Order, events: tuple[LogEvent, ...]) -> Array:
+    def _make_basis(
+        self,
+        order: Order,
+        events: tuple[LogEvent, ...],
+    ) -> Array:
         """(n, M, k) bases of the joints' own columns, 0 for columns that depend on
         others."""
         columns = [self.data.own_columns[list(order)]]
@@ -234,7 +259,10 @@ class Likelihood:
     # -- fits
 
     def parts(
-        self, repair: LogTransform, count: int = PARTS, more: Array | None = None
+        self,
+        repair: LogTransform,
+        count: int = PARTS,
+        more: Array | None = None,
     ) -> tuple[Array, int]:
         """Gram matrices of that many parts of the log, which add.
 
@@ -255,7 +283,14 @@ class Likelihood:
         rows = [self.rows(repair) for repair in repairs]
         channels = [self.channels(repair) for repair in repairs]
         pairs = list(zip(rows, channels, strict=True))
-        cross = [np.einsum("jms,jm->js", row.apart, torque) for row, torque in pairs]
+        cross = [
+            np.einsum(
+                "jms,jm->js",
+                row.apart,
+                torque,
+            )
+            for row, torque in pairs
+        ]
         left = [row.rest(torque[:, :, None])[:, :, 0] for row, torque in pairs]
         equations = NormalEquations(
             gram=np.stack([row.gram for row in rows]),
@@ -327,7 +362,11 @@ class Likelihood:
         return np.maximum(left / positive(parts[..., -1, -1].sum(axis=0)), FLOOR)
 
     def first_order_steps(
-        self, now: LogTransform, ats: Sequence[At], values: Array, h: Array
+        self,
+        now: LogTransform,
+        ats: Sequence[At],
+        values: Array,
+        h: Array,
     ) -> tuple[Array, Array]:
         """By how much each of r numbers of a repair would have to change alone.
 
@@ -401,7 +440,12 @@ class Likelihood:
         """How many independent samples of its rows no parameter takes."""
         return max(self.spare, 0.1) * fit.independent_rows
 
-    def physics(self, fit: ArmFit, repair: LogTransform, samples: float) -> float:
+    def physics(
+        self,
+        fit: ArmFit,
+        repair: LogTransform,
+        samples: float,
+    ) -> float:
         """log-probability that inertia and masses are positive and friction takes power.
 
         It is the sum of log Phi(estimate / standard deviation) of three kinds of power:
@@ -420,7 +464,11 @@ class Likelihood:
         values = np.append(powers[0], inertia_and_weight)
         of_inertia = np.outer([1.0, 0.0], of_theta[1].sum(axis=0))
         gradient = np.vstack([of_theta[0], slopes + of_inertia])
-        normal = np.tensordot(fit.weights * samples, fit.rows.gram, 1)
+        normal = np.tensordot(
+            fit.weights * samples,
+            fit.rows.gram,
+            1,
+        )
         variance = np.append(noise[0], [noise[1].sum(), 0.0])
         variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = values / np.sqrt(np.maximum(variance, 1e-300))
@@ -444,6 +492,14 @@ class Likelihood:
         ddq = self.motion(repair).ddq
         weight = self.shared(repair, 0.0, 0.0)
         inertial = self.shared(repair, 0.0, 1.0) - weight
-        power = np.tensordot(ddq, inertial, ((1, 0), (0, 1)))
-        likeness = np.tensordot(self.nominal(repair, 0.0), weight, ((1, 0), (0, 1)))
+        power = np.tensordot(
+            ddq,
+            inertial,
+            ((1, 0), (0, 1)),
+        )
+        likeness = np.tensordot(
+            self.nominal(repair, 0.0),
+            weight,
+            ((1, 0), (0, 1)),
+        )
         return np.array([power, likeness]) / self.data.count

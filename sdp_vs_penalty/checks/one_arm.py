@@ -188,10 +188,20 @@ class RunComparison:
         either: the other runs tell how well it should be.
         """
         total = np.stack([equations.total[0] for equations in self.equations])
-        of_one_arm = np.where(self.moving, self.together[1] / total, 1.0)
+        of_one_arm = np.where(
+            self.moving,
+            self.together[1] / total,
+            1.0,
+        )
         of_own_arms = np.where(self.moving, self.apart / total, 1.0)
         smallest = np.minimum(of_one_arm, of_own_arms).min(axis=0)
-        return np.asarray(np.where(self.moving, np.log(of_one_arm / smallest), 0.0))
+        return np.asarray(
+            np.where(
+                self.moving,
+                np.log(of_one_arm / smallest),
+                0.0,
+            )
+        )
 
     @property
     def stands_out(self) -> bool:
@@ -208,7 +218,12 @@ class RunComparison:
         """
         by_excess = np.argsort(-self.excess.sum(axis=1))
         by_loss = np.argsort(-self.lost.sum(axis=1))
-        order = dict.fromkeys([int(by_excess[0]), *by_loss.tolist()])
+        order = dict.fromkeys(
+            [
+                int(by_excess[0]),
+                *by_loss.tolist(),
+            ]
+        )
         return sorted([*order][:2])
 
     @cached_property
@@ -262,7 +277,10 @@ class RunComparison:
                 if difference.repair is not None:
                     repair = difference.repair.then(repair)
             fitted, errors = run.log.jackknife_errors(
-                repair, self.weights[number], columns, others
+                repair,
+                self.weights[number],
+                columns,
+                others,
             )
             arms = fitted if is_this else arms
             left.append(errors)
@@ -304,7 +322,10 @@ class RunComparison:
             arm = self.arm_of_others(number)
             for kind, joint, columns in _changes(run.log, run.repair, arm):
                 number_of = Difference(
-                    run=number, kind=kind, joint=joint, columns=columns
+                    run=number,
+                    kind=kind,
+                    joint=joint,
+                    columns=columns,
                 )
                 causes.append(self.cause(number_of))
         return [cause for cause in causes if cause is not None]
@@ -317,7 +338,11 @@ class RunComparison:
             for fault, repair in proposals(number):
                 joint = fault.joints[0] if fault.joints else -1
                 difference = Difference(
-                    run=number, kind=fault.kind, joint=joint, fault=fault, repair=repair
+                    run=number,
+                    kind=fault.kind,
+                    joint=joint,
+                    fault=fault,
+                    repair=repair,
                 )
                 causes.append(self.cause(difference))
         return [cause for cause in causes if cause is not None]
@@ -356,7 +381,11 @@ class RunComparison:
         if unit == "rad":
             distance = f"{np.degrees(-cause.size):.2g} degrees"
         x = 1.0 + cause.size if difference.kind == "torque gain" else cause.size
-        names = {"run": run.name, "j": difference.joint + 1, "x": x}
+        names = {
+            "run": run.name,
+            "j": difference.joint + 1,
+            "x": x,
+        }
         if difference.fault is None:
             words, remedy = _WORDS[difference.kind]
             what = words.format(**names, distance=distance, unit=unit)
@@ -446,7 +475,9 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     t = float(log.data.motion.t[row])
     before = RunLog(log.some(slice(row)), repair, f"the part before t = {t:.4g} s")
     after = RunLog(
-        log.some(slice(row, None)), repair, f"the part from t = {t:.4g} s on"
+        log.some(slice(row, None)),
+        repair,
+        f"the part from t = {t:.4g} s on",
     )
     # Within a log, friction changes as well.
     for _, issue in compare_runs([before, after], c.TIMES**0.5):
@@ -468,7 +499,13 @@ def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
     parts, n_own = log.parts(repair, 2 * c.PARTS)
     cuts = range(3, len(parts) - 2)
     sums = np.array(
-        [[parts[:cut].sum(axis=0), parts[cut:].sum(axis=0)] for cut in cuts]
+        [
+            [
+                parts[:cut].sum(axis=0),
+                parts[cut:].sum(axis=0),
+            ]
+            for cut in cuts
+        ]
     )
     left = NormalEquations.of(sums, n_own).fitted(log.moving)[1].sum(axis=1)
     losses = np.log(left[:, log.moving]).sum(axis=1)
@@ -518,7 +555,9 @@ def _can_be(log: Likelihood, difference: Difference, x: float) -> bool:
 
 
 def _changes(
-    log: Likelihood, repair: LogTransform, theta: Array
+    log: Likelihood,
+    repair: LogTransform,
+    theta: Array,
 ) -> Iterator[tuple[str, int, Array]]:
     """Kind, joint and columns (n, M, r) of what may be different in a run, beside an
     arm's torque; theta : (s,) the arm's parameters."""
@@ -527,7 +566,11 @@ def _changes(
     for j in log.joints:
         only_j = np.eye(log.n)[j][:, None]
         yield "torque gain", j, (torque * only_j)[:, :, None]
-        shifted = repair.with_entries("zero", (j,), repair.zero[j] + 0.01)
+        shifted = repair.with_entries(
+            "zero",
+            (j,),
+            repair.zero[j] + 0.01,
+        )
         slope = (residual - log.unexplained(shifted, theta)) / 0.01
         yield "encoder offset", j, slope[:, :, None]
     if log.data.shared is not None:

@@ -29,7 +29,14 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
         about_frame = inertia_matrix(link[4:])
         about_com = about_frame - mass * (com @ com * np.eye(3) - np.outer(com, com))
         largest = float(np.linalg.eigvalsh(about_com)[-1])
-        sizes.append(LinkSizes(name, mass, float(np.linalg.norm(com)), largest))
+        sizes.append(
+            LinkSizes(
+                name,
+                mass,
+                float(np.linalg.norm(com)),
+                largest,
+            )
+        )
     for unit in odd_units(sizes, max(steps)):
         yield Issue(
             kind="units of the problem",

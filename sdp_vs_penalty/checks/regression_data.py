@@ -94,7 +94,11 @@ class RegressionData:
         borne = [
             (load * np.tanh(self.motion.dq / width)).T for width in COULOMB_WIDTHS[:2]
         ]
-        columns = [self.own_columns, np.stack(borne, axis=2), *self.laws.values()]
+        columns = [
+            self.own_columns,
+            np.stack(borne, axis=2),
+            *self.laws.values(),
+        ]
         return replace(self, own_columns=np.concatenate(columns, axis=2))
 
     @classmethod
@@ -144,7 +148,10 @@ class RegressionData:
 
     @classmethod
     def of(
-        cls, problem: Problem, run: Measurements, settings: Preprocessing
+        cls,
+        problem: Problem,
+        run: Measurements,
+        settings: Preprocessing,
     ) -> RegressionData:
         """The rows of one run, filtered by ``settings``, which are resolved.
 
@@ -262,11 +269,19 @@ def _piece(
     """States and own columns (n, M, k) at some rows of one stretch."""
     half = filters.coarse.half
     reach = filters.stride * half
-    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
+    dense = filters.motion(
+        part,
+        at[0] - reach,
+        at[-1] + reach,
+    )
     # Off the column grid by at most half a step: both sides of the relation alike would
     # cost more.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
-    local = np.clip(local, half, len(dense.t) - 1 - half)
+    local = np.clip(
+        local,
+        half,
+        len(dense.t) - 1 - half,
+    )
     low_pass = Decimator(filters.coarse, local)
     columns = [(low_pass @ column).T for column in _own_columns(dense, frictions)]
     return dense.part(local), np.stack(columns, axis=2)
@@ -274,7 +289,11 @@ def _piece(
 
 def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array]:
     """(N, n) each: a rotor, an offset, what resists the motion, and LAWS at last."""
-    columns = [motion.ddq, np.ones_like(motion.q), motion.dq]
+    columns = [
+        motion.ddq,
+        np.ones_like(motion.q),
+        motion.dq,
+    ]
     for effect in frictions:
         of_joints = [effect.column(motion, j) for j in effect.joints]
         columns.append(np.column_stack(of_joints))
@@ -290,7 +309,11 @@ def _without_laws(columns: Array, motion: Motion) -> tuple[Array, dict[str, Arra
     laws: dict[str, Array] = {}
     for name, law in reversed(LAWS.items()):
         n_columns = len(law(motion))
-        columns, laws[name] = np.split(columns, [-n_columns], axis=2)
+        columns, laws[name] = np.split(
+            columns,
+            [-n_columns],
+            axis=2,
+        )
     return columns, laws
 
 
@@ -326,5 +349,10 @@ def _independent(shared: Model | None) -> tuple[int, ...]:
     model = on_robot(shared, replace(shared.robot, gravity=gravity))
     n_rows = 2 * len(model.parameters) // shared.robot.n + 1
     q, dq, ddq = shared.robot.random_states
-    motion = Motion(np.zeros(n_rows), q[:n_rows], dq[:n_rows], ddq[:n_rows])
+    motion = Motion(
+        np.zeros(n_rows),
+        q[:n_rows],
+        dq[:n_rows],
+        ddq[:n_rows],
+    )
     return structure(np.concatenate(model.dense_columns(motion)))[1]

@@ -67,12 +67,28 @@ class LogTransform:
     events: tuple[LogEvent, ...] = ()
 
     @classmethod
-    def unchanged(cls, n: int, gravity: tuple[float, ...]) -> LogTransform:
+    def unchanged(
+        cls,
+        n: int,
+        gravity: tuple[float, ...],
+    ) -> LogTransform:
         """The repair that changes nothing of n joints under a gravity [m/s^2]."""
         same = tuple(range(n))
         one = (1.0,) * n
         zero = (0.0,) * n
-        return cls(same, one, zero, same, one, zero, zero, gravity, zero, zero, zero)
+        return cls(
+            same,
+            one,
+            zero,
+            same,
+            one,
+            zero,
+            zero,
+            gravity,
+            zero,
+            zero,
+            zero,
+        )
 
     @property
     def n(self) -> int:
@@ -84,7 +100,10 @@ class LogTransform:
         return replace(self, rate=rate)
 
     def with_entries(
-        self, name: str, joints: Sequence[int], value: Any
+        self,
+        name: str,
+        joints: Sequence[int],
+        value: Any,
     ) -> LogTransform:
         """Some joints' entries of one of the tuples."""
         entries: Any = tuple(
@@ -92,14 +111,24 @@ class LogTransform:
         )
         return replace(self, **{name: entries})
 
-    def times(self, name: str, joints: Sequence[int], factor: float) -> LogTransform:
+    def times(
+        self,
+        name: str,
+        joints: Sequence[int],
+        factor: float,
+    ) -> LogTransform:
         """Some joints' entries multiplied by a factor."""
         entries: Any = tuple(
             factor * x if j in joints else x for j, x in enumerate(getattr(self, name))
         )
         return replace(self, **{name: entries})
 
-    def with_swap(self, a: int, b: int, *names: str) -> LogTransform:
+    def with_swap(
+        self,
+        a: int,
+        b: int,
+        *names: str,
+    ) -> LogTransform:
         """The channels that joints a and b take, exchanged: of ``order``, ``tau_order``
         or both."""
         places = [b if j == a else a if j == b else j for j in range(self.n)]
@@ -202,7 +231,11 @@ class LogTransform:
         tau = run.tau[:, list(self.tau_order)]
         for j, lead in enumerate(self.lead):
             if lead:
-                tau[:, j] = np.interp(run.t + lead, run.t, tau[:, j])
+                tau[:, j] = np.interp(
+                    run.t + lead,
+                    run.t,
+                    tau[:, j],
+                )
         return np.asarray(tau * np.array(self.gain))
 
 
@@ -210,4 +243,8 @@ def _in_reverse(run: Measurements) -> Measurements:
     """The last row first, in as much time."""
     back = run.rows(np.arange(len(run.t))[::-1])
     dq = None if back.dq is None else -back.dq
-    return replace(back, t=run.t[0] + run.t[-1] - back.t, dq=dq)
+    return replace(
+        back,
+        t=run.t[0] + run.t[-1] - back.t,
+        dq=dq,
+    )

@@ -34,8 +34,16 @@ class Report(Record):
     repaired_all: Measurements
     repaired_certain: Measurements
     unexplained: float | None = None
-    gravity: tuple[float, ...] | None = field(default=None, compare=False, repr=False)
-    original: Measurements | None = field(default=None, compare=False, repr=False)
+    gravity: tuple[float, ...] | None = field(
+        default=None,
+        compare=False,
+        repr=False,
+    )
+    original: Measurements | None = field(
+        default=None,
+        compare=False,
+        repr=False,
+    )
 
     @property
     def meaningless(self) -> bool:
@@ -75,7 +83,11 @@ class Report(Record):
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote: issues without their repairs, no repaired runs."""
         percent = data["unexplained_percent"]
-        nothing = Measurements(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0)))
+        nothing = Measurements(
+            np.zeros(0),
+            np.zeros((0, 0)),
+            np.zeros((0, 0)),
+        )
         return cls(
             run=data["run"],
             issues=tuple(map(Issue.from_dict, data["findings"])),
@@ -109,7 +121,11 @@ class Report(Record):
         rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
         if not rows:
             return None
-        return Table(("kind", "where", "certainty", "remedy"), rows, words=(0, 1, 2, 3))
+        return Table(
+            ("kind", "where", "certainty", "remedy"),
+            rows,
+            words=(0, 1, 2, 3),
+        )
 
     def changes(self, name: str, done: Sequence[Issue]) -> str:
         """What a repaired copy of the file of this name differs in from it, and what is

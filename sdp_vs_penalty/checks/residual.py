@@ -68,7 +68,9 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
 
 
 def _unexplained_joints(
-    log: Likelihood, repair: LogTransform, score: ArmFit
+    log: Likelihood,
+    repair: LogTransform,
+    score: ArmFit,
 ) -> Iterator[Issue]:
     """Joints of which the arm leaves far more than the joint's own model, or the worst
     one where all together leave more than such arms do."""
@@ -114,14 +116,24 @@ def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.in
     return joints[is_still_worse[joints]]
 
 
-def _event(log: Likelihood, repair: LogTransform, score: ArmFit) -> Iterator[Issue]:
+def _event(
+    log: Likelihood,
+    repair: LogTransform,
+    score: ArmFit,
+) -> Iterator[Issue]:
     """A moment at which the error is far larger than at any other: contact, a push. At
     its ends the arm starts or comes to rest, which is stiction; a step is an issue of
     its own kind.
     """
     t = log.data.motion.t
     steps = [e.at for e in repair.events if isinstance(e.at, float)]
-    known = np.array([t[0], t[-1], *steps])
+    known = np.array(
+        [
+            t[0],
+            t[-1],
+            *steps,
+        ]
+    )
     for j in log.joints:
         error = np.abs(score.residual[j])
         at = float(t[np.argmax(error)])
@@ -157,7 +169,10 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     model = problem.model()
     data = compress(rows, model)
     known = of_regression(
-        make_task(problem, model, data), data, base_rows(problem, model), white=True
+        make_task(problem, model, data),
+        data,
+        base_rows(problem, model),
+        white=True,
     )
     dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
     if dark:

@@ -18,7 +18,10 @@ from sdp_vs_penalty.signals.runs import spans
 
 def missing(g: RunSummary) -> Iterator[Issue]:
     """Rows in which some channel is no number, or one that no robot measures."""
-    channels = {"t": g.run.t[:, None], **g.run.groups}
+    channels = {
+        "t": g.run.t[:, None],
+        **g.run.groups,
+    }
     is_usable = np.ones(len(g.run.t), bool)
     for name, x in channels.items():
         # What is no number compares false.
@@ -42,7 +45,12 @@ def repeated_run(g: RunSummary) -> Iterator[Issue]:
     if not len(lags):
         return
     lag = int(np.argmax(np.bincount(lags)))
-    is_same = np.concatenate([np.zeros(lag, bool), number[lag:] == number[:-lag]])
+    is_same = np.concatenate(
+        [
+            np.zeros(lag, bool),
+            number[lag:] == number[:-lag],
+        ]
+    )
     again = mask_of(len(is_same), [p for p in spans(is_same) if p[1] - p[0] >= RUN])
     if not again.any():
         return
@@ -59,7 +67,12 @@ def repeated_run(g: RunSummary) -> Iterator[Issue]:
 
 def held_rows(g: RunSummary) -> Iterator[Issue]:
     """Rows that are copies of the one before: frozen packets, or single doubled rows."""
-    is_held = np.concatenate([[False], np.diff(g.row_numbers) == 0])
+    is_held = np.concatenate(
+        [
+            [False],
+            np.diff(g.row_numbers) == 0,
+        ]
+    )
     frozen = _frozen_packets(g, is_held)
     which = "all channels repeat"
     if not frozen.any():
@@ -81,7 +94,15 @@ def _frozen_measurements(g: RunSummary) -> Rows:
     parts = [
         (a, b)
         for a, b in spans(frozen)
-        if any(_velocity_goes_on(g.run.dq, j, a, b - 1) for j in moving_joints)
+        if any(
+            _velocity_goes_on(
+                g.run.dq,
+                j,
+                a,
+                b - 1,
+            )
+            for j in moving_joints
+        )
     ]
     return mask_of(len(frozen), parts)
 
@@ -193,7 +214,11 @@ def interpolated_rows(g: RunSummary) -> Iterator[Issue]:
         "{rows} rows lie on straight lines in every channel: a gap was filled by"
         " interpolation."
     )
-    yield from g.deleted("interpolated rows", mask_of(len(inside), parts), what)
+    yield from g.deleted(
+        "interpolated rows",
+        mask_of(len(inside), parts),
+        what,
+    )
 
 
 def _on_lines(g: RunSummary) -> Rows:
@@ -295,7 +320,17 @@ def lost_rows(g: RunSummary) -> Iterator[Issue]:
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
     scatter = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
     near = (*range(-5, 0), *range(1, 6))
-    usual = np.mean([np.roll(speed, k, axis=0) for k in near], axis=0)
+    usual = np.mean(
+        [
+            np.roll(
+                speed,
+                k,
+                axis=0,
+            )
+            for k in near
+        ],
+        axis=0,
+    )
     can_tell = usual > scatter
     places = _skips(speed, usual, can_tell)
     places = places[steps[places] < 3.0 * np.median(steps)]
@@ -323,10 +358,19 @@ def lost_rows(g: RunSummary) -> Iterator[Issue]:
     )
 
 
-def _skips(speed: Array, usual: Array, can_tell: Rows) -> NDArray[np.intp]:
+def _skips(
+    speed: Array,
+    usual: Array,
+    can_tell: Rows,
+) -> NDArray[np.intp]:
     """Steps in which nearly all joints that can tell (K, n) come more than twice as far
     as in those around them."""
-    ratio = np.divide(speed, usual, out=np.full_like(speed, np.nan), where=can_tell)
+    ratio = np.divide(
+        speed,
+        usual,
+        out=np.full_like(speed, np.nan),
+        where=can_tell,
+    )
     n_skip = np.sum(np.round(ratio) > 2.0, axis=1)
     n_tell = can_tell.sum(axis=1)
     are_enough = n_tell >= max(2, (speed.shape[1] + 1) // 2)
@@ -335,10 +379,18 @@ def _skips(speed: Array, usual: Array, can_tell: Rows) -> NDArray[np.intp]:
 
 def _with_time(run: Measurements, added: Array) -> Measurements:
     """The run with time (N - 1,) [s] put between rows."""
-    return stepping(run, added > 0.0, np.diff(run.t) + added)
+    return stepping(
+        run,
+        added > 0.0,
+        np.diff(run.t) + added,
+    )
 
 
-def frozen(g: RunSummary, word: str, name: str) -> Iterator[Issue]:
+def frozen(
+    g: RunSummary,
+    word: str,
+    name: str,
+) -> Iterator[Issue]:
     """Channels that repeat a value bit by bit while the arm moves, and did not slow
     down before."""
     is_position = name == "q"
@@ -355,7 +407,12 @@ def frozen(g: RunSummary, word: str, name: str) -> Iterator[Issue]:
     yield from g.deleted(f"frozen {word}", bad, what, sure)
 
 
-def _stuck(g: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
+def _stuck(
+    g: RunSummary,
+    j: int,
+    x: Array,
+    is_position: bool,
+) -> Rows:
     """(N,) where a channel of joint j is frozen: the same number for long, and then not
     the next one."""
     steps = np.abs(np.diff(x))
@@ -382,7 +439,12 @@ def _stuck(g: RunSummary, j: int, x: Array, is_position: bool) -> Rows:
     return mask_of(len(x), frozen_parts)
 
 
-def _velocity_goes_on(dq: Array | None, j: int, a: int, b: int) -> bool:
+def _velocity_goes_on(
+    dq: Array | None,
+    j: int,
+    a: int,
+    b: int,
+) -> bool:
     """Whether joint j's logged velocity is as large from row a to b as elsewhere."""
     if dq is None:
         return False
@@ -425,14 +487,25 @@ def _long_pauses(g: RunSummary, x: Array) -> list[list[int]]:
     return pauses
 
 
-def _comes_to_rest(x: Array, steps: Array, a: int, jump: float) -> bool:
+def _comes_to_rest(
+    x: Array,
+    steps: Array,
+    a: int,
+    jump: float,
+) -> bool:
     """Whether a position slows down before it stays, and starts again slowly."""
     usual = float(np.median(steps[steps > 0.0]))
     slows = abs(x[a] - x[max(a - STUCK, 0)])
     return bool(jump < 4.0 * usual and slows < 0.5 * STUCK * usual)
 
 
-def _is_constant_friction(q: Array, steps: Array, level: float, a: int, b: int) -> bool:
+def _is_constant_friction(
+    q: Array,
+    steps: Array,
+    level: float,
+    a: int,
+    b: int,
+) -> bool:
     """Whether a torque may be constant: dry friction is until its joint turns, and hides
     in a coarse channel's step."""
     usual = float(np.median(steps[steps > 0.0]))

@@ -155,7 +155,9 @@ class RepairSearch:
         return [repair for repair in dict.fromkeys(repairs) if repair != now]
 
     def _gains_on_few_rows(
-        self, repairs: Sequence[LogTransform], now: LogTransform
+        self,
+        repairs: Sequence[LogTransform],
+        now: LogTransform,
     ) -> dict[LogTransform, float]:
         """By how much each repair raises the log-likelihood, on a third of the rows; of
         those alone that may reach the odds.
@@ -308,7 +310,10 @@ class RepairSearch:
             if fault.severity == "note" or _same_fit(net, fault.without):
                 continue
             stands = fault.kind == "torque sign" or self.beats_physics(
-                self.log, net, fault.without, strict=True
+                self.log,
+                net,
+                fault.without,
+                strict=True,
             )
             if not stands or not all(
                 self._holds(log, net, fault.without) for log in several
@@ -323,7 +328,12 @@ class RepairSearch:
                 return element.without
         return net
 
-    def _holds(self, log: Likelihood, net: LogTransform, without: LogTransform) -> bool:
+    def _holds(
+        self,
+        log: Likelihood,
+        net: LogTransform,
+        without: LogTransform,
+    ) -> bool:
         """Whether a run does not speak against what is said of all: its error on parts
         left out is no larger, where its joints move."""
         errors = [
@@ -356,7 +366,12 @@ class RepairSearch:
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
         now = number.at(number.value)
-        change, spread = self.log.first_order_steps(now, [number.at], value, h)
+        change, spread = self.log.first_order_steps(
+            now,
+            [number.at],
+            value,
+            h,
+        )
         return float(change[0]), float(spread[0])
 
     def numbers(
@@ -395,7 +410,10 @@ class RepairSearch:
         high = number.value + number.search_radius
         settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
         minimum = scipy.optimize.minimize_scalar(
-            score, bounds=(low, high), method="bounded", options=settings
+            score,
+            bounds=(low, high),
+            method="bounded",
+            options=settings,
         )
         is_better = minimum.fun < score(number.value)
         return float(minimum.x) if is_better else number.value
@@ -476,7 +494,9 @@ class RepairSearch:
         )
 
     def signs_as_likely(
-        self, net: LogTransform, turned: Sequence[int]
+        self,
+        net: LogTransform,
+        turned: Sequence[int],
     ) -> tuple[str, ...]:
         """Sets of torques whose sign may as well be the wrong ones: one joint more, or
         one less, to which neither physics nor the error on parts left out objects."""
@@ -513,7 +533,11 @@ class RepairSearch:
                 net = net.times("gain", (j,), -1.0)
         return net
 
-    def _against_turning(self, net: LogTransform, j: int) -> tuple[float, float]:
+    def _against_turning(
+        self,
+        net: LogTransform,
+        j: int,
+    ) -> tuple[float, float]:
         """What speaks against another sign of one torque: the log-odds of physics, and
         the rise of the error on parts left out in standard errors."""
         other = net.times("gain", (j,), -1.0)

@@ -97,9 +97,20 @@ class _Size:
         return self.over > c.EFFORT[1]
 
     @classmethod
-    def of(cls, log: Likelihood, repair: LogTransform, shares: Array) -> "_Size":
+    def of(
+        cls,
+        log: Likelihood,
+        repair: LogTransform,
+        shares: Array,
+    ) -> "_Size":
         """Of a repaired log, from its shares (n,) of the effort limits."""
-        over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
+        over = float(
+            np.max(
+                shares,
+                initial=-1.0,
+                where=shares > 0.0,
+            )
+        )
         problem = log.problem
         masses = float(problem.nominal_links[:, 0].sum())
         if masses <= 0.0 or np.all(problem.guessed_links):
@@ -147,7 +158,9 @@ class _Reason:
 
 
 def _reason_of_size(
-    log: Likelihood, repair: LogTransform, size: _Size
+    log: Likelihood,
+    repair: LogTransform,
+    size: _Size,
 ) -> _Reason | None:
     """What makes the torques so large or so small; None where they may be right."""
     is_odd = size.is_large or size.is_small

@@ -41,7 +41,11 @@ def velocity(g: RunSummary) -> Iterator[Issue]:
     if g.run.dq is None or len(g.run.t) < 2 * RUN:
         return
     lag = velocity_lag(g)
-    dq = np.roll(g.run.dq, -round(lag or 0.0), axis=0)
+    dq = np.roll(
+        g.run.dq,
+        -round(lag or 0.0),
+        axis=0,
+    )
     ratios = velocity_ratios(replace(g, run=replace(g.run, dq=dq)))
     known = np.flatnonzero(np.isfinite(ratios))
     if not len(known):

@@ -88,7 +88,12 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
 def say(text: str, style: str | None = None) -> None:
     """A line on stdout, to be copied or searched: not broken, no markup."""
     transcript.sentences.append(text)
-    out.print(printable(text), style=style, markup=False, soft_wrap=True)
+    out.print(
+        printable(text),
+        style=style,
+        markup=False,
+        soft_wrap=True,
+    )
 
 
 def paragraph(text: str) -> None:
@@ -132,7 +137,12 @@ def table(table: Table) -> None:
     too narrow for it, as wide as it is where nobody looks."""
     transcript.tables.append(table.to_dict())
     if table.title:
-        out.print(printable(table.title), style="italic", markup=False, soft_wrap=True)
+        out.print(
+            printable(table.title),
+            style="italic",
+            markup=False,
+            soft_wrap=True,
+        )
     if table.least_width <= out.width:
         out.print(table)
     elif out.is_terminal:

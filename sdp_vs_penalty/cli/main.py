@@ -222,7 +222,9 @@ def _run(words: Sequence[str]) -> None:
 
 @contextmanager
 def _transcribed(
-    words: Sequence[str], is_quiet: bool, json_file: Path | None
+    words: Sequence[str],
+    is_quiet: bool,
+    json_file: Path | None,
 ) -> Iterator[None]:
     """Meanwhile nothing is printed where ``is_quiet``; at the end what was said is
     written as JSON, with the exit code, where a file is named."""

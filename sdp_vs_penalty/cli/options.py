@@ -76,7 +76,11 @@ def _told(lines: str) -> dict[str, Any]:
     return out
 
 
-def _value(kind: type, low: float | None, high: float | None) -> Callable[[str], Any]:
+def _value(
+    kind: type,
+    low: float | None,
+    high: float | None,
+) -> Callable[[str], Any]:
     """A word's value: a text, path, number within limits, or one of several words."""
 
     def made(word: str) -> Any:
@@ -101,7 +105,11 @@ class Parser(argparse.ArgumentParser):
     """Of one verb, typed by its signature, told by its docstring; options : by
     parameter, as argparse holds them. Raises InputError for words that are none."""
 
-    def __init__(self, name: str, verb: Callable[..., None]) -> None:
+    def __init__(
+        self,
+        name: str,
+        verb: Callable[..., None],
+    ) -> None:
         text, _, tail = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
         example, _, lines = tail.partition("\n")
         super().__init__(
@@ -120,7 +128,10 @@ class Parser(argparse.ArgumentParser):
             for p in inspect.signature(verb).parameters.values()
         }
         self.add_argument(
-            "--quiet", "-q", action="store_true", help="Nothing but remarks and errors."
+            "--quiet",
+            "-q",
+            action="store_true",
+            help="Nothing but remarks and errors.",
         )
         if "json_" not in self.options:
             self.add_argument(
@@ -155,7 +166,11 @@ class Parser(argparse.ArgumentParser):
         if kind is bool:
             yes_or_no: Any = argparse.BooleanOptionalAction if default else "store_true"
             return self.add_argument(
-                *flags, dest=p.name, action=yes_or_no, default=default, help=text
+                *flags,
+                dest=p.name,
+                action=yes_or_no,
+                default=default,
+                help=text,
             )
         if issubclass(kind, StrEnum):
             metavar = "|".join(kind)
@@ -183,7 +198,11 @@ class Parser(argparse.ArgumentParser):
             else f" (default: {default})"
         )
         return self.add_argument(
-            *flags, dest=p.name, required=required, help=text, **how
+            *flags,
+            dest=p.name,
+            required=required,
+            help=text,
+            **how,
         )
 
     def given(self, words: Sequence[str]) -> dict[str, Any]:
@@ -203,7 +222,12 @@ class Parser(argparse.ArgumentParser):
         known = [flag for option in self._actions for flag in option.option_strings]
         for flag in (word.partition("=")[0] for word in words if word.startswith("--")):
             if flag != "--help":
-                require_known("option", flag, known, self.prog.partition(" ")[2])
+                require_known(
+                    "option",
+                    flag,
+                    known,
+                    self.prog.partition(" ")[2],
+                )
         joined: list[str] = []
         for word in words:  # what begins like a number is a value: --gravity -9.81,0,0
             if re.match(r"-[\d.]", word) and joined and joined[-1] in known:
@@ -244,13 +268,21 @@ class Parser(argparse.ArgumentParser):
             Remark(f"write {current}: --problem goes with the next version"),
             stacklevel=2,
         )
-        return [*problems, *["--data"] * bool(runs), *runs, *options]
+        return [
+            *problems,
+            *["--data"] * bool(runs),
+            *runs,
+            *options,
+        ]
 
     def _n_values(self, flag: str) -> float:
         """How many words a flag takes at most; 1 for an unknown one."""
         for option in self._actions:
             if flag in option.option_strings:
-                most: dict[Any, float] = {0: 0.0, "+": math.inf}
+                most: dict[Any, float] = {
+                    0: 0.0,
+                    "+": math.inf,
+                }
                 return most.get(option.nargs, 1.0)
         return 1.0
 

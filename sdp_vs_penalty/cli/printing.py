@@ -24,7 +24,11 @@ if TYPE_CHECKING:  # `identify` needs no diagnosis
     from sdp_vs_penalty.render.words import DiagnosisWords
 
 
-def estimate(result: Estimate, fit: Comparison | None, seconds: float) -> None:
+def estimate(
+    result: Estimate,
+    fit: Comparison | None,
+    seconds: float,
+) -> None:
     """What was identified, how well it fits, and what the certificate says of it.
 
     fit : against the measurements that it came from; None for a black box's answers.
@@ -241,11 +245,17 @@ def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:
     """The history without the weak findings at its end, but for the first two of them."""
     places = [k for k, f in enumerate(effects, start=1) if f.torque_is_certain]
     tail = effects[places[-1] :] if places else effects
-    return [*effects[: places[-1] if places else 0], *tail[:2]]
+    return [
+        *effects[: places[-1] if places else 0],
+        *tail[:2],
+    ]
 
 
 def before_after(
-    before: Comparison, after: Comparison, units: Sequence[str], what: str
+    before: Comparison,
+    after: Comparison,
+    units: Sequence[str],
+    what: str,
 ) -> None:
     """What became of each joint's error, the verdict after, and both errors as a table."""
     from sdp_vs_penalty.render.words import describe_change

@@ -78,14 +78,18 @@ def read_and_hold(
 
 
 def runs_from_options(
-    problem: Problem, data: Sequence[Path], window: str | None
+    problem: Problem,
+    data: Sequence[Path],
+    window: str | None,
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
     """The runs, or a black box's answers, behind --data: whole, and what --window
     leaves of them."""
     windows = time_windows(window)
     robot = problem.robot
     runs = load_answers(list(data), joints=robot.n) or load_measurements(
-        *data, joints=robot.n, names=robot.joint_names
+        *data,
+        joints=robot.n,
+        names=robot.joint_names,
     )
     return runs, windowed(runs, windows) if isinstance(runs, Measurements) else runs
 
@@ -130,11 +134,16 @@ def parsed_known(text: str | None) -> dict[str, float]:
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:
     """The runs as they stand behind --data."""
-    return [*map(str, data), *([] if window is None else ["--window", window])]
+    return [
+        *map(str, data),
+        *([] if window is None else ["--window", window]),
+    ]
 
 
 def judging_runs(
-    estimate: Estimate, data: list[Path] | None, window: str | None
+    estimate: Estimate,
+    data: list[Path] | None,
+    window: str | None,
 ) -> Runs | None:
     """The runs behind --data, else those that the model was judged on last, where they
     are still there; None where they are not."""

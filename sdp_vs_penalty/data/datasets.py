@@ -38,7 +38,9 @@ def cache_folder() -> Path:
 
 
 def fetch(
-    name: str, folder: str | Path | None = None, base: str | None = None
+    name: str,
+    folder: str | Path | None = None,
+    base: str | None = None,
 ) -> list[Path]:
     """Download a data set once and write its runs.
 
@@ -64,7 +66,11 @@ def fetch(
     """
     chosen = dataset(name)
     root = cache_folder() if folder is None else Path(folder)
-    download(chosen, root / name, base or os.environ.get(MIRROR_VARIABLE) or GITHUB)
+    download(
+        chosen,
+        root / name,
+        base or os.environ.get(MIRROR_VARIABLE) or GITHUB,
+    )
     for path, rows in ((root / name / file.name, file.rows) for file in chosen.files):
         if rows is not None:
             sentence = (
@@ -146,7 +152,11 @@ def to_joints(measurements: Measurements, transmission: Transmission) -> Measure
     return Measurements.of(m.t, groups, m.names, m.run)
 
 
-def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
+def download(
+    chosen: Dataset,
+    folder: Path,
+    base: str = GITHUB,
+) -> None:
     """Download every file of a data set that is not there yet, and check its SHA-256.
 
     Parameters
@@ -176,7 +186,11 @@ def download(chosen: Dataset, folder: Path, base: str = GITHUB) -> None:
         loader = pooch.HTTPDownloader(timeout=30)
         try:
             pooch.retrieve(
-                address, f"sha256:{file.sha256}", file.name, folder, downloader=loader
+                address,
+                f"sha256:{file.sha256}",
+                file.name,
+                folder,
+                downloader=loader,
             )
         except OSError as error:  # every error of requests is one
             missing = ", ".join(
@@ -206,11 +220,21 @@ def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
     for file in known.files:
         first, last = file.rows or (1, None)
         part = {"skiprows": first - 1, "max_rows": last and last - first + 1}
-        rows = np.loadtxt(folder / file.name, delimiter=",", encoding="latin1", **part)  # type: ignore[call-overload]
+        rows = np.loadtxt(
+            folder / file.name,
+            delimiter=",",
+            encoding="latin1",
+            **part,
+        )  # type: ignore[call-overload]
         tau = rows[:, 13:19] * np.array(known.drive_gains)
         name = Path(file.name).stem
         runs[name] = Measurements(
-            rows[:, 0], rows[:, 1:7], tau, rows[:, 7:13], None, (name,)
+            rows[:, 0],
+            rows[:, 1:7],
+            tau,
+            rows[:, 7:13],
+            None,
+            (name,),
         )
     return runs
 
@@ -229,7 +253,11 @@ def _emps_runs(folder: Path) -> dict[str, Measurements]:
             "qcmd": data["qg"],
             "voltage": data["vir"],
         }
-        runs[name] = Measurements.of(data["t"].ravel(), groups, (name,))
+        runs[name] = Measurements.of(
+            data["t"].ravel(),
+            groups,
+            (name,),
+        )
     return runs
 
 
@@ -237,12 +265,23 @@ def _tx40_runs(folder: Path) -> dict[str, Measurements]:
     """Angles [rad] and torques [N m] of the motors at 5 kHz, a header and one column a
     motor each."""
     positions, torques = DATASETS["tx40"].files
-    q = np.loadtxt(folder / positions.name, delimiter=",", skiprows=1)
-    tau = np.loadtxt(folder / torques.name, delimiter=",", skiprows=1)
+    q = np.loadtxt(
+        folder / positions.name,
+        delimiter=",",
+        skiprows=1,
+    )
+    tau = np.loadtxt(
+        folder / torques.name,
+        delimiter=",",
+        skiprows=1,
+    )
     # Samples a second of the TX40's log.
     return {
         "exciting": Measurements(
-            np.arange(len(q)) / 5000.0, q, tau, names=("exciting",)
+            np.arange(len(q)) / 5000.0,
+            q,
+            tau,
+            names=("exciting",),
         )
     }
 

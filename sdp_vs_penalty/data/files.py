@@ -171,9 +171,16 @@ def _one(
                 " of these"
             )
             raise InputError(
-                "no measurements", remedy, what.replace("...", given(part))
+                "no measurements",
+                remedy,
+                what.replace("...", given(part)),
             )
-        header = Header.of(f"run{number}", list(columns), what=what, remedy=_REMEDY)
+        header = Header.of(
+            f"run{number}",
+            list(columns),
+            what=what,
+            remedy=_REMEDY,
+        )
         run_read = without_traces(without_held(header.read(columns), names))
         if joints is not None and run_read.n != joints:
             raise other_robot(run_read.n, joints, what, names=names or ())
@@ -358,7 +365,11 @@ def _read_by_its_format(path: Path, choice: Choice) -> Measurements:
     return run
 
 
-def _require_joints(run: Measurements, names: Sequence[str], path: Path) -> None:
+def _require_joints(
+    run: Measurements,
+    names: Sequence[str],
+    path: Path,
+) -> None:
     """MissingJoints where the file names its joints, and some of the robot's are not
     among them."""
     n_missing = len(names) - len(run.joint_names)
@@ -415,7 +426,11 @@ def _without_silent_channels(path: Path, run: Measurements) -> Measurements:
     return Measurements.of(run.t, groups, run.names, run.run)
 
 
-def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> None:
+def check_usable(
+    path: str | Path,
+    m: Measurements,
+    word: str = "sample",
+) -> None:
     """Refuse what makes a run useless: too short, not finite, a clock that does not
     advance.
 
@@ -446,7 +461,10 @@ def check_usable(path: str | Path, m: Measurements, word: str = "sample") -> Non
 
 
 def _no_measurement(
-    where: str, value: float, word: str, path: str | Path
+    where: str,
+    value: float,
+    word: str,
+    path: str | Path,
 ) -> InputError:
     """The error of a number that no robot measures."""
     remedy = f"correct the {word} or delete it"
@@ -456,7 +474,10 @@ def _no_measurement(
 
 
 def _require_advancing_clock(
-    path: str | Path, m: Measurements, word: str, first: int
+    path: str | Path,
+    m: Measurements,
+    word: str,
+    first: int,
 ) -> None:
     """RepairableError where time repeats or runs backwards; first : number of the first
     sample in messages."""

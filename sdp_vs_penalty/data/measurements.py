@@ -100,7 +100,17 @@ class Measurements(Shown):
             tau = commanded.get("tauff", np.broadcast_to(0.0, q.shape))
         dq = groups.get("dq")
         warm = groups.get("temp")
-        return cls(t, q, tau, dq, run, names, warm, commanded, "tau" in groups)
+        return cls(
+            t,
+            q,
+            tau,
+            dq,
+            run,
+            names,
+            warm,
+            commanded,
+            "tau" in groups,
+        )
 
     @property
     def n(self) -> int:
@@ -116,7 +126,12 @@ class Measurements(Shown):
         runs = self.runs()
         lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
         with np.errstate(invalid="ignore"):
-            steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
+            steps = np.concatenate(
+                [
+                    np.zeros(0),
+                    *(np.diff(r.t) for r in runs),
+                ]
+            )
         rate = (
             f", {1.0 / np.median(steps):.4g} Hz"
             if len(steps) and np.median(steps) > 0.0
@@ -211,7 +226,11 @@ class Measurements(Shown):
             A view where a slice is given.
         """
         groups = {group: block[keep] for group, block in self.groups.items()}
-        return Measurements.of(self.t[keep], groups, (name or self.names[0],))
+        return Measurements.of(
+            self.t[keep],
+            groups,
+            (name or self.names[0],),
+        )
 
     def without_joints(self, places: Sequence[int]) -> Measurements:
         """Leave out the channels of some joints.
@@ -326,7 +345,12 @@ def without_traces(measured: Measurements) -> Measurements:
     smallest = 1e-30
     tiny = {
         name: concatenate_chunks(
-            np.where(np.abs(x) < smallest, 0.0, x) for _, x in iter_chunks(block)
+            np.where(
+                np.abs(x) < smallest,
+                0.0,
+                x,
+            )
+            for _, x in iter_chunks(block)
         )
         for name, block in groups.items()
         if any(

@@ -10,7 +10,9 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 def nearest_rows(
-    clock: Array, other: Array, within: float
+    clock: Array,
+    other: Array,
+    within: float,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
     """Find the nearest stamp of another clock.
 
@@ -31,7 +33,11 @@ def nearest_rows(
     """
     if len(other) == 0:
         return np.zeros(len(clock), np.intp), np.zeros(len(clock), bool)
-    after = np.clip(np.searchsorted(other, clock), 0, len(other) - 1)
+    after = np.clip(
+        np.searchsorted(other, clock),
+        0,
+        len(other) - 1,
+    )
     before = np.maximum(after - 1, 0)
     is_before = np.abs(other[before] - clock) <= np.abs(other[after] - clock)
     nearest = np.where(is_before, before, after)
@@ -58,7 +64,9 @@ def half_period(clock: Array) -> float:
 
 
 def merge_columns(
-    clock: Array, columns: Mapping[str, Array], leading: Sequence[str]
+    clock: Array,
+    columns: Mapping[str, Array],
+    leading: Sequence[str],
 ) -> tuple[NDArray[np.intp], dict[str, Array]]:
     """The rows in which all columns have a value, their own or the nearest in time.
 

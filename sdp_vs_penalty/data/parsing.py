@@ -3,7 +3,11 @@
 from sdp_vs_penalty.errors import InputError
 
 
-def numbers(option: str, text: str, count: int | None = None) -> list[float]:
+def numbers(
+    option: str,
+    text: str,
+    count: int | None = None,
+) -> list[float]:
     """Parse an option that holds numbers.
 
     Parameters

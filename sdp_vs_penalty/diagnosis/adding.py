@@ -103,7 +103,9 @@ def add(
     """
     estimate = as_estimate(estimate, "add(estimate=...)")
     measurements = as_measurements(
-        measurements, names=estimate.robot.joint_names, what="add(measurements=...)"
+        measurements,
+        names=estimate.robot.joint_names,
+        what="add(measurements=...)",
     )
     estimate.require_joints(measurements)
     measurements.require_torque("add")
@@ -192,7 +194,9 @@ class _Again:
         )
 
     def identified_jointly(
-        self, effects: Sequence[Effect], to_estimate: Sequence[Effect]
+        self,
+        effects: Sequence[Effect],
+        to_estimate: Sequence[Effect],
     ) -> Estimate:
         """The same where shape constants of effects and the model's own may move each
         other: at their joint optimum."""
@@ -202,7 +206,10 @@ class _Again:
             return extended
         model, shapes = together
         extended = self.identified(model.effects)
-        details = {**extended.details, "shapes": [s.to_dict() for s in shapes]}
+        details = {
+            **extended.details,
+            "shapes": [s.to_dict() for s in shapes],
+        }
         return replace(extended, details=details)
 
 
@@ -214,7 +221,9 @@ def _with_noise_of(estimate: Estimate, made: Estimate) -> Estimate:
 
 
 def _retunes(
-    estimate: Estimate, new_effects: Sequence[Effect], frozen: bool
+    estimate: Estimate,
+    new_effects: Sequence[Effect],
+    frozen: bool,
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
     """The effects that are new to the model, and the constants of those that it has
     already."""
@@ -282,7 +291,10 @@ def _add_frozen(
     problem = estimate.problem
     base = base_rows(problem, fit.model_of_new)
     sources = parameter_sources(
-        fit.task, fit.theta, base, fit.estimator.undetermined_by
+        fit.task,
+        fit.theta,
+        base,
+        fit.estimator.undetermined_by,
     )
     old = estimate.details
     details = {
@@ -343,9 +355,15 @@ def _fit_new_effects(
 ) -> _FitBeside:
     """New effects fitted to what a model leaves; twice where columns refer to torque, of
     which theirs is a part."""
-    model_of_new = Model(estimate.robot, tuple(new), gains=estimate.model.gains)
+    model_of_new = Model(
+        estimate.robot,
+        tuple(new),
+        gains=estimate.model.gains,
+    )
     model = replace(
-        estimate.model, effects=(*estimate.model.effects, *new), reference=None
+        estimate.model,
+        effects=(*estimate.model.effects, *new),
+        reference=None,
     )
     known = estimate.model.reference
     if known is None:
@@ -379,7 +397,12 @@ def _uncertainty_beside(
     if reference is not None:
         n_constants = sum(len(e.parameters) for e in constants)
         reference = np.append(reference, np.zeros(n_constants))
-    wide = Model(model.robot, (*model.effects, *constants), reference, model.gains)
+    wide = Model(
+        model.robot,
+        (*model.effects, *constants),
+        reference,
+        model.gains,
+    )
     return beside_held(
         fit.task,
         compress(runs, wide),
@@ -435,7 +458,11 @@ def estimate_constants(
     return out
 
 
-def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
+def _shaped(
+    search: Search,
+    effect: Effect,
+    joint: int | None,
+) -> Effect:
     """One joint's effect with the shape that scores most; given ones stay."""
     fixed = _given_constants(effect)
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
@@ -450,12 +477,21 @@ def _shaped(search: Search, effect: Effect, joint: int | None) -> Effect:
         key=lambda t: t.evidence,
     ):
         best[term.form.discrete_choice] = term
-    best_terms = (search.refined(search.fit, term, fixed) for term in best.values())
+    best_terms = (
+        search.refined(
+            search.fit,
+            term,
+            fixed,
+        )
+        for term in best.values()
+    )
     return max(best_terms, key=lambda t: t.evidence).form.effect
 
 
 def joint_optimum_of_constants(
-    extended: Estimate, added: Sequence[Effect], runs: FilteredRuns
+    extended: Estimate,
+    added: Sequence[Effect],
+    runs: FilteredRuns,
 ) -> tuple[Model, list[ShapeEstimate]] | None:
     """The model with its own estimated constants and those of what was ``added`` on the
     same joints at their joint optimum, and its own as `identify` states them; None

@@ -43,7 +43,13 @@ def list_candidates(data: WhiteData) -> Library:
     batches = []
     for pairs in groups.values():
         forms, columns = zip(*pairs, strict=True)
-        batches.append(Batch.of(tuple(sorted(columns[0])), forms, columns))
+        batches.append(
+            Batch.of(
+                tuple(sorted(columns[0])),
+                forms,
+                columns,
+            )
+        )
     laws = {f.discrete_choice: f for b in batches for f in b.forms}
     return Library(tuple(batches), Counter(f.key for f in laws.values()))
 

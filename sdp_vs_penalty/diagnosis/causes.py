@@ -101,7 +101,16 @@ def hats(x: Array, knots: Array | None = None) -> Array:
         knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
     if len(knots) < 2:
         return np.ones((len(x), 1))
-    return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
+    return np.column_stack(
+        [
+            np.interp(
+                x,
+                knots,
+                unit,
+            )
+            for unit in np.eye(len(knots))
+        ]
+    )
 
 
 def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
@@ -116,7 +125,11 @@ def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
     middle = 0.5 * (rows.t[at] + rows.t[at + 1])
     sides = np.searchsorted(at, row_numbers) + np.array([[-1], [0]])
     sides = np.clip(sides, 0, len(at) - 1)
-    seconds = np.where(segment[at[sides]] == segment, rows.t - middle[sides], np.inf)
+    seconds = np.where(
+        segment[at[sides]] == segment,
+        rows.t - middle[sides],
+        np.inf,
+    )
     best = np.argmin(np.abs(seconds), axis=0)
     direction = np.sign(velocity[at[sides[best, row_numbers]] + 1])
     return seconds[best, row_numbers], direction
@@ -128,7 +141,13 @@ def travel_since_reversal(q: Array, velocity: Array, rows: SegmentedRuns) -> Arr
     begins = np.ones(len(q), bool)
     turned = np.sign(velocity[1:]) != np.sign(velocity[:-1])
     begins[1:] = turned | (segment[1:] != segment[:-1])
-    start = np.maximum.accumulate(np.where(begins, np.arange(len(q)), 0))
+    start = np.maximum.accumulate(
+        np.where(
+            begins,
+            np.arange(len(q)),
+            0,
+        )
+    )
     return np.asarray(np.abs(q - q[start]))
 
 
@@ -139,28 +158,54 @@ def _near_reversals(x: States, e: JointError) -> Array:
     since, direction = from_reversal(velocity, x.rows)
     near = np.abs(since) < FOLLOWS
     in_time = near[:, None] * hats(since, np.linspace(-FOLLOWS, FOLLOWS, _HATS))
-    travel = travel_since_reversal(x.q[:, e.joint], velocity, x.rows)
+    travel = travel_since_reversal(
+        x.q[:, e.joint],
+        velocity,
+        x.rows,
+    )
     in_travel = hats(travel) * smooth_sign(velocity)[:, None]
-    return np.hstack([in_time, in_time * direction[:, None], in_travel])
+    return np.hstack(
+        [
+            in_time,
+            in_time * direction[:, None],
+            in_travel,
+        ]
+    )
 
 
 def _at_standstill(x: States, e: JointError) -> Array:
     """A torque in each direction while the joint stands."""
     still = np.asarray(x.rows.still[:, e.joint] > STILL, float)
-    return np.column_stack([still, still * smooth_sign(x.dq[:, e.joint])])
+    return np.column_stack(
+        [
+            still,
+            still * smooth_sign(x.dq[:, e.joint]),
+        ]
+    )
 
 
 def _at_high_speed(x: States, e: JointError) -> Array:
     """What grows beyond three quarters of the largest speed."""
     speed = np.abs(x.dq[:, e.joint])
     fast = np.maximum(speed - FAST * speed.max(), 0.0)
-    return np.column_stack([fast, fast * smooth_sign(x.dq[:, e.joint])])
+    return np.column_stack(
+        [
+            fast,
+            fast * smooth_sign(x.dq[:, e.joint]),
+        ]
+    )
 
 
 def _of_velocity(x: States, e: JointError) -> Array:
     """Any function of the velocity, and its squares."""
     v = x.dq[:, e.joint]
-    return np.column_stack([hats(v), v**2, v * np.abs(v)])
+    return np.column_stack(
+        [
+            hats(v),
+            v**2,
+            v * np.abs(v),
+        ]
+    )
 
 
 def _of_position(x: States, e: JointError) -> Array:
@@ -233,7 +278,13 @@ def _of_time(x: States, e: JointError) -> Array:
     powers = np.column_stack([t**k for k in _TIME_POWERS])
     direction = smooth_sign(x.dq[:, e.joint])
     velocity = x.dq[:, e.joint]
-    return np.hstack([powers, powers * direction[:, None], powers * velocity[:, None]])
+    return np.hstack(
+        [
+            powers,
+            powers * direction[:, None],
+            powers * velocity[:, None],
+        ]
+    )
 
 
 def _of_hum(x: States, e: JointError) -> Array:
@@ -257,8 +308,16 @@ def _of_other_joints(x: States, e: JointError) -> list[Array]:
     out = []
     for i in x.others(e.joint):
         direction = smooth_sign(x.dq[:, i])
-        moving = [hats(x.dq[:, i]), x.dq[:, [i]], direction[:, None], x.ddq[:, [i]]]
-        out += [np.hstack(moving), hats(x.q[:, i])]
+        moving = [
+            hats(x.dq[:, i]),
+            x.dq[:, [i]],
+            direction[:, None],
+            x.ddq[:, [i]],
+        ]
+        out += [
+            np.hstack(moving),
+            hats(x.q[:, i]),
+        ]
     return out
 
 
@@ -382,7 +441,11 @@ class SplitError:
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
 
-def held_out_share(features: Array, error: Array, fold: NDArray[np.intp]) -> float:
+def held_out_share(
+    features: Array,
+    error: Array,
+    fold: NDArray[np.intp],
+) -> float:
     """1 - squared error of the prediction / squared error of none, over held-out folds;
     >= 0.
 

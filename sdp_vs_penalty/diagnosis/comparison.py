@@ -190,7 +190,11 @@ class Comparison(Record):
         """How good the model is on these measurements."""
         return self.verdict_with()
 
-    def verdict_with(self, missing: str = "", forward: str = "") -> Verdict:
+    def verdict_with(
+        self,
+        missing: str = "",
+        forward: str = "",
+    ) -> Verdict:
         """The same with what a diagnosis and a forward simulation say; the grade stays."""
         links = self.estimate.model.rigid_indices[::10]
         return judge(
@@ -214,7 +218,10 @@ class Comparison(Record):
         )
 
     def plot(
-        self, joint: int | None = None, against: str = "time", axes: Any = None
+        self,
+        joint: int | None = None,
+        against: str = "time",
+        axes: Any = None,
     ) -> Any:
         """Draw each joint's error beside the noise floor, or one joint's residual;
         returns the axes.
@@ -290,7 +297,11 @@ class Comparison(Record):
         return pandas.DataFrame(columns, pandas.Index(joints, name="joint"))
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any], estimate: Estimate) -> Self:
+    def from_dict(
+        cls,
+        data: Mapping[str, Any],
+        estimate: Estimate,
+    ) -> Self:
         """What :meth:`to_dict` wrote of this model; without the signals."""
         floor = data["noise_floor"]
         known = bool(floor) and floor[0] is not None
@@ -365,7 +376,11 @@ def new_motion(new_share: float | None) -> str:
     return "not recorded" if new_share is None else formatting.percent(new_share, 2)
 
 
-def plot_errors(axes: Any, errors: Mapping[str, Array], floor: Array | None) -> Any:
+def plot_errors(
+    axes: Any,
+    errors: Mapping[str, Array],
+    floor: Array | None,
+) -> Any:
     """RMSE of each joint as bars, models side by side, with the noise floor as steps."""
     axes = formatting.axes(axes)
     width = 0.8 / len(errors)
@@ -412,7 +427,11 @@ class Comparisons(list[Comparison]):
 
         Raises InputError without matplotlib (extra [plot]).
         """
-        return plot_errors(axes, {c.name: c.rmse for c in self}, self[0].noise_floor)
+        return plot_errors(
+            axes,
+            {c.name: c.rmse for c in self},
+            self[0].noise_floor,
+        )
 
     def __repr__(self) -> str:
         if len(self) == 1:
@@ -468,7 +487,9 @@ def compare(
     if not isinstance(runs, FilteredRuns):
         names = first.robot.joint_names
         data = as_measurements(
-            measurements, names=names, what="compare(measurements=...)"
+            measurements,
+            names=names,
+            what="compare(measurements=...)",
         )
         runs = FilteredRuns.of(data, preprocessing or first.preprocessing)
     for name, model in models.items():
@@ -507,7 +528,15 @@ def compare_filtered(
         all_measurements,
         "errors are those of all samples, noise and dependences of",
     )
-    judged = [_compare_one(name, model, runs, floor) for name, model in models.items()]
+    judged = [
+        _compare_one(
+            name,
+            model,
+            runs,
+            floor,
+        )
+        for name, model in models.items()
+    ]
     return Comparisons(replace(one, judged_on=remark) for one in judged)
 
 
@@ -550,7 +579,10 @@ def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:
 
 
 def _compare_one(
-    name: str, model: Estimate, runs: FilteredRuns, floor: tuple[Array | None, str]
+    name: str,
+    model: Estimate,
+    runs: FilteredRuns,
+    floor: tuple[Array | None, str],
 ) -> Comparison:
     """Errors of one model on filtered runs; floor : noise floor (n,) [N m or N] and its
     source."""
@@ -619,7 +651,11 @@ class _ErrorStatistics:
     def of(cls, signals: Signals) -> Self:
         """Of measured and modelled torque, a chunk of rows at a time."""
         measured = signals.measured
-        pairs = zip(iter_chunks(measured), iter_chunks(signals.modelled), strict=True)
+        pairs = zip(
+            iter_chunks(measured),
+            iter_chunks(signals.modelled),
+            strict=True,
+        )
         squares = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs)
         n_rows = len(signals.t)
         error = squares / n_rows
@@ -627,7 +663,11 @@ class _ErrorStatistics:
         scatter = sum(np.sum((a - mean) ** 2, axis=0) for _, a in iter_chunks(measured))
         variance = scatter / n_rows
         with np.errstate(divide="ignore", invalid="ignore"):
-            r2 = np.where(variance > 0.0, 1.0 - error / variance, np.nan)
+            r2 = np.where(
+                variance > 0.0,
+                1.0 - error / variance,
+                np.nan,
+            )
             mean_square = np.sum(variance + mean**2)
             relative = 100.0 * np.sqrt(np.sum(error) / mean_square)
         return cls(error, r2, float(relative))

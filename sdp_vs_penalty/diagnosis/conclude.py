@@ -91,7 +91,10 @@ class Conclusion:
         if unnamed:
             verdict = "unknown_effect"
         happened = find_events(
-            self.data, left.outlier_rows, left.residual, sorted(unnamed)
+            self.data,
+            left.outlier_rows,
+            left.residual,
+            sorted(unnamed),
         )
         return Diagnosis(
             verdict=verdict,
@@ -130,7 +133,14 @@ class Conclusion:
         out = []
         for k, (term, size) in enumerate(zip(self.search.terms, sizes, strict=True)):
             step = errors[k : k + 2]
-            judged = Judged(self.search, self.left, term, size, step, self.curves)
+            judged = Judged(
+                self.search,
+                self.left,
+                term,
+                size,
+                step,
+                self.curves,
+            )
             out.append(describe_finding(term, size, reasons_for_doubt(judged), step))
         return out
 
@@ -187,7 +197,10 @@ def _weakened(finding: Finding, reason: str) -> Finding:
 
 
 def describe_finding(
-    term: ScoredEffect, known: Size, doubts: Mapping[str, str], errors: Array
+    term: ScoredEffect,
+    known: Size,
+    doubts: Mapping[str, str],
+    errors: Array,
 ) -> Finding:
     """A finding for a reader; errors (2, n) : held out, before and after it."""
     effect = term.form.effect
@@ -266,7 +279,12 @@ def _standstill(data: WhiteData, residual: Array) -> str:
     )
 
 
-def sentence(effect: Effect, size: float, std: float, rivals: Sequence[str]) -> str:
+def sentence(
+    effect: Effect,
+    size: float,
+    std: float,
+    rivals: Sequence[str],
+) -> str:
     """What was found, in one or two sentences."""
     unit = effect.parameters[effect.sized_by][0].unit
     where = (

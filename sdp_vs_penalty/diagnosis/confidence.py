@@ -62,7 +62,9 @@ class Judged:
         An error of an exponent changes the number, and hardly the torque.
         """
         return size_of(
-            self.effect, self.size.beta, self.size.covariance_given_constants
+            self.effect,
+            self.size.beta,
+            self.size.covariance_given_constants,
         )
 
     @property
@@ -81,7 +83,11 @@ def _is_uncertain(x: Judged) -> bool:
 def _is_insignificant(x: Judged) -> bool:
     """Its size is not told from zero, its shape constants being as uncertain as they
     are."""
-    size, std = size_of(x.effect, x.size.beta, x.size.covariance)
+    size, std = size_of(
+        x.effect,
+        x.size.beta,
+        x.size.covariance,
+    )
     return not std < SIGNIFICANT * abs(size)
 
 
@@ -163,7 +169,11 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
             shares[form.key] = min(shares.get(form.key, 1.0), share)
     found = {t.key for t in search.terms}
     return tuple(
-        Invisible(name, () if joint is None else (joint + 1,), share)
+        Invisible(
+            name,
+            () if joint is None else (joint + 1,),
+            share,
+        )
         for (name, joint), share in shares.items()
         if share > 1.0 - ABSORBED and (name, joint) not in found
     )

@@ -174,7 +174,9 @@ class DiagnosisRuns:
     def subsample_remark(self) -> str | None:
         """What is said where only windows are searched."""
         return subsample_sentence(
-            self.searched, self._driven[1], "effects were searched for in"
+            self.searched,
+            self._driven[1],
+            "effects were searched for in",
         )
 
     @cached_property

@@ -99,7 +99,10 @@ def _one_a_candidate(rivals: Sequence[ScoredEffect]) -> tuple[ScoredEffect, ...]
 
 
 def _predicts_as_well(
-    explanation: Explanation, held_out: HeldOut, group: _Group, rival: int
+    explanation: Explanation,
+    held_out: HeldOut,
+    group: _Group,
+    rival: int,
 ) -> bool:
     """Whether errors on data left out are no larger with a rival in the place of a group;
     rival : where it stands among the effects."""
@@ -123,13 +126,22 @@ def _groups(search: Search) -> list[_Group]:
 
 
 def _judge_group(
-    search: Search, full: WhiteFit, terms: tuple[ScoredEffect, ...]
+    search: Search,
+    full: WhiteFit,
+    terms: tuple[ScoredEffect, ...],
 ) -> _Group:
     """What some findings explain beside all others; full : a fit with all columns."""
     others = [t for t in search.terms if t not in terms]
     beside = search.nuisances.with_law_misfits(others)
     fit = search.score.fit(beside, full)
-    judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
+    judged = [
+        search.score.evidence_of(
+            fit,
+            t.form,
+            t.columns,
+        )
+        for t in terms
+    ]
     after = search.score.fit([*beside, *terms], full)
     left = after.residual * (after.level / fit.level)[:, None]
     squares = float(np.sum(fit.residual**2) - np.sum(left**2))
@@ -186,7 +198,11 @@ def _acts_where(group: _Group, batch: Batch) -> bool:
     return bool(joints & {*batch.joints})
 
 
-def _that_may_stand(search: Search, group: _Group, batch: Batch) -> list[int]:
+def _that_may_stand(
+    search: Search,
+    group: _Group,
+    batch: Batch,
+) -> list[int]:
     """Which candidates of a batch may stand in the place of a group."""
     present = {t.key for t in search.terms}
     picked = [t.form for t in group.others]

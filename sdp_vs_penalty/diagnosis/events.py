@@ -49,7 +49,10 @@ class Event(JsonRecord):
 
 
 def find_events(
-    data: WhiteData, outlier_rows: Mask, residual: Array, unexplained: Sequence[int]
+    data: WhiteData,
+    outlier_rows: Mask,
+    residual: Array,
+    unexplained: Sequence[int],
 ) -> list[Event]:
     """Outliers of the final model: windows of too much energy, cut to the rows that hold
     it, and lines of the spectrum.
@@ -65,12 +68,20 @@ def find_events(
     for j in range(rows.n):
         for group in _groups_in_time(data, mask[:, j], j):
             core = _core_of_event(group, residual[:, j])
-            out.append(Event(j + 1, float(rows.t[core[0]]), float(rows.t[core[-1]])))
+            out.append(
+                Event(
+                    j + 1,
+                    float(rows.t[core[0]]),
+                    float(rows.t[core[-1]]),
+                )
+            )
     return sorted(out, key=lambda e: (e.t_start, e.joint))
 
 
 def _groups_in_time(
-    data: WhiteData, outlier_rows: NDArray[np.bool_], joint: int
+    data: WhiteData,
+    outlier_rows: NDArray[np.bool_],
+    joint: int,
 ) -> list[NDArray[np.intp]]:
     """A joint's outlier rows (M,), those apart that are far in time."""
     rows = data.rows
@@ -112,7 +123,13 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         suspect = unrepeated[:, j]
         if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            lone = lone_windows(white[:, j], rows.pieces[j], slow, rows.rate, rows.n)
+            lone = lone_windows(
+                white[:, j],
+                rows.pieces[j],
+                slow,
+                rows.rate,
+                rows.n,
+            )
             # Where no repetition tells it from noise, it stands out of the joint's error.
             is_outlier &= lone if noise.source != REPETITION else lone | ~slow
             suspect = suspect & (lone | ~slow)
@@ -132,8 +149,26 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
         return suspect
     # Within so many rows two windows are at the same phase.
     width = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
-    near = np.array([np.convolve(x, width, mode="same") for x in suspect.T]).T
-    energy = np.array([np.convolve(x, width, mode="same") for x in (residual**2).T]).T
+    near = np.array(
+        [
+            np.convolve(
+                x,
+                width,
+                mode="same",
+            )
+            for x in suspect.T
+        ]
+    ).T
+    energy = np.array(
+        [
+            np.convolve(
+                x,
+                width,
+                mode="same",
+            )
+            for x in (residual**2).T
+        ]
+    ).T
     out = suspect.copy()
     near = near > 0.5
     for one, other in ((r.rows, r.there) for r in repeats):
@@ -152,7 +187,15 @@ def find_hums(data: WhiteData, residual: Array) -> list[Event]:
         for segment in data.rows.segments:
             begin = float(segment.t[0])
             end = float(segment.t[-1])
-            out.append(Event(j + 1, begin, end, "hum", lines[0]))
+            out.append(
+                Event(
+                    j + 1,
+                    begin,
+                    end,
+                    "hum",
+                    lines[0],
+                )
+            )
     return out
 
 
@@ -209,7 +252,11 @@ def spectral_lines(
     pooled = len(pieces)
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
     half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
-    level = scipy.ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
+    level = scipy.ndimage.median_filter(
+        power,
+        size=2 * half + 1,
+        mode="nearest",
+    )
     level = level / float(scipy.special.gammaincinv(pooled, 0.5)) * pooled
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled

@@ -131,7 +131,10 @@ class EvidenceScorer(WhiteFitter):
         self.laws_by_effect = Counter(name for name, _ in self.laws)
 
     def evidence_of(
-        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
+        self,
+        fit: WhiteFit,
+        form: Candidate,
+        columns: dict[int, Array],
     ) -> ScoredEffect:
         """A candidate beside a fit, with the model's constants as they are or free.
 
@@ -149,7 +152,9 @@ class EvidenceScorer(WhiteFitter):
         return max(term, moved, key=lambda t: t.evidence_with_worth_of(term))
 
     def score_with_free_constants(
-        self, beside: _Beside, columns: dict[int, Array]
+        self,
+        beside: _Beside,
+        columns: dict[int, Array],
     ) -> ScoredEffect | None:
         """The candidate where the model's constants on its joints move with it, to first
         order and at the price of as many numbers; None where there are none.
@@ -172,7 +177,11 @@ class EvidenceScorer(WhiteFitter):
         known = np.append(beside.known, np.ones(n_moving))
         return self._score(_Beside(beside.form, fit, fit, T, known), columns)
 
-    def _score(self, beside: _Beside, columns: dict[int, Array]) -> ScoredEffect:
+    def _score(
+        self,
+        beside: _Beside,
+        columns: dict[int, Array],
+    ) -> ScoredEffect:
         """The score of a candidate whose columns are partialled out."""
         form = beside.form
         fit = beside.fit
@@ -193,7 +202,12 @@ class EvidenceScorer(WhiteFitter):
             torque = T[:, :, 0]
             left = left - torque * float(np.sum(torque * left)) / energy
         count = float(fit.degrees[list(columns)].mean())
-        v = self.rows_worth_one(T, left, inverse, beside.T.shape[2])
+        v = self.rows_worth_one(
+            T,
+            left,
+            inverse,
+            beside.T.shape[2],
+        )
         if self.rules.coarsening:
             v += count / COARSENING_ROWS
         n_independent = max(count * len(columns) / v, 3.0)
@@ -258,7 +272,11 @@ class EvidenceScorer(WhiteFitter):
         return 2.0 * self.n_candidates
 
     def rows_worth_one(
-        self, T: Array, left: Array, inverse: Array, freedom: float
+        self,
+        T: Array,
+        left: Array,
+        inverse: Array,
+        freedom: float,
     ) -> float:
         """By how much the sandwich's middle is larger than T'T, at least 1.
 
@@ -269,7 +287,10 @@ class EvidenceScorer(WhiteFitter):
         return max(1.0, *(float(np.sum((u @ inverse) * u)) / freedom for u in sums))
 
     def partial_out(
-        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
+        self,
+        fit: WhiteFit,
+        form: Candidate,
+        columns: dict[int, Array],
     ) -> tuple[Array, Array]:
         """(n, M, k) what a fit leaves of a candidate's weighted columns, and (k,) the
         known standard deviations of their coefficients.
@@ -284,7 +305,10 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def prior(
-        fit: WhiteFit, plausible: Array, joints: Sequence[int], energy: Array
+        fit: WhiteFit,
+        plausible: Array,
+        joints: Sequence[int],
+        energy: Array,
     ) -> Array:
         """(..., k) standard deviations of coefficients about zero before anything is
         measured.
@@ -304,7 +328,12 @@ class EvidenceScorer(WhiteFitter):
         G, _, raw = self._products(fit, batch)
         energy = np.trace(raw, axis1=1, axis2=2)
         share = np.ones(len(energy))
-        np.divide(np.sum(G**2, axis=(0, 2)), energy, out=share, where=energy > 0.0)
+        np.divide(
+            np.sum(G**2, axis=(0, 2)),
+            energy,
+            out=share,
+            where=energy > 0.0,
+        )
         return share
 
     @staticmethod
@@ -314,7 +343,13 @@ class EvidenceScorer(WhiteFitter):
         F = len(batch.forms)
         k = batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
-        pairs = list(zip(weights, fit.design.of(batch), strict=True))
+        pairs = list(
+            zip(
+                weights,
+                fit.design.of(batch),
+                strict=True,
+            )
+        )
         cross = sum(w * AZ for w, (AZ, _) in pairs)
         pull = sum(w * Zy for w, (_, Zy) in pairs) - fit.theta @ cross
         raw = np.tensordot(weights, batch.grams, axes=1)
@@ -332,7 +367,11 @@ class EvidenceScorer(WhiteFitter):
             drop = drop - float(np.sum((fit.rss - to_beat.rss) / fit.level**2))
         return np.asarray(drop - size * price)
 
-    def explained(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
+    def explained(
+        self,
+        fit: WhiteFit,
+        batch: Batch,
+    ) -> tuple[Array, Array]:
         """(F,) drop of the weighted squared error, and how many coefficients the rows
         determine, of a batch."""
         if batch.forms[0].n_coefficients == 1:
@@ -345,9 +384,17 @@ class EvidenceScorer(WhiteFitter):
         energy = raw[:, 0, 0]
         D = energy - np.sum(G[:, :, 0] ** 2, axis=0)
         good = (ABSORBED * energy < D) & ~(batch.signed & (pull[:, 0] < 0.0))
-        return np.where(good, pull[:, 0] ** 2 / np.where(good, D, 1.0), 0.0)
+        return np.where(
+            good,
+            pull[:, 0] ** 2 / np.where(good, D, 1.0),
+            0.0,
+        )
 
-    def _drop_of_columns(self, fit: WhiteFit, batch: Batch) -> tuple[Array, Array]:
+    def _drop_of_columns(
+        self,
+        fit: WhiteFit,
+        batch: Batch,
+    ) -> tuple[Array, Array]:
         """(F,) the same of candidates with several columns; and (F,) how many
         coefficients the rows determine."""
         G, pull, raw = self._products(fit, batch)
@@ -357,7 +404,12 @@ class EvidenceScorer(WhiteFitter):
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D = D * is_visible[:, :, None] * is_visible[:, None, :]
         pull = pull * is_visible
-        known = self.prior(fit, batch.plausible, list(batch.joints), energy)
+        known = self.prior(
+            fit,
+            batch.plausible,
+            list(batch.joints),
+            energy,
+        )
         k = pull.shape[1]
         A = with_ridge(D + np.eye(k) * known[:, :, None] ** -2.0)
         inverse = np.linalg.inv(A)
@@ -365,7 +417,11 @@ class EvidenceScorer(WhiteFitter):
         nonnegative = np.array([f.nonnegative for f in batch.forms])
         is_below = np.any(nonnegative & (beta < 0.0), axis=1)
         for f in np.flatnonzero(is_below).tolist():
-            beta[f] = bounded_least_squares(A[f], pull[f], nonnegative[f])
+            beta[f] = bounded_least_squares(
+                A[f],
+                pull[f],
+                nonnegative[f],
+            )
         squares = np.einsum("fa,fab,fb->f", beta, A, beta)
         drop = 2.0 * np.sum(beta * pull, axis=1) - squares
         return drop, np.einsum("fab,fba->f", inverse, D)

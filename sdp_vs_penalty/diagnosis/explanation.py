@@ -103,7 +103,9 @@ def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
 
 
 def drop_harmful(
-    explanation: Explanation, held_out: HeldOut, search: Search
+    explanation: Explanation,
+    held_out: HeldOut,
+    search: Search,
 ) -> Explanation:
     """The constants and findings that data left out do not speak against.
 
@@ -180,8 +182,15 @@ class Ladder:
     def harmful_together(self, is_sure: Sequence[bool]) -> list[bool]:
         """Which constants and findings do harm beside those that are sure; is_sure : by
         finding."""
-        flags = zip(self.offered[self.n_own :], is_sure, strict=True)
-        sure = [*self.offered[: self.n_own], *(k for k, yes in flags if yes)]
+        flags = zip(
+            self.offered[self.n_own :],
+            is_sure,
+            strict=True,
+        )
+        sure = [
+            *self.offered[: self.n_own],
+            *(k for k, yes in flags if yes),
+        ]
         harmless = self.held_out.drop_harmful(sure)
         harmless = self.held_out.drop_harmful_to_a_joint(harmless)
         harmful = set(sure).difference(harmless)

@@ -312,7 +312,9 @@ class Diagnosis(Record, JsonRecord):
     remains: tuple[Remaining, ...] = ()
 
     def selected(
-        self, numbers: Sequence[float] | None = None, confident: bool = False
+        self,
+        numbers: Sequence[float] | None = None,
+        confident: bool = False,
     ) -> Diagnosis:
         """Only the findings of these numbers (from 1, in the order of adding), or those
         that are sure.
@@ -453,7 +455,10 @@ class Diagnosis(Record, JsonRecord):
     @property
     def texts(self) -> list[str]:
         """Every finding and re-estimated constant, as `add` takes it."""
-        return [*(f.text for f in self.effects), *(r.text for r in self.retuned)]
+        return [
+            *(f.text for f in self.effects),
+            *(r.text for r in self.retuned),
+        ]
 
     @property
     def noise_known(self) -> bool:
@@ -750,11 +755,18 @@ class Retune(Rated):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        return super().from_dict({**data, "estimate": {"at_end": False, **data}})
+        return super().from_dict(
+            {
+                **data,
+                "estimate": {"at_end": False, **data},
+            }
+        )
 
 
 def event_lines(
-    events: Sequence[Any], show_all: bool = False, most_lines: int = 3
+    events: Sequence[Any],
+    show_all: bool = False,
+    most_lines: int = 3,
 ) -> list[str]:
     """A line an event; one for all of them where they are more than ``most_lines``, unless
     ``show_all``.

@@ -122,7 +122,11 @@ class HeldOut:
             columns = alike[0].columns_of(self.estimate, chosen)
             trains = [s.train.keeping(columns.kept) for s in alike]
             fits = fitted_parameters(
-                self.estimate, columns.own, columns.new, trains, self.frozen
+                self.estimate,
+                columns.own,
+                columns.new,
+                trains,
+                self.frozen,
             )
             for split, theta in zip(alike, fits, strict=True):
                 yield split.test.keeping(columns.kept).joint_losses(theta)
@@ -145,7 +149,9 @@ class HeldOut:
         return self._known_least_squares[key]
 
     def drop_harmful(
-        self, candidates: Sequence[int], needed: bool = False
+        self,
+        candidates: Sequence[int],
+        needed: bool = False,
     ) -> list[int]:
         """Of effects those that do no harm beside all others, and lower an error where
         that is ``needed``.
@@ -200,13 +206,20 @@ class HeldOut:
             }
             cause = min(without, key=without.__getitem__)
             if without[cause] >= now[joint] or self._lowers_elsewhere(
-                joint, cause, accepted
+                joint,
+                cause,
+                accepted,
             ):
                 break
             accepted.remove(cause)
         return accepted
 
-    def _lowers_elsewhere(self, joint: int, k: int, accepted: Sequence[int]) -> bool:
+    def _lowers_elsewhere(
+        self,
+        joint: int,
+        k: int,
+        accepted: Sequence[int],
+    ) -> bool:
         """Whether an effect lowers one joint's error on another split."""
         if self.second is None:
             return False
@@ -230,7 +243,12 @@ class _Table:
     """Rows in the columns of a model and of effects, with the torque; of a frozen model
     what it leaves, in those of the effects."""
 
-    def __init__(self, rows: SegmentedRuns, estimate: Estimate, frozen: bool) -> None:
+    def __init__(
+        self,
+        rows: SegmentedRuns,
+        estimate: Estimate,
+        frozen: bool,
+    ) -> None:
         self.rows = rows
         self.estimate = estimate
         self.frozen = frozen
@@ -248,7 +266,9 @@ class _Table:
         return self._last[1]
 
     def compressed(
-        self, effects: Sequence[Effect], keep: NDArray[np.bool_]
+        self,
+        effects: Sequence[Effect],
+        keep: NDArray[np.bool_],
     ) -> Regression:
         """Of the rows keep (M, n)."""
         effects = tuple(effects)
@@ -259,7 +279,15 @@ class _Table:
         for j, columns in enumerate(self._columns(effects)):
             part = columns[keep[:, j]]
             triangle = triangular([part]) if len(part) else part
-            factors.append(Factor(j, 0, all_columns, triangle, len(part)))
+            factors.append(
+                Factor(
+                    j,
+                    0,
+                    all_columns,
+                    triangle,
+                    len(part),
+                )
+            )
         n = self.rows.n
         block = ((0, 0.0, 0.0),)
         return Regression(parameters, n, block, tuple(factors), oversampling=1.0)
@@ -287,10 +315,19 @@ class HeldOutData:
         one. by_fold : at an effect's place, what rows outside of each fold make of it.
         """
         table = _Table(rows, estimate, self.frozen)
-        by_folds = partial(self._by_folds, table, tuple(effects), by_fold or {})
+        by_folds = partial(
+            self._by_folds,
+            table,
+            tuple(effects),
+            by_fold or {},
+        )
         if self.test is None:
             return by_folds()
-        test = _Table(self.test.with_model(*rows.attached), estimate, self.frozen)
+        test = _Table(
+            self.test.with_model(*rows.attached),
+            estimate,
+            self.frozen,
+        )
         split = HeldOutSplit(
             effects=tuple(effects),
             train=table.compressed(effects, rows.keep),
@@ -362,7 +399,9 @@ def with_replaced_joints(
 
 
 def least_squares_parameters(
-    estimate: Estimate, columns: Columns, data: Regression
+    estimate: Estimate,
+    columns: Columns,
+    data: Regression,
 ) -> Array:
     """(p,) of effects fitted to rows, joints weighted by what is left of them."""
     effects = (*columns.own, *columns.new)
@@ -427,7 +466,11 @@ def fitted_parameters(
     """
     if not (own_effects or new):
         return [np.zeros(0) for _ in data]
-    model = Model(estimate.robot, (*own_effects, *new), gains=estimate.model.gains)
+    model = Model(
+        estimate.robot,
+        (*own_effects, *new),
+        gains=estimate.model.gains,
+    )
     tasks = list[Task]()
     for rows in data:
         if frozen:
@@ -435,7 +478,15 @@ def fitted_parameters(
             continue
         first = tasks[0] if tasks else None
         weighting = estimate.weighting
-        tasks.append(make_task(estimate.problem, model, rows, weighting, like=first))
+        tasks.append(
+            make_task(
+                estimate.problem,
+                model,
+                rows,
+                weighting,
+                like=first,
+            )
+        )
     method = estimator_beside(estimate) if frozen else estimate.estimator
     fits = [method.fit(task) for task in tasks] if frozen else method.fit_each(tasks)
     return [np.asarray(fit.theta, float) for fit in fits]

@@ -109,7 +109,11 @@ def beside_model(
     if not those of the search.
     """
     data = search.data
-    pairs = zip(search.terms, thetas or [t.beta for t in search.terms], strict=True)
+    pairs = zip(
+        search.terms,
+        thetas or [t.beta for t in search.terms],
+        strict=True,
+    )
     with_torque = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
     others = [(t.form.effect, b) for t, b in with_torque]
     rows = with_estimate(data.rows, estimate, others)

@@ -110,7 +110,9 @@ class Batch:
         """(len(joints), F, k, k) products of each form's columns."""
         k = self.forms[0].n_coefficients
         parts = self.whitened_columns.reshape(
-            *self.whitened_columns.shape[:2], len(self.forms), k
+            *self.whitened_columns.shape[:2],
+            len(self.forms),
+            k,
         ).transpose(0, 2, 3, 1)
         return np.asarray(parts @ parts.transpose(0, 1, 3, 2))
 
@@ -123,7 +125,9 @@ class Batch:
     ) -> Batch:
         """whitened_columns : of each form, (M, k) by joint."""
         return cls(
-            joints, forms, np.stack([np.hstack([z[j] for z in white]) for j in joints])
+            joints,
+            forms,
+            np.stack([np.hstack([z[j] for z in white]) for j in joints]),
         )
 
     def made_anew(self, data: WhiteData) -> Batch:
@@ -154,7 +158,11 @@ class Library:
         ]
         return replace(self, batches=tuple(batches))
 
-    def only(self, which: Callable[[Candidate], bool], data: WhiteData) -> Library:
+    def only(
+        self,
+        which: Callable[[Candidate], bool],
+        data: WhiteData,
+    ) -> Library:
         """Some of the candidates, their columns of other data."""
         parts = [(b, tuple(filter(which, b.forms))) for b in self.batches]
         batches = [
@@ -170,7 +178,9 @@ def white_candidate(data: WhiteData, form: Candidate) -> dict[int, Array]:
 
 
 def may_join(
-    forms: Sequence[Candidate], picked: Sequence[Candidate], model: Model
+    forms: Sequence[Candidate],
+    picked: Sequence[Candidate],
+    model: Model,
 ) -> list[bool]:
     """Which forms may join: nothing twice, a finer form only where what it refines is
     there."""

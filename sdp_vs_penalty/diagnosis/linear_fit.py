@@ -129,7 +129,10 @@ class Design:
             r = self.basis_products.basis.shape[2]
             out = []
             for j, Z, (of_basis, pull) in zip(
-                batch.joints, batch.whitened_columns, known, strict=True
+                batch.joints,
+                batch.whitened_columns,
+                known,
+                strict=True,
             ):
                 products = np.zeros((self.A.shape[2], Z.shape[1]))
                 products[:r] = of_basis
@@ -206,7 +209,11 @@ class WhiteFitter:
     like : a fitter whose rows may be the same; its basis then serves again.
     """
 
-    def __init__(self, data: WhiteData, like: WhiteFitter | None = None) -> None:
+    def __init__(
+        self,
+        data: WhiteData,
+        like: WhiteFitter | None = None,
+    ) -> None:
         self.data = data
         self.floor = 1.0 if data.known else 1e-12
         if like is not None and like.has_rows_of(data):
@@ -235,7 +242,10 @@ class WhiteFitter:
         separate = [column for _, column in own_columns.values()]
         shared = orthonormal(np.delete(X, separate, axis=2).reshape(n * M, -1))
         r = shared.shape[1]
-        parts = [shared.reshape(n, M, r), _unit(X[:, :, separate])]
+        parts = [
+            shared.reshape(n, M, r),
+            _unit(X[:, :, separate]),
+        ]
         B = np.concatenate(parts, axis=2)
         at: dict[Key | None, list[int]] = {None: list(range(r))}
         at |= {key: [r + k] for k, key in enumerate(own_columns)}
@@ -245,7 +255,11 @@ class WhiteFitter:
     def _basis_products(self) -> BasisProducts:
         return BasisProducts(self._basis[0], self.data.y)
 
-    def fit(self, terms: Sequence[Term], near: WhiteFit | None = None) -> WhiteFit:
+    def fit(
+        self,
+        terms: Sequence[Term],
+        near: WhiteFit | None = None,
+    ) -> WhiteFit:
         """The model with the terms; each joint's rows are weighted by what is left.
 
         near : a fit whose columns serve where they hold the terms', and at whose levels
@@ -279,7 +293,12 @@ class WhiteFitter:
         if form.key not in fit.apart:
             replaced = fit.design.model[form.key]
             left = tuple(i for i in fit.columns_kept if i not in replaced)
-            fit.apart[form.key] = self._fitted(fit.design, left, fit.level, rounds=1)
+            fit.apart[form.key] = self._fitted(
+                fit.design,
+                left,
+                fit.level,
+                rounds=1,
+            )
         return fit.apart[form.key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
@@ -348,7 +367,11 @@ class WhiteFitter:
         return A, at, extra
 
     def _fitted(
-        self, design: Design, columns: tuple[int, ...], level: Array, rounds: int = 20
+        self,
+        design: Design,
+        columns: tuple[int, ...],
+        level: Array,
+        rounds: int = 20,
     ) -> WhiteFit:
         """Coefficients and levels in turn.
 
@@ -364,14 +387,23 @@ class WhiteFitter:
         for _ in range(rounds):
             L = _triangle((level**-2.0 @ flat_gram).reshape(G.shape[1:]))
             weighted_pull = level**-2.0 @ pull
-            theta = scipy.linalg.cho_solve((L, True), weighted_pull, check_finite=False)
+            theta = scipy.linalg.cho_solve(
+                (L, True),
+                weighted_pull,
+                check_finite=False,
+            )
             rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
             last = level
             level = np.sqrt(np.maximum(rss / degrees, self.floor))
             if np.all(np.abs(level - last) < 1e-2 * level):
                 break
         unit = np.eye(len(L))
-        inverse = scipy.linalg.solve_triangular(L, unit, lower=True, check_finite=False)
+        inverse = scipy.linalg.solve_triangular(
+            L,
+            unit,
+            lower=True,
+            check_finite=False,
+        )
         root = inverse.T
         p = design.A.shape[2]
         W = np.zeros((p, len(kept)))
@@ -402,7 +434,9 @@ def orthonormal(columns: Array) -> Array:
         return np.zeros((len(columns), 0))
     unit = unit / np.linalg.norm(unit, axis=0)
     triangle, order = scipy.linalg.qr(
-        np.linalg.qr(unit, mode="r"), mode="r", pivoting=True
+        np.linalg.qr(unit, mode="r"),
+        mode="r",
+        pivoting=True,
     )
     diagonal = np.abs(np.diagonal(triangle))
     rank = int(np.sum(diagonal > 1e-8 * diagonal[0]))
@@ -437,7 +471,9 @@ def with_ridge(A: Array) -> Array:
 
 
 def bounded_least_squares(
-    A: Array, pull: Array, nonnegative: NDArray[np.bool_]
+    A: Array,
+    pull: Array,
+    nonnegative: NDArray[np.bool_],
 ) -> Array:
     """(k,) minimiser of b'A b / 2 - pull'b, those that may not be negative (``nonnegative``) at
     least zero."""

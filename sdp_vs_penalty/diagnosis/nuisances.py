@@ -42,7 +42,9 @@ _NEAR_STEPS = 40
 
 
 def law_misfit_columns(
-    data: WhiteData, effect: Effect, beta: Array
+    data: WhiteData,
+    effect: Effect,
+    beta: Array,
 ) -> dict[int, Array]:
     """(M, k) white columns of what the law of an effect with parameters beta may get
     wrong, by joint whose torque it changes."""
@@ -57,10 +59,23 @@ def law_misfit_columns(
         t = _in_units_of_largest(rows.t - rows.t.mean())
         v = _in_units_of_largest(rows.dq[:, j])
         q = _in_units_of_largest(rows.q[:, j] - rows.q[:, j].mean())
-        factors = [t, v, np.abs(v), v**2, q, q**2, q * v]
+        factors = [
+            t,
+            v,
+            np.abs(v),
+            v**2,
+            q,
+            q**2,
+            q * v,
+        ]
         if len(joints) > 1:
             factors.append(np.ones(len(v)))
-        columns = np.column_stack([*(torque[j] * g for g in factors), by_constants[j]])
+        columns = np.column_stack(
+            [
+                *(torque[j] * g for g in factors),
+                by_constants[j],
+            ]
+        )
         out[j] = data.white(columns, j)
     return out
 
@@ -77,7 +92,14 @@ def find_frequencies(data: WhiteData) -> dict[int, list[float]]:
     if not data.noise.repeats:  # the model is fitted to it at other parameters
         residual = least_squares_refit(data, [])[1]
     return {
-        j: [_refined(f, rows, residual[:, j]) for f in lines]
+        j: [
+            _refined(
+                f,
+                rows,
+                residual[:, j],
+            )
+            for f in lines
+        ]
         for j, lines in hum_lines(data, residual).items()
     }
 
@@ -95,7 +117,10 @@ def hums(data: WhiteData, frequencies: Mapping[int, Sequence[float]]) -> list[Nu
             angle = 2.0 * np.pi * f * rows.t
             for run in np.unique(rows.run):
                 inside = rows.run == run
-                waves += [inside * np.sin(angle), inside * np.cos(angle)]
+                waves += [
+                    inside * np.sin(angle),
+                    inside * np.cos(angle),
+                ]
         size = float(np.std(rows.residual[:, j]))
         columns = data.white(np.column_stack(waves), j)
         deviations = np.full(len(waves), max(size, 1e-200))
@@ -144,17 +169,27 @@ class Nuisances:
                 out += self.law_misfits(t)
         return out
 
-    def around(self, term: ScoredEffect, others: Sequence[ScoredEffect]) -> list[Term]:
+    def around(
+        self,
+        term: ScoredEffect,
+        others: Sequence[ScoredEffect],
+    ) -> list[Term]:
         """Beside what a term has to show: others, what their laws get wrong, and what is
         tolerated of a mounting."""
         tolerated = self.mounting_tolerances_beside(term, others)
         return [*self.with_law_misfits(others), *tolerated]
 
     def mounting_tolerances_beside(
-        self, term: ScoredEffect, others: Sequence[ScoredEffect]
+        self,
+        term: ScoredEffect,
+        others: Sequence[ScoredEffect],
     ) -> list[Nuisance]:
         """As much of what is in every machine as is plausible, where no term says it."""
-        named = {term.form.effect.form_of, term.key[0], *(t.key[0] for t in others)}
+        named = {
+            term.form.effect.form_of,
+            term.key[0],
+            *(t.key[0] for t in others),
+        }
         return [m for name, m in self.mounting_tolerances.items() if name not in named]
 
     @cached_property

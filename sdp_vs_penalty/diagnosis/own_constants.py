@@ -41,7 +41,11 @@ def own_constant_candidates(data: WhiteData) -> Iterator[Candidate]:
                 yield Candidate(key, other, replaces_own_constant=True)
 
 
-def _values_to_try(effect: Effect, joint: int, name: str) -> list[float]:
+def _values_to_try(
+    effect: Effect,
+    joint: int,
+    name: str,
+) -> list[float]:
     """Of a shape constant: the grid, what lies near the present value, and more."""
     now = effect.shape[name]
     kind = effect.robot.joints[joint].kind
@@ -86,7 +90,9 @@ def changed_constants(
 
 
 def constant_std(
-    fit: WhiteFit, errors: Sequence[ConstantErrors], s: ShapeEstimate
+    fit: WhiteFit,
+    errors: Sequence[ConstantErrors],
+    s: ShapeEstimate,
 ) -> float:
     """Standard deviation of a constant of the model beside the findings of a fit;
     infinite where the rows do not bound it."""

@@ -26,7 +26,9 @@ Judge = Callable[[Candidate], ScoredEffect]
 
 
 def refine_constants(
-    judge: Judge, start: ScoredEffect, fixed: Set[str] = frozenset()
+    judge: Judge,
+    start: ScoredEffect,
+    fixed: Set[str] = frozenset(),
 ) -> ScoredEffect:
     """Each continuous shape constant but the fixed ones in turn.
 
@@ -78,7 +80,12 @@ class _Lattice:
     """Scores of a candidate along one of its shape constants; x : steps of the grid from
     where it starts."""
 
-    def __init__(self, judge: Judge, start: ScoredEffect, name: str) -> None:
+    def __init__(
+        self,
+        judge: Judge,
+        start: ScoredEffect,
+        name: str,
+    ) -> None:
         effect = start.form.effect
         joint = effect.joints[0]
         shape = effect.shapes[name].on(effect.robot.joints[joint].kind)

@@ -21,7 +21,10 @@ def least_squares_refit(
     Least squares on the white rows and on what is known of sizes, joints weighted by
     what is left of them. Parameters that rows do not tell are the model's.
     """
-    columns = [data.raw, *(spread_columns(data.rows, e) for e in effects)]
+    columns = [
+        data.raw,
+        *(spread_columns(data.rows, e) for e in effects),
+    ]
     all_columns = np.concatenate(columns, axis=2)
     n, _, p = all_columns.shape
     own_effects = () if data.frozen else data.estimate.model.effects
@@ -60,13 +63,26 @@ def _left(triangle: Array, step: Array) -> float:
 
 
 def _weighted_step(
-    triangles: Sequence[Array], level: Array, prior: Array, prior_target: Array
+    triangles: Sequence[Array],
+    level: Array,
+    prior: Array,
+    prior_target: Array,
 ) -> Array:
     """(p,) least squares in all joints' rows, each divided by its level, and in what is
     known beforehand; zero where nothing tells."""
     weighted = [x / v for x, v in zip(triangles, level, strict=True)]
-    A = np.vstack([*(x[:, :-1] for x in weighted), prior])
-    right_side = np.concatenate([*(x[:, -1] for x in weighted), prior_target])
+    A = np.vstack(
+        [
+            *(x[:, :-1] for x in weighted),
+            prior,
+        ]
+    )
+    right_side = np.concatenate(
+        [
+            *(x[:, -1] for x in weighted),
+            prior_target,
+        ]
+    )
     norms = np.linalg.norm(A, axis=0)
     is_seen = norms > 1e-12 * norms.max(initial=0.0)
     unit = np.where(is_seen, norms, np.inf)

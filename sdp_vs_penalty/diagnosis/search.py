@@ -83,7 +83,13 @@ class Search:
         self.in_reference = set[Key]()
         self.fit = self.bare = self.score.fit(())
         candidates = [f for b in library.batches for f in b.forms]
-        self.nuisances = Nuisances(data, self.bare, candidates, self.columns, rules)
+        self.nuisances = Nuisances(
+            data,
+            self.bare,
+            candidates,
+            self.columns,
+            rules,
+        )
 
     # What a candidate is worth.
 
@@ -99,7 +105,9 @@ class Search:
         return self.score.evidence_of(fit, form, self.columns(form))
 
     def beside(
-        self, term: ScoredEffect, others: Sequence[ScoredEffect]
+        self,
+        term: ScoredEffect,
+        others: Sequence[ScoredEffect],
     ) -> ScoredEffect:
         """A term judged anew beside others, with the rivals that it had."""
         fit = self.score.fit(self.nuisances.around(term, others), self.fit)
@@ -107,7 +115,10 @@ class Search:
         return replace(judged, rivals=term.rivals)
 
     def refined(
-        self, fit: WhiteFit, start: ScoredEffect, fixed: Set[str] = frozenset()
+        self,
+        fit: WhiteFit,
+        start: ScoredEffect,
+        fixed: Set[str] = frozenset(),
     ) -> ScoredEffect:
         """A candidate with the shape constants that explain most beside a fit."""
         return refine_constants(partial(self.evidence_of, fit), start, fixed)
@@ -127,7 +138,12 @@ class Search:
         on : some of whose joints, or all of them and no others (``exact_joints``);
         beyond : the evidence that has to be reached, nearly, to be of use.
         """
-        screened = self._screened(fit, [t.form for t in terms], on, exact_joints)
+        screened = self._screened(
+            fit,
+            [t.form for t in terms],
+            on,
+            exact_joints,
+        )
         top = max((t.evidence for t in screened), default=0.0)
         # A width that is far from those on the grid says little there, and all where it
         # is right.
@@ -176,7 +192,10 @@ class Search:
         ]
 
     def _judge_screened(
-        self, fit: WhiteFit, form: Candidate, columns: dict[int, Array]
+        self,
+        fit: WhiteFit,
+        form: Candidate,
+        columns: dict[int, Array],
     ) -> ScoredEffect:
         """A candidate judged in the columns that its batch has already."""
         self._columns.setdefault(form.effect.text, columns)
@@ -234,7 +253,9 @@ class Search:
         return self.simplest([t for t in candidates if t.evidence > EVIDENCE_TO_ADD])
 
     def drop_weak(
-        self, terms: Sequence[ScoredEffect], on: Set[int] = frozenset()
+        self,
+        terms: Sequence[ScoredEffect],
+        on: Set[int] = frozenset(),
     ) -> list[ScoredEffect]:
         """The terms that have enough evidence beside all others.
 
@@ -266,7 +287,9 @@ class Search:
         return terms
 
     def score_jointly(
-        self, group: Sequence[ScoredEffect], others: Sequence[ScoredEffect]
+        self,
+        group: Sequence[ScoredEffect],
+        others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect]:
         """Terms judged together: each beside the others and those before it."""
         return [self.beside(g, [*others, *group[:i]]) for i, g in enumerate(group)]
@@ -349,7 +372,9 @@ class Search:
         return None
 
     def _best_instead(
-        self, group: Sequence[ScoredEffect], candidates: Sequence[ScoredEffect]
+        self,
+        group: Sequence[ScoredEffect],
+        candidates: Sequence[ScoredEffect],
     ) -> ScoredEffect | None:
         """The simplest of the best candidates that have enough evidence, if that is
         another one."""
@@ -360,7 +385,9 @@ class Search:
         return other
 
     def _if_it_stays(
-        self, other: ScoredEffect, others: Sequence[ScoredEffect]
+        self,
+        other: ScoredEffect,
+        others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect] | None:
         """The terms with another one, if that stays beside what is tolerated, too."""
         after = self.drop_weak([*others, other])
@@ -409,7 +436,11 @@ class Search:
         while True:
             out.fit = out.score.fit(out.nuisances.with_law_misfits(terms), self.fit)
             out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
-            weakest = min(out.terms, key=lambda t: t.evidence, default=None)
+            weakest = min(
+                out.terms,
+                key=lambda t: t.evidence,
+                default=None,
+            )
             if weakest is None or weakest.evidence > 0.0:
                 break
             terms = [t for t in out.terms if t is not weakest]
@@ -417,7 +448,11 @@ class Search:
         return out
 
 
-def _acts_on(batch: Batch, joints: frozenset[int], exactly: bool) -> bool:
+def _acts_on(
+    batch: Batch,
+    joints: frozenset[int],
+    exactly: bool,
+) -> bool:
     """Whether candidates change the torque of some of the joints, or of exactly these."""
     if exactly:
         return joints == frozenset(batch.joints)

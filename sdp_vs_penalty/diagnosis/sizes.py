@@ -68,7 +68,11 @@ def size_with_interval(
     others = [t for t in search.terms if t != term]
     tolerated = search.nuisances.mounting_tolerances_beside(term, others)
     fit = search.score.fit([*others, *tolerated], fit_with_tolerances)
-    columns, known = search.score.partial_out(fit, term.form, term.columns)
+    columns, known = search.score.partial_out(
+        fit,
+        term.form,
+        term.columns,
+    )
     of_constants = [
         fit.residual_of(fit.scaled(z))
         for _, z in errors_of_constants
@@ -82,7 +86,13 @@ def size_with_interval(
     middle = [_largest_sums(search.data, T, left)]
     if torque_in_doubt.shape[2]:
         doubt = fit.residual_of(fit.scaled(dict(enumerate(torque_in_doubt))))
-        middle.append(np.tensordot(T, doubt, axes=((0, 1), (0, 1))))
+        middle.append(
+            np.tensordot(
+                T,
+                doubt,
+                axes=((0, 1), (0, 1)),
+            )
+        )
     through = inverse @ np.hstack(middle)
     covariance = _at_least(through @ through.T, inverse @ (A - prior) @ inverse)
     precision = np.linalg.pinv(covariance, hermitian=True)[:k, :k]
@@ -136,12 +146,21 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
         gains[:, j] += rows.torque[:, j]
         part = gains @ gain_errors
         if data.frozen:
-            part = np.hstack([part, -columns[j] @ known.spread])
+            part = np.hstack(
+                [
+                    part,
+                    -columns[j] @ known.spread,
+                ]
+            )
         parts.append(data.white(part, j))
     return np.stack(parts)
 
 
-def size_of(effect: Effect, beta: Array, covariance: Array) -> tuple[float, float]:
+def size_of(
+    effect: Effect,
+    beta: Array,
+    covariance: Array,
+) -> tuple[float, float]:
     """One number for the size of an effect, and its standard deviation.
 
     The parameter that the effect is sized by, with its sign; the norm where it is

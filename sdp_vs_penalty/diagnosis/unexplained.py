@@ -63,7 +63,11 @@ def unexplained_error(
     fit = search.fit
     residual = least_squares_refit(data, [t.form.effect for t in search.terms])[1]
     if outlier_rows is None:
-        outlier_rows = outliers(data, (fit.residual * fit.level[:, None]).T, residual)
+        outlier_rows = outliers(
+            data,
+            (fit.residual * fit.level[:, None]).T,
+            residual,
+        )
     return remainder(data, fit, residual, outlier_rows)
 
 

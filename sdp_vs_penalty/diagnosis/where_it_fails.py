@@ -208,7 +208,9 @@ class Failures(Record, list[JointFailure]):
     """Where a model fails on a run, joint by joint; units : of the joints' torques."""
 
     def __init__(
-        self, failures: Iterable[JointFailure] = (), units: Sequence[str] = ()
+        self,
+        failures: Iterable[JointFailure] = (),
+        units: Sequence[str] = (),
     ) -> None:
         super().__init__(failures)
         self.units = tuple(units)
@@ -324,7 +326,13 @@ def where_it_fails(
     out = Failures(units=estimate.robot.torque_units)
     for j in range(rows.n):
         floor = None if floors is None else float(floors[j])
-        out.append(judge.failure_of(j, residual[:, j], floor))
+        out.append(
+            judge.failure_of(
+                j,
+                residual[:, j],
+                floor,
+            )
+        )
     return out
 
 
@@ -344,7 +352,12 @@ class _Judge:
     keep: NDArray[np.bool_]
     repeats: bool
 
-    def failure_of(self, j: int, residual: Array, floor: float | None) -> JointFailure:
+    def failure_of(
+        self,
+        j: int,
+        residual: Array,
+        floor: float | None,
+    ) -> JointFailure:
         """Of one joint (from 0); residual (M,) and noise floor [N m or N]."""
         keep = self.keep
         error = residual - residual[keep].mean()
@@ -353,7 +366,13 @@ class _Judge:
         if floor is not None and self.repeats and rmse > 0.0:
             explainable = max(0.0, 1.0 - (floor / rmse) ** 2)
         orders = self.orders(j)
-        shares = self.shares(JointError(j, error, [k for k, _, _ in orders]))
+        shares = self.shares(
+            JointError(
+                j,
+                error,
+                [k for k, _, _ in orders],
+            )
+        )
         velocity = self.states.dq[:, j]
         still = self.rows.still[:, j]
         return JointFailure(
@@ -367,7 +386,12 @@ class _Judge:
             reversal_lift=_reversal_lift(velocity, error, self.rows, keep),
             orders=orders,
             stretches=failing_stretches(
-                error, floor, velocity, still, self.rows, shares
+                error,
+                floor,
+                velocity,
+                still,
+                self.rows,
+                shares,
             ),
         )
 
@@ -375,7 +399,16 @@ class _Judge:
         """Waves per turn in a revolute joint's residual."""
         if self.estimate.robot.joints[j].kind != "revolute":
             return ()
-        return _orders([_full_rate(self.runs[s.run], s, j) for s in self.rows.segments])
+        return _orders(
+            [
+                _full_rate(
+                    self.runs[s.run],
+                    s,
+                    j,
+                )
+                for s in self.rows.segments
+            ]
+        )
 
     def shares(self, error: JointError) -> CauseShares:
         """By cause what it explains on data left out."""
@@ -401,7 +434,10 @@ class _Judge:
 
 
 def _reversal_lift(
-    velocity: Array, error: Array, rows: SegmentedRuns, keep: NDArray[np.bool_]
+    velocity: Array,
+    error: Array,
+    rows: SegmentedRuns,
+    keep: NDArray[np.bool_],
 ) -> float:
     """RMS near velocity reversals over elsewhere; NaN where one of them does not occur."""
     near = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
@@ -413,13 +449,19 @@ def _reversal_lift(
 
 
 def _full_rate(
-    run: Measurements, segment: Segment, j: int
+    run: Measurements,
+    segment: Segment,
+    j: int,
 ) -> tuple[Array, Array, float]:
     """Angle (N,), residual (N,) at the log's rate, and that rate."""
     motion = segment.motion
     inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
     t = run.t[inside]
-    modelled = np.interp(t, motion.t, motion.modelled[:, j])
+    modelled = np.interp(
+        t,
+        motion.t,
+        motion.modelled[:, j],
+    )
     return (
         run.q[inside, j],
         run.tau[inside, j] - modelled,
@@ -438,11 +480,21 @@ def _orders(
     for q, error, _ in full:
         # A window of 101 samples, or of a short segment all.
         width = min(101, len(error))
-        smooth = np.convolve(error, np.ones(width) / width, mode="same")
+        smooth = np.convolve(
+            error,
+            np.ones(width) / width,
+            mode="same",
+        )
         turned = (
             np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * bins).astype(np.intp) % bins
         )
-        spectrum += np.fft.fft(np.bincount(turned, error - smooth, bins))
+        spectrum += np.fft.fft(
+            np.bincount(
+                turned,
+                error - smooth,
+                bins,
+            )
+        )
         count += len(q)
     amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
     amplitude[0] = 0.0
@@ -465,24 +517,44 @@ def failing_stretches(
     over 2 NEAR beyond the factor within which a floor may be known, or of its own RMS
     without one; for NEAR at least."""
     width = max(1, round(2.0 * NEAR * rows.rate))
-    size = np.sqrt(np.convolve(error**2, np.ones(width) / width, mode="same"))
+    size = np.sqrt(
+        np.convolve(
+            error**2,
+            np.ones(width) / width,
+            mode="same",
+        )
+    )
     usual = floor or float(np.sqrt(np.mean(error**2)))
     names = _causes_of_rows(velocity, still, rows, shares)
     names[size <= SPECTRUM_NOISE_FACTOR * usual] = ""
     changes = (names[1:] != names[:-1]) | (rows.segment[1:] != rows.segment[:-1])
-    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(names)]
+    edges = [
+        0,
+        *(np.flatnonzero(changes) + 1).tolist(),
+        len(names),
+    ]
     out = []
     for a, b in pairwise(edges):
         begin = float(rows.t[a])
         end = float(rows.t[b - 1])
         if names[a] and end - begin >= NEAR:
             run = rows.names[rows.run[a]]
-            out.append(FailingStretch(run, begin, end, str(names[a])))
+            out.append(
+                FailingStretch(
+                    run,
+                    begin,
+                    end,
+                    str(names[a]),
+                )
+            )
     return tuple(out)
 
 
 def _causes_of_rows(
-    velocity: Array, still: Array, rows: SegmentedRuns, shares: CauseShares
+    velocity: Array,
+    still: Array,
+    rows: SegmentedRuns,
+    shares: CauseShares,
 ) -> NDArray[np.object_]:
     """(M,) the cause that is seen at each row: what explains most of the error, if that
     is said at all; else what is particular to the instant."""

@@ -24,7 +24,9 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
 
 
 def diagnosis_rows(
-    measurements: Measurements, estimate: Estimate, settings: Preprocessing
+    measurements: Measurements,
+    estimate: Estimate,
+    settings: Preprocessing,
 ) -> SegmentedRuns:
     """Filter all runs; ``settings`` must be resolved. The current model is the
     estimate.
@@ -61,7 +63,9 @@ def with_estimate(
         )
 
     return runs.with_model(
-        lambda m: model.seen_along(estimate.theta, m), beside, model.gains
+        lambda m: model.seen_along(estimate.theta, m),
+        beside,
+        model.gains,
     )
 
 
@@ -112,7 +116,9 @@ class WhiteData:
         }
 
     def constant_error_columns(
-        self, effects: Sequence[Effect] = (), thetas: Sequence[Array] = ()
+        self,
+        effects: Sequence[Effect] = (),
+        thetas: Sequence[Array] = (),
     ) -> list[ConstantErrors]:
         """What errors of the free shape constants of effects, and of the model's own
         beside them, make of white torque: what turns over another velocity looks like
@@ -121,7 +127,10 @@ class WhiteData:
         theta = self.estimate.theta
         if not self.frozen:
             effects = [*effects, *model.effects]
-            thetas = [*thetas, *(theta[k] for k in model.indices)]
+            thetas = [
+                *thetas,
+                *(theta[k] for k in model.indices),
+            ]
         return [(s, self.columns(s)) for s in sensitivities(effects, thetas)]
 
     @cached_property
@@ -144,7 +153,11 @@ class WhiteData:
 
     def white(self, columns: Array, joint: int) -> Array:
         """(M, ...) columns of one joint's torque, white."""
-        return self.noise.whiten(columns, joint, self.rows.pieces[joint])
+        return self.noise.whiten(
+            columns,
+            joint,
+            self.rows.pieces[joint],
+        )
 
     def columns(self, effect: Effect) -> dict[int, Array]:
         """(M, k) white columns of an effect, of each joint whose torque it changes."""
@@ -193,11 +206,19 @@ def mask_unsettled_rows(rows: SegmentedRuns) -> NDArray[np.bool_]:
 
 
 def whitened(
-    rows: SegmentedRuns, noise: Noise, estimate: Estimate, frozen: bool
+    rows: SegmentedRuns,
+    noise: Noise,
+    estimate: Estimate,
+    frozen: bool,
 ) -> WhiteData:
     """The same where the noise is known."""
     torque = rows.residual if frozen else rows.torque
-    X, y = white_rows(rows, noise, model_columns(rows, estimate, frozen), torque)
+    X, y = white_rows(
+        rows,
+        noise,
+        model_columns(rows, estimate, frozen),
+        torque,
+    )
     clusters = cluster_rows(rows)
     # Rows behind the past that whitening needs, each by its worth.
     count = np.array(
@@ -207,7 +228,10 @@ def whitened(
 
 
 def white_rows(
-    rows: SegmentedRuns, noise: Noise, columns: Array, residual: Array
+    rows: SegmentedRuns,
+    noise: Noise,
+    columns: Array,
+    residual: Array,
 ) -> tuple[Array, Array]:
     """White columns (n, M, p) and residual (n, M) from (n, M, p) and (M, n)."""
     white = np.zeros(columns.shape)
@@ -215,7 +239,11 @@ def white_rows(
     for j in range(rows.n):
         pieces = rows.pieces[j]
         white[j] = noise.whiten(columns[j], j, pieces)
-        target[j] = noise.whiten(residual[:, j], j, pieces)
+        target[j] = noise.whiten(
+            residual[:, j],
+            j,
+            pieces,
+        )
     return white, target
 
 
@@ -228,7 +256,9 @@ def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
 
 
 def model_columns(
-    rows: SegmentedRuns, estimate: Estimate, frozen: bool = False
+    rows: SegmentedRuns,
+    estimate: Estimate,
+    frozen: bool = False,
 ) -> Array:
     """(n, M, p) filtered columns of the model's own parameters; none of a frozen
     model's."""

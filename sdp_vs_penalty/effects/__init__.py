@@ -134,4 +134,9 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *(kind.__name__ for kind in effect_types().values())})
+    return sorted(
+        {
+            *globals(),
+            *(kind.__name__ for kind in effect_types().values()),
+        }
+    )

@@ -55,7 +55,11 @@ class Bristles:
         """
         states = np.empty((len(self.distances), len(motion.t)))
         for z, row, d in zip(states, self.directions, self.distances, strict=True):
-            z[:] = self.law(motion.legs_along(row), d, float(motion.sign_along(row)[0]))
+            z[:] = self.law(
+                motion.legs_along(row),
+                d,
+                float(motion.sign_along(row)[0]),
+            )
         return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:
@@ -122,7 +126,11 @@ class StatefulEffect(Effect):
         return super().looks_like(size, coverage)
 
 
-def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
+def dahl(
+    q: Array | Legs,
+    d: float,
+    start: float = 0.0,
+) -> Array:
     """Follow Dahl's friction state along a path.
 
     Exact for motion that is monotone between samples: while q runs in direction s,
@@ -156,7 +164,11 @@ def dahl(q: Array | Legs, d: float, start: float = 0.0) -> Array:
     )
 
 
-def stop(q: Array | Legs, d: float, start: float = 0.0) -> Array:
+def stop(
+    q: Array | Legs,
+    d: float,
+    start: float = 0.0,
+) -> Array:
     """Follow a spring and a slider in series along a path.
 
     Exact for motion that is monotone between samples: from one reversal to the next
@@ -210,7 +222,9 @@ class PreslidingHysteresis(StatefulEffect, JointEffect):
     def bristles(self) -> Bristles:
         joints = list(self.joints)
         return Bristles(
-            np.eye(self.robot.n)[joints], np.full(len(joints), self.shape["d"]), dahl
+            np.eye(self.robot.n)[joints],
+            np.full(len(joints), self.shape["d"]),
+            dahl,
         )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
@@ -282,7 +296,10 @@ class MaxwellSlip(StatefulEffect, JointEffect):
             bounds=(0.00005, 0.05),
         ),
         "law": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("free", "even")
+            1.0,
+            grid=(1.0, 2.0),
+            choices=(1.0, 2.0),
+            words=("free", "even"),
         ),
     }
 
@@ -312,10 +329,16 @@ class MaxwellSlip(StatefulEffect, JointEffect):
     @property
     def bristles(self) -> Bristles:
         directions = np.repeat(
-            np.eye(self.robot.n)[list(self.joints)], _ELEMENTS, axis=0
+            np.eye(self.robot.n)[list(self.joints)],
+            _ELEMENTS,
+            axis=0,
         )
         distances = self.shape["d"] * _SPACING ** np.arange(_ELEMENTS)
-        return Bristles(directions, np.tile(distances, len(self.joints)), stop)
+        return Bristles(
+            directions,
+            np.tile(distances, len(self.joints)),
+            stop,
+        )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         by_joint = np.split(z, len(self.joints), axis=1)

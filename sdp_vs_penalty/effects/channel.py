@@ -58,7 +58,12 @@ class TorqueGain(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         return motion.model_torque[:, joint]
 
-    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
+    def invert_channel(
+        self,
+        theta: Array,
+        t: Array,
+        torque: Array,
+    ) -> Array:
         out = torque.copy()
         out[:, list(self.joints)] /= 1.0 + theta
         return out
@@ -88,7 +93,11 @@ class DelayedTorque(Effect):
     sized_shape = "T"
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         # On a single joint a delay of all is its own; friction and inertia are one
         # torque there, so that what is filtered of it is not told.
         return (
@@ -102,12 +111,23 @@ class Delay(DelayedTorque):
     forward = "channel"
     shapes = {"T": ShapeConstant(0.001, "s", grid=_STARTS, signed=True)}
 
-    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
+    def invert_channel(
+        self,
+        theta: Array,
+        t: Array,
+        torque: Array,
+    ) -> Array:
         out = torque.copy()
         for delay, j in zip(
-            np.broadcast_to(theta, len(self.joints)), self.joints, strict=True
+            np.broadcast_to(theta, len(self.joints)),
+            self.joints,
+            strict=True,
         ):
-            out[:, j] = np.interp(t + delay, t, torque[:, j])
+            out[:, j] = np.interp(
+                t + delay,
+                t,
+                torque[:, j],
+            )
         return out
 
 
@@ -154,7 +174,10 @@ class TorqueFilter(DelayedTorque):
     shapes = {
         "T": ShapeConstant(0.005, "s", grid=_STARTS),
         "phase": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("late", "zero")
+            1.0,
+            grid=(1.0, 2.0),
+            choices=(1.0, 2.0),
+            words=("late", "zero"),
         ),
     }
 
@@ -224,7 +247,17 @@ def first_order_lag(x: Array, t: Array, T: float) -> Array:
     driven[1:] += (mean - decay) * x[:-1]
     driven[0] = x[0]
     # y_k - decay y_k-1, solved downwards.
-    rows = np.stack([np.ones(len(t)), np.full(len(t), -decay)])
+    rows = np.stack(
+        [
+            np.ones(len(t)),
+            np.full(len(t), -decay),
+        ]
+    )
     return np.asarray(
-        scipy.linalg.solve_banded((1, 0), rows, driven, check_finite=False)
+        scipy.linalg.solve_banded(
+            (1, 0),
+            rows,
+            driven,
+            check_finite=False,
+        )
     )

@@ -16,7 +16,10 @@ class Drift(JointEffect):
 
     follows_clock = True
     time_constant = ShapeConstant(
-        300.0, "s", grid=(10.0, 30.0, 100.0), bounds=(3.0, 3000.0)
+        300.0,
+        "s",
+        grid=(10.0, 30.0, 100.0),
+        bounds=(3.0, 3000.0),
     )
     clock = ShapeConstant(0.0, "s", signed=True, role="clock")
     shapes = {
@@ -26,12 +29,21 @@ class Drift(JointEffect):
     }
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         """What settles: in a later run a line has gone too far, and a long T is nearly
         one."""
         settling = [form for form in cls.shapes["form"].choices if form % 2 == 0]
         return [
-            {"form": form, "T": T} for form in settling for T in cls.shapes["T"].grid
+            {
+                "form": form,
+                "T": T,
+            }
+            for form in settling
+            for T in cls.shapes["T"].grid
         ]
 
     @property
@@ -131,7 +143,10 @@ class DriftFriction(Rubbing, Drift):
         "viscous_friction",
         "warming_friction",
     )
-    shapes = {**Drift.shapes, "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0))}
+    shapes = {
+        **Drift.shapes,
+        "form": ShapeConstant(1.0, choices=(1.0, 2.0, 3.0, 4.0)),
+    }
 
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
@@ -199,13 +214,29 @@ class WarmingFriction(Rubbing):
         return self.shape["law"] == 2.0
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         """By temperature: by the clock it is drift_friction, which a search knows
         already."""
-        scales = list(zip(cls.shapes["warm"].grid, cls.shapes["T"].grid, strict=True))
+        scales = list(
+            zip(
+                cls.shapes["warm"].grid,
+                cls.shapes["T"].grid,
+                strict=True,
+            )
+        )
         laws = cls.shapes["law"].choices
         return [
-            {"law": law, "warm": warm, "T": T} for law in laws for warm, T in scales
+            {
+                "law": law,
+                "warm": warm,
+                "T": T,
+            }
+            for law in laws
+            for warm, T in scales
         ]
 
     def column(self, motion: Motion, joint: int) -> Array:

@@ -230,7 +230,11 @@ class Effect(ABC):
             A new effect of the same class.
         """
         joints_of_result = self.asked_joints if joints is None else joints
-        return type(self)(self.robot, joints_of_result, **{**self.shape, **shape})
+        return type(self)(
+            self.robot,
+            joints_of_result,
+            **{**self.shape, **shape},
+        )
 
     def __init_subclass__(cls) -> None:
         if "equation" in vars(cls) and "name" not in vars(cls):
@@ -328,7 +332,14 @@ class Effect(ABC):
         """
         indices = np.arange(len(self.parameters))
         torques = self.torques(motion)
-        return [Block(j, indices, torques[:, j]) for j in range(self.robot.n)]
+        return [
+            Block(
+                j,
+                indices,
+                torques[:, j],
+            )
+            for j in range(self.robot.n)
+        ]
 
     def same_columns(self, other: Effect) -> bool:
         """Tell whether two effects have the same columns on every motion.
@@ -382,7 +393,9 @@ class Effect(ABC):
     # What is known of the parameters before anything is measured.
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self,
+        indices: NDArray[np.intp],
+        parameters: Sequence[Parameter] = (),
     ) -> list[Constraint]:
         """State what is demanded of the parameters: the sign and the range of each.
 
@@ -403,10 +416,24 @@ class Effect(ABC):
             name = f"{self.name} {parameter.name}"
             if np.isfinite(parameter.lower):
                 out.append(
-                    build.linear("sign", name, [index], [[1.0]], [-parameter.lower])
+                    build.linear(
+                        "sign",
+                        name,
+                        [index],
+                        [[1.0]],
+                        [-parameter.lower],
+                    )
                 )
             both = [self.largest_parameter, self.largest_parameter]
-            out.append(build.linear("range", name, [index], [[1.0, -1.0]], both))
+            out.append(
+                build.linear(
+                    "range",
+                    name,
+                    [index],
+                    [[1.0, -1.0]],
+                    both,
+                )
+            )
         return out
 
     @property
@@ -449,7 +476,12 @@ class Effect(ABC):
         """
         return size
 
-    def invert_channel(self, theta: Array, t: Array, torque: Array) -> Array:
+    def invert_channel(
+        self,
+        theta: Array,
+        t: Array,
+        torque: Array,
+    ) -> Array:
         """Recover the true torque from what the torque channels read.
 
         Parameters
@@ -477,7 +509,11 @@ class Effect(ABC):
     # What a search asks.
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         """List the shape constants with which a search begins on one joint.
 
         Parameters
@@ -651,7 +687,11 @@ class Effect(ABC):
         joints = (
             None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
         )
-        return {"effect": self.name, "joints": joints, "shape": dict(self.shape)}
+        return {
+            "effect": self.name,
+            "joints": joints,
+            "shape": dict(self.shape),
+        }
 
 
 def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
@@ -678,7 +718,14 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
         still = np.full_like(state, x)
         q = state if signal == "q" else still
         dq = state if signal == "dq" else still
-        return effect.blocks(Motion(still[:, 0], q, dq, still))
+        return effect.blocks(
+            Motion(
+                still[:, 0],
+                q,
+                dq,
+                still,
+            )
+        )
 
     first = columns(0.0)
     second = columns(0.7)

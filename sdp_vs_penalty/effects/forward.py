@@ -63,7 +63,11 @@ class _Probe(Motion):
     contacts: Array | None = None
     signs: Array | None = None
 
-    def sign(self, joint: int, width: float | None = None) -> Array:
+    def sign(
+        self,
+        joint: int,
+        width: float | None = None,
+    ) -> Array:
         assert self.signs is not None
         return self.signs[:, joint]
 
@@ -154,7 +158,10 @@ class Plant:
         """
         motion = replace(motion, sign_width=self.model.sign_width)
         return np.hstack(
-            [np.zeros((len(motion.t), 0)), *(b.along(motion) for b in self.bristles)]
+            [
+                np.zeros((len(motion.t), 0)),
+                *(b.along(motion) for b in self.bristles),
+            ]
         )
 
     def advanced(self, z: Array, travel: Array) -> Array:
@@ -173,13 +180,20 @@ class Plant:
             (W, k) states after it.
         """
         parts = np.split(
-            z, np.cumsum([len(b.distances) for b in self.bristles])[:-1], axis=1
+            z,
+            np.cumsum([len(b.distances) for b in self.bristles])[:-1],
+            axis=1,
         )
         moved = [
             b.advanced(part, travel)
             for b, part in zip(self.bristles, parts, strict=False)
         ]
-        return np.hstack([np.zeros((len(z), 0)), *moved])
+        return np.hstack(
+            [
+                np.zeros((len(z), 0)),
+                *moved,
+            ]
+        )
 
     @property
     def can_move(self) -> bool:
@@ -208,7 +222,11 @@ class Plant:
         """
         return self._mass_and_bias(q, np.zeros_like(q))[0]
 
-    def terms(self, state: State, h: float) -> tuple[Array, Array, Array, Array]:
+    def terms(
+        self,
+        state: State,
+        h: float,
+    ) -> tuple[Array, Array, Array, Array]:
         """Compute what moves W simulations at the middle of a step.
 
         The step is taken as if motion went on as in the last one.
@@ -248,7 +266,11 @@ class Plant:
         return mass, bias + force[0], slope, np.column_stack([dry, *others])
 
     def _forces(
-        self, state: State, moves: Sequence[tuple[Array, Array]], signs: Array, h: float
+        self,
+        state: State,
+        moves: Sequence[tuple[Array, Array]],
+        signs: Array,
+        h: float,
     ) -> Array:
         """(P, W, n) f with each of P displacements and velocities (W, n) and signs (P,
         m)."""
@@ -275,7 +297,11 @@ class Plant:
             else state.z
         )
         theta = np.tile(self.theta, (count if len(self.theta) > 1 else 1, 1))
-        return self._sum(self.effects, motion, z, theta).reshape(count, size, -1)
+        return self._sum(self.effects, motion, z, theta).reshape(
+            count,
+            size,
+            -1,
+        )
 
     def _sum(
         self,
@@ -308,15 +334,30 @@ class Plant:
             (e, k) for e, k in self.effects if not (e.needs_torque or e.needs_links)
         ]
         plain = [(e, k) for e, k in free if not isinstance(e, StatefulEffect)]
-        torque = self.robot.inverse_dynamics(links, motion.q, motion.dq, ddq)
+        torque = self.robot.inverse_dynamics(
+            links,
+            motion.q,
+            motion.dq,
+            ddq,
+        )
         torque += self._sum(
-            plain, motion, np.zeros((len(motion.t), 0)), reference[None]
+            plain,
+            motion,
+            np.zeros((len(motion.t), 0)),
+            reference[None],
         )
         return replace(
-            motion, ddq=ddq, torque=torque, current=CurrentModel(self.robot, links)
+            motion,
+            ddq=ddq,
+            torque=torque,
+            current=CurrentModel(self.robot, links),
         )
 
-    def _mass_and_bias(self, q: Array, dq: Array) -> tuple[Array, Array]:
+    def _mass_and_bias(
+        self,
+        q: Array,
+        dq: Array,
+    ) -> tuple[Array, Array]:
         if len(self._rigid) == 1:
             mass, bias = self._rigid[0](q, dq)
         else:
@@ -336,13 +377,29 @@ class Plant:
         still = np.zeros((size * n, n))
         signs = np.zeros((size * n, len(self.contacts)))
         unit = np.tile(np.eye(n), (size, 1))
-        theta = np.repeat(theta, n if len(theta) > 1 else 1, axis=0)
+        theta = np.repeat(
+            theta,
+            n if len(theta) > 1 else 1,
+            axis=0,
+        )
         place = np.repeat(q, n, axis=0)
         none = np.zeros(size * n)
-        rows = _Probe(none, place, still, unit, contacts=self.contacts, signs=signs)
+        rows = _Probe(
+            none,
+            place,
+            still,
+            unit,
+            contacts=self.contacts,
+            signs=signs,
+        )
         z = np.zeros((size * n, self.states))
         moved = self._sum(self._moves, rows, z, theta)
-        moved -= self._sum(self._moves, replace(rows, ddq=still), z, theta)
+        moved -= self._sum(
+            self._moves,
+            replace(rows, ddq=still),
+            z,
+            theta,
+        )
         return moved.reshape(size, n, n)
 
     def _feels_acceleration(self, effect: Effect) -> bool:
@@ -355,7 +412,13 @@ class Plant:
         still = np.zeros((1, n))
 
         def columns(ddq: Array) -> list[Array]:
-            motion = Motion(np.zeros(1), q, still, ddq, temperature=still)
+            motion = Motion(
+                np.zeros(1),
+                q,
+                still,
+                ddq,
+                temperature=still,
+            )
             return [b.columns for b in effect.blocks(motion)]
 
         before = columns(still)
@@ -379,7 +442,11 @@ class Plant:
 
 
 def advance(
-    plant: Plant, state: State, torque: Array, h: float, damping: Array | None = None
+    plant: Plant,
+    state: State,
+    torque: Array,
+    h: float,
+    damping: Array | None = None,
 ) -> State:
     """Take one step of all simulations; positions move with the mean velocity.
 
@@ -411,12 +478,27 @@ def advance(
     # 2.
     push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
-    dq = dry_step(matrix, push, state.dq, h * dry, plant.contacts, plant.widths)
+    dq = dry_step(
+        matrix,
+        push,
+        state.dq,
+        h * dry,
+        plant.contacts,
+        plant.widths,
+    )
     travel = 0.5 * h * (state.dq + dq)
     ddq = (dq - state.dq) / h
     z = plant.advanced(state.z, travel)
     path = state.position_integral + h * (state.q + 0.5 * travel)
-    return State(state.t + h, state.q + travel, dq, ddq, z, state.temperature, path)
+    return State(
+        state.t + h,
+        state.q + travel,
+        dq,
+        ddq,
+        z,
+        state.temperature,
+        path,
+    )
 
 
 class ServoLoop:
@@ -445,7 +527,13 @@ class ServoLoop:
             np.zeros_like(motion.q),
         )
 
-    def start(self, command: Command, t: Array, q: Array, path: Array) -> State:
+    def start(
+        self,
+        command: Command,
+        t: Array,
+        q: Array,
+        path: Array,
+    ) -> State:
         """Make states that start with the velocity of the command.
 
         Parameters
@@ -466,15 +554,35 @@ class ServoLoop:
         """
         dq = command.velocity(t)
         zero = np.zeros_like(q)
-        motion = Motion(t, q, dq, zero, command=command, position_integral=path)
+        motion = Motion(
+            t,
+            q,
+            dq,
+            zero,
+            command=command,
+            position_integral=path,
+        )
         z = (
             self.plant.remembered(motion)
             if self.plant.states
             else np.zeros((len(t), 0))
         )
-        return State(t, q, dq, zero, z, np.full_like(q, np.nan), path)
+        return State(
+            t,
+            q,
+            dq,
+            zero,
+            z,
+            np.full_like(q, np.nan),
+            path,
+        )
 
-    def step(self, state: State, command: Command, h: float) -> State:
+    def step(
+        self,
+        state: State,
+        command: Command,
+        h: float,
+    ) -> State:
         """Take one step; stiffness and damping of the drives are implicit.
 
         Parameters
@@ -496,16 +604,28 @@ class ServoLoop:
         q = state.q + half * state.dq + 0.5 * half * half * state.ddq
         path = state.position_integral + half * state.q
         middle = Motion(
-            state.t + half, q, dq, state.ddq, command=command, position_integral=path
+            state.t + half,
+            q,
+            dq,
+            state.ddq,
+            command=command,
+            position_integral=path,
         )
         torque = self.drive(middle)
         path = path + 0.5 * half * half * _PUSH
         faster = replace(
-            middle, q=q + half * _PUSH, dq=dq + _PUSH, position_integral=path
+            middle,
+            q=q + half * _PUSH,
+            dq=dq + _PUSH,
+            position_integral=path,
         )
         fall = (torque - self.drive(faster)) / _PUSH
         return advance(
-            self.plant, state, torque, h, fall[:, :, None] * np.eye(q.shape[1])
+            self.plant,
+            state,
+            torque,
+            h,
+            fall[:, :, None] * np.eye(q.shape[1]),
         )
 
 
@@ -513,7 +633,12 @@ class ServoLoop:
 
 
 def dry_step(
-    matrix: Array, push: Array, before: Array, impulse: Array, c: Array, w: Array
+    matrix: Array,
+    push: Array,
+    before: Array,
+    impulse: Array,
+    c: Array,
+    w: Array,
 ) -> Array:
     """Compute the velocities after a step with dry friction.
 
@@ -557,12 +682,22 @@ def dry_step(
     open_rows = np.flatnonzero(np.any((y * way <= _SLIDES * w) & (p > 0.0), axis=1))
     if len(open_rows):
         friction[open_rows] = _solved(
-            y0[open_rows], coupling[open_rows], p[open_rows], past[open_rows], w
+            y0[open_rows],
+            coupling[open_rows],
+            p[open_rows],
+            past[open_rows],
+            w,
         )
     return free - np.einsum("kij,kj->ki", response, friction)
 
 
-def _solved(y0: Array, coupling: Array, p: Array, past: Array, w: Array) -> Array:
+def _solved(
+    y0: Array,
+    coupling: Array,
+    p: Array,
+    past: Array,
+    w: Array,
+) -> Array:
     """(W, m) friction impulses f with y = y0 - G f, f = p tanh(y / w).
 
     Newton on x = y + g f, g = diag G: y and f are both Lipschitz functions of x,
@@ -570,7 +705,11 @@ def _solved(y0: Array, coupling: Array, p: Array, past: Array, w: Array) -> Arra
     half steps leave.
     """
     g = np.einsum("kii->ki", coupling)
-    x = np.where(np.abs(y0) > g * p, y0, past)
+    x = np.where(
+        np.abs(y0) > g * p,
+        y0,
+        past,
+    )
     scale = np.abs(y0).max(axis=1) + w.min()
     x = _newton(x, y0, coupling, p, w, scale, 1.0)
     miss = (
@@ -591,12 +730,23 @@ def _solved(y0: Array, coupling: Array, p: Array, past: Array, w: Array) -> Arra
     return np.clip(f, -p, p)
 
 
-def _friction(x: Array, g: Array, p: Array, w: Array | float) -> Array:
+def _friction(
+    x: Array,
+    g: Array,
+    p: Array,
+    w: Array | float,
+) -> Array:
     return (x - _resolvent(x, g * p, w)) / g
 
 
 def _newton(
-    x: Array, y0: Array, coupling: Array, p: Array, w: Array, scale: Array, share: float
+    x: Array,
+    y0: Array,
+    coupling: Array,
+    p: Array,
+    w: Array,
+    scale: Array,
+    share: float,
 ) -> Array:
     """(W, m) x after Newton's steps, of which this share is taken."""
     m = len(w)
@@ -616,7 +766,11 @@ def _newton(
     return x
 
 
-def _resolvent(x: Array, c: Array, w: Array | float) -> Array:
+def _resolvent(
+    x: Array,
+    c: Array,
+    w: Array | float,
+) -> Array:
     """y with y + c tanh(y / w) = x. Concave for x > 0, so that Newton from below
     arrives from below."""
     size = np.abs(x)

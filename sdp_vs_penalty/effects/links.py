@@ -44,18 +44,26 @@ class RigidBody(Effect):
             Parameter(name, unit, self.name, link)
             for link in range(1, self.robot.links + 1)
             for name, unit in zip(
-                inertia.parameter_names(link), inertia.UNITS, strict=True
+                inertia.parameter_names(link),
+                inertia.UNITS,
+                strict=True,
             )
         )
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self,
+        indices: NDArray[np.intp],
+        parameters: Sequence[Parameter] = (),
     ) -> list[Constraint]:
         """None of its own: the links' bounds are the problem's."""
         return []
 
     def blocks(self, motion: Motion) -> list[Block]:
-        regressor = self.robot.regressor(motion.q, motion.dq, motion.ddq)
+        regressor = self.robot.regressor(
+            motion.q,
+            motion.dq,
+            motion.ddq,
+        )
         blocks = []
         for joint, links in enumerate(self.robot.subtree):
             indices = (10 * np.array(links, np.intp)[:, None] + np.arange(10)).ravel()
@@ -64,7 +72,13 @@ class RigidBody(Effect):
             link_indices = (
                 slice(10 * links[0], 10 * links[-1] + 10) if serial else indices
             )
-            blocks.append(Block(joint, indices, regressor[:, joint, link_indices]))
+            blocks.append(
+                Block(
+                    joint,
+                    indices,
+                    regressor[:, joint, link_indices],
+                )
+            )
         return blocks
 
     def torque(self, theta: Array, motion: Motion) -> Array:
@@ -75,7 +89,12 @@ class RigidBody(Effect):
             np.linalg.norm(links[:, 1:4], axis=1) > _FARTHEST * np.abs(links[:, 0])
         ):
             return super().torque(theta, motion)
-        return self.robot.inverse_dynamics(theta, motion.q, motion.dq, motion.ddq)
+        return self.robot.inverse_dynamics(
+            theta,
+            motion.q,
+            motion.dq,
+            motion.ddq,
+        )
 
 
 class Payload(Effect):
@@ -96,11 +115,15 @@ class Payload(Effect):
         names = inertia.parameter_names(self.robot.links)
         last = len(str(self.robot.links))
         return zip(
-            [f"payload_{name[:-last]}" for name in names], inertia.UNITS, strict=True
+            [f"payload_{name[:-last]}" for name in names],
+            inertia.UNITS,
+            strict=True,
         )
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self,
+        indices: NDArray[np.intp],
+        parameters: Sequence[Parameter] = (),
     ) -> list[Constraint]:
         """It is a body."""
         return [
@@ -213,7 +236,11 @@ class BaseTilt(Effect):
             else np.array([0.0, 0.0, -1.0])
         )
         down = gravity / np.linalg.norm(gravity)
-        axes = np.delete(np.eye(3), int(np.argmax(np.abs(down))), axis=0)
+        axes = np.delete(
+            np.eye(3),
+            int(np.argmax(np.abs(down))),
+            axis=0,
+        )
         flat = axes - np.outer(axes @ down, down)
         u, _, vt = np.linalg.svd(flat, full_matrices=False)
         return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
@@ -315,7 +342,10 @@ class Backlash(LinkDeviation):
     has_memory = True  # time derivatives of the side
     shapes = {
         "law": ShapeConstant(
-            1.0, grid=(1.0, 2.0), choices=(1.0, 2.0), words=("rests", "crosses")
+            1.0,
+            grid=(1.0, 2.0),
+            choices=(1.0, 2.0),
+            words=("rests", "crosses"),
         ),
         "band": ShapeConstant(_BENDS, "Hz"),
     }
@@ -435,7 +465,11 @@ class KinematicError(Effect):
         return slice(sum(k < 3 for _, k in self._places), None)
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         return [{}] if cls(robot).parameters else []
 
     def torques(self, motion: Motion) -> Array:

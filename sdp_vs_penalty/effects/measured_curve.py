@@ -104,7 +104,12 @@ class Variable:
             return cls("t")
         if match := re.fullmatch(r"(d?q)([1-9]\d*)([+-])([\d.]*)\1([1-9]\d*)", text):
             ratio = float(match[3] + (match[4] or "1"))
-            return cls(match[1], int(match[2]) - 1, int(match[5]) - 1, ratio)
+            return cls(
+                match[1],
+                int(match[2]) - 1,
+                int(match[5]) - 1,
+                ratio,
+            )
         match = re.fullmatch(r"([a-z(]+)([1-9]\d*)(\)?)", text)
         if not match or match[1] + match[3] not in set(WORDS) - {"t", "none"}:
             raise ValueError(f"{text!r} is no variable of a curve")
@@ -147,7 +152,10 @@ def _is_value(key: str) -> bool:
 
 
 def _axis(
-    axis: str, count: float, default: float, words: tuple[str, ...]
+    axis: str,
+    count: float,
+    default: float,
+    words: tuple[str, ...],
 ) -> dict[str, ShapeConstant]:
     """Shape constants of one variable: its word and joint, the joint that is added to
     it (0: none) in a ratio, the ends and the number of the table's values along it."""
@@ -163,7 +171,11 @@ def _axis(
     }
 
 
-def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable | None:
+def _variable(
+    constants: Mapping[str, float],
+    axis: str,
+    joint: int,
+) -> Variable | None:
     """Of an axis of a curve of a joint (from 0), or None."""
     word = WORDS[int(constants[axis]) - 1]
     first = int(constants[f"{axis}j"])
@@ -171,7 +183,10 @@ def _variable(constants: Mapping[str, float], axis: str, joint: int) -> Variable
     if word == "none":
         return None
     return Variable(
-        word, first - 1 if first else joint, other - 1, constants.get(f"{axis}c", 1.0)
+        word,
+        first - 1 if first else joint,
+        other - 1,
+        constants.get(f"{axis}c", 1.0),
     )
 
 
@@ -238,7 +253,10 @@ class MeasuredCurve(JointEffect):
         self._missing.flat[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
 
     def _refuse(
-        self, robot: Robot, constants: Mapping[str, float], known: Sequence[int]
+        self,
+        robot: Robot,
+        constants: Mapping[str, float],
+        known: Sequence[int],
     ) -> None:
         """InputError for a table that cannot be one; known : the places of its values."""
         who = f"effect {self.name}:"
@@ -353,7 +371,12 @@ class MeasuredCurve(JointEffect):
     def column(self, motion: Motion, joint: int) -> Array:
         return self._interpolated(self._table, motion, joint)
 
-    def _interpolated(self, table: Array, motion: Motion, joint: int) -> Array:
+    def _interpolated(
+        self,
+        table: Array,
+        motion: Motion,
+        joint: int,
+    ) -> Array:
         """(N,) linear interpolation of values (xn, yn), those at the ends held constant
         outside."""
 

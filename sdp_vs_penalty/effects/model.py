@@ -102,7 +102,12 @@ class Model:
     def reference_free(self) -> Model:
         """The same model without the effects that depend on a current model."""
         free = tuple(e for e in self.effects if not depends(e))
-        return Model(self.robot, free, gains=self.gains, known=self.known)
+        return Model(
+            self.robot,
+            free,
+            gains=self.gains,
+            known=self.known,
+        )
 
     @cached_property
     def before_channels(self) -> Model:
@@ -110,7 +115,12 @@ class Model:
         before = tuple(e for e in self.effects if not e.needs_torque)
         if len(before) == len(self.effects):
             return self
-        part = Model(self.robot, before, gains=self.gains, known=self.known)
+        part = Model(
+            self.robot,
+            before,
+            gains=self.gains,
+            known=self.known,
+        )
         known = self.reference
         return (
             part if known is None else replace(part, reference=known[self.places(part)])
@@ -130,7 +140,10 @@ class Model:
             Indices into theta, in the order of the part.
         """
         return np.concatenate(
-            [np.arange(0), *(k for e, k in self.parts if e in part.effects)]
+            [
+                np.arange(0),
+                *(k for e, k in self.parts if e in part.effects),
+            ]
         )
 
     @cached_property
@@ -231,7 +244,10 @@ class Model:
         )
 
     def blocks(
-        self, motion: Motion, known: Collection[int] = (), smooth: Motion | None = None
+        self,
+        motion: Motion,
+        known: Collection[int] = (),
+        smooth: Motion | None = None,
     ) -> dict[int, list[Block]]:
         """Compute the columns of each effect.
 
@@ -277,7 +293,9 @@ class Model:
         }
 
     def joined(
-        self, blocks: Mapping[int, list[Block]], count: int
+        self,
+        blocks: Mapping[int, list[Block]],
+        count: int,
     ) -> list[JointColumns]:
         """Join the blocks of all effects to the regressor.
 
@@ -309,7 +327,9 @@ class Model:
         ]
 
     def without_known(
-        self, columns: Sequence[JointColumns], torque: Array
+        self,
+        columns: Sequence[JointColumns],
+        torque: Array,
     ) -> tuple[list[JointColumns], Array]:
         """Subtract the torque of known parameters, and zero their columns.
 
@@ -366,7 +386,10 @@ class Model:
         return self.reference
 
     def _made(
-        self, blocks: Mapping[int, list[Block]], theta: Array, motion: Motion
+        self,
+        blocks: Mapping[int, list[Block]],
+        theta: Array,
+        motion: Motion,
     ) -> Array:
         """(N, n) torque of blocks."""
         torque = np.zeros_like(motion.q)
@@ -406,7 +429,11 @@ class Model:
         attached = replace(motion, torque=torque, current=self._current(theta))
         return replace(attached, logged=logged, sign_width=self.sign_width)
 
-    def torque(self, theta: Sequence[float] | Array, motion: Motion) -> Array:
+    def torque(
+        self,
+        theta: Sequence[float] | Array,
+        motion: Motion,
+    ) -> Array:
         """Compute the torque of the model: tau = Y(motion) theta.
 
         Parameters

@@ -105,7 +105,11 @@ class Command:
 
     def _near(self, t: Array) -> tuple[Array, Array]:
         """(len(t),) the nearest known instant, and (len(t), 1) how far it is [s]."""
-        at = np.clip(t, self.t[0], self.t[-1])
+        at = np.clip(
+            t,
+            self.t[0],
+            self.t[-1],
+        )
         step = float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         k = (
             np.rint((at - self.t[0]) / step).astype(np.intp)
@@ -148,7 +152,12 @@ class Legs:
         begins[turns] = 1
         leg = np.cumsum(begins)
         direction = sign[np.r_[moving[:1], turns]] if len(moving) else np.zeros(1)
-        return cls(corners, direction, leg, q[1:] - corners[leg])
+        return cls(
+            corners,
+            direction,
+            leg,
+            q[1:] - corners[leg],
+        )
 
 
 def _logged(field: str, what: str, columns: str) -> Any:
@@ -203,10 +212,14 @@ class Motion:
     logged_command: ClassVar[Command] = _logged("command", "commands", "qcmd1..qcmdn")
     integral: ClassVar[Array] = _logged("position_integral", "commands", "qcmd1..qcmdn")
     joint_temperature: ClassVar[Array] = _logged(
-        "temperature", "temperatures", "temp1..tempn"
+        "temperature",
+        "temperatures",
+        "temp1..tempn",
     )
     motor_acceleration: ClassVar[Array] = _logged(
-        "motors", "positions of motors", "qmot1..qmotn"
+        "motors",
+        "positions of motors",
+        "qmot1..qmotn",
     )
 
     def part(self, which: slice | NDArray[np.integer]) -> Motion:
@@ -238,7 +251,11 @@ class Motion:
         }
         return replace(self, **known)
 
-    def sign(self, joint: int, width: float | None = None) -> Array:
+    def sign(
+        self,
+        joint: int,
+        width: float | None = None,
+    ) -> Array:
         """Compute the smooth sign of a joint's velocity.
 
         Parameters
@@ -255,7 +272,12 @@ class Motion:
         """
         if width is None:
             return np.asarray(self._signs[joint])
-        return smooth_sign(self.dq[:, joint], width, self.ddq[:, joint], self.within)
+        return smooth_sign(
+            self.dq[:, joint],
+            width,
+            self.ddq[:, joint],
+            self.within,
+        )
 
     def sign_along(self, ratios: Array) -> Array:
         """Compute the smooth sign of a combination of velocities.
@@ -274,7 +296,12 @@ class Motion:
         if (joint := _only(ratios)) is not None:
             return self.sign(joint)
         width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
-        return smooth_sign(self.dq @ ratios, width, self.ddq @ ratios, self.within)
+        return smooth_sign(
+            self.dq @ ratios,
+            width,
+            self.ddq @ ratios,
+            self.within,
+        )
 
     def legs_along(self, ratios: Array) -> Legs:
         """Cut the path of a combination of positions into legs.
@@ -338,7 +365,10 @@ class Motion:
         """(N, n) what the gears transmit: the current model's rigid-body torque,
         without friction."""
         return self._model.robot.inverse_dynamics(
-            self.model_links, self.q, self.dq, self.ddq
+            self.model_links,
+            self.q,
+            self.dq,
+            self.ddq,
         )
 
     def late_torque_rate(self, T: float) -> Array:
@@ -361,10 +391,24 @@ class Motion:
         middle = self.t - 0.5 * T
         half = max(0.5 * abs(T), step)
         forward = np.column_stack(
-            [np.interp(middle + half, self.t, tau) for tau in self.model_torque.T]
+            [
+                np.interp(
+                    middle + half,
+                    self.t,
+                    tau,
+                )
+                for tau in self.model_torque.T
+            ]
         )
         back = np.column_stack(
-            [np.interp(middle - half, self.t, tau) for tau in self.model_torque.T]
+            [
+                np.interp(
+                    middle - half,
+                    self.t,
+                    tau,
+                )
+                for tau in self.model_torque.T
+            ]
         )
         return (forward - back) / (2.0 * half)
 
@@ -406,11 +450,23 @@ class Motion:
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
         if not 2.0 * band < rate or len(values) < 3:
             return values
-        line = np.linspace(values[0], values[-1], len(values))
-        waves = scipy.fft.dst((values - line)[1:-1], type=1, axis=0)
+        line = np.linspace(
+            values[0],
+            values[-1],
+            len(values),
+        )
+        waves = scipy.fft.dst(
+            (values - line)[1:-1],
+            type=1,
+            axis=0,
+        )
         f = np.arange(1, len(values) - 1) * rate / (2 * len(values) - 2)
         waves /= (1.0 + (f / band) ** 8).reshape(-1, *[1] * (values.ndim - 1))
-        line[1:-1] += scipy.fft.idst(waves, type=1, axis=0)
+        line[1:-1] += scipy.fft.idst(
+            waves,
+            type=1,
+            axis=0,
+        )
         return line
 
     @property
@@ -432,7 +488,10 @@ class Motion:
         """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
         robot = self._model.robot
         return robot.inverse_dynamics_derivatives(
-            self.model_links, self.q, self.dq, self.ddq
+            self.model_links,
+            self.q,
+            self.dq,
+            self.ddq,
         )
 
 

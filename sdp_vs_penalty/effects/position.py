@@ -35,7 +35,10 @@ _MOST = 200
 
 
 def _orders(
-    robot: Robot, joint: int, turns: Sequence[float], finest: float
+    robot: Robot,
+    joint: int,
+    turns: Sequence[float],
+    finest: float,
 ) -> list[float]:
     """Waves per turn; on a prismatic joint neighbours half a wave apart over the
     travel; without one, that of a common axis."""
@@ -87,14 +90,23 @@ class TorqueRipple(JointEffect):
         return self.shape["k"]
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         """Waves per turn; on a prismatic joint screws of 1 to 100 mm, and what the
         travel may hold."""
         return [{"k": k} for k in _orders(robot, joint, cls.shapes["k"].grid, _FINEST)]
 
     def column(self, motion: Motion, joint: int) -> Array:
         phase = self.shape["k"] * motion.q[:, joint]
-        return np.column_stack([np.cos(phase), np.sin(phase)])
+        return np.column_stack(
+            [
+                np.cos(phase),
+                np.sin(phase),
+            ]
+        )
 
 
 #: Phases of a wave at which the friction may not become negative.
@@ -126,11 +138,20 @@ class PositionDependentFriction(JointEffect):
     }
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         # Two waves are not looked for: along less than a whole one they fit anything
         # that is seen.
         shape = cls.shapes["k"]
-        grid = _orders(robot, joint, shape.grid, (shape.bounds or (0.0, np.inf))[1])
+        grid = _orders(
+            robot,
+            joint,
+            shape.grid,
+            (shape.bounds or (0.0, np.inf))[1],
+        )
         return [{"k": k, "waves": 1.0} for k in grid]
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
@@ -152,15 +173,27 @@ class PositionDependentFriction(JointEffect):
         return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
 
     def constraints(
-        self, indices: NDArray[np.intp], parameters: Sequence[Parameter] = ()
+        self,
+        indices: NDArray[np.intp],
+        parameters: Sequence[Parameter] = (),
     ) -> list[Constraint]:
         """Coulomb friction of the same joint, which it varies, stays above zero at
         every position."""
-        phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
+        phases = np.linspace(
+            0.0,
+            2.0 * np.pi,
+            _PHASES,
+            endpoint=False,
+        )
         between = np.cos(
             np.pi * self.shape["waves"] / _PHASES
         )  # how low a wave is at the nearest phase
-        coefficients = np.vstack([np.ones(_PHASES), self._waves(phases).T / between])
+        coefficients = np.vstack(
+            [
+                np.ones(_PHASES),
+                self._waves(phases).T / between,
+            ]
+        )
         coulomb = {
             p.joint - 1: k
             for k, p in enumerate(parameters)

@@ -82,10 +82,21 @@ class JointCoupling(JointEffect):
         return joint - 1 if joint > 0 else 1
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < robot.n]
         forms = cls.shapes["form"].choices
-        return [{"i": float(i + 1), "form": form} for i in neighbours for form in forms]
+        return [
+            {
+                "i": float(i + 1),
+                "form": form,
+            }
+            for i in neighbours
+            for form in forms
+        ]
 
     def parameter_name(self, joint: int) -> str:
         return (
@@ -152,7 +163,10 @@ class TransmissionFriction(StatefulEffect):
     }
     #: A law's own constant: travel, velocity; and where a search over combinations
     #: begins to refine it.
-    _OWN = {"hysteresis": ("d", (0.002, 0.01)), "stribeck": ("vs", (0.06, 0.25))}
+    _OWN = {
+        "hysteresis": ("d", (0.002, 0.01)),
+        "stribeck": ("vs", (0.06, 0.25)),
+    }
 
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
@@ -169,7 +183,10 @@ class TransmissionFriction(StatefulEffect):
             if law.complaint(chosen) is None
             else ()
         )
-        known = {"law": law, **{key: self.shapes[key] for key in law_constants}}
+        known = {
+            "law": law,
+            **{key: self.shapes[key] for key in law_constants},
+        }
         # Ratios turn each joint's position into the first one's unit.
         units = [robot.position_units[j] for j in acting if j < robot.n]
         per = ["-" if u == units[0] else f"{units[0]}/{u}" for u in units]
@@ -230,12 +247,20 @@ class TransmissionFriction(StatefulEffect):
             if self.law == "hysteresis"
             else np.zeros((0, self.robot.n))
         )
-        return Bristles(rows, np.full(len(rows), self.shape.get("d", 1.0)), dahl)
+        return Bristles(
+            rows,
+            np.full(len(rows), self.shape.get("d", 1.0)),
+            dahl,
+        )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
         force = self._force(motion, z)
         return [
-            Block(j, np.array([0]), (self.ratios[j] * force)[:, None])
+            Block(
+                j,
+                np.array([0]),
+                (self.ratios[j] * force)[:, None],
+            )
             for j in self.joints
         ]
 
@@ -254,7 +279,11 @@ class TransmissionFriction(StatefulEffect):
         return sign
 
     @classmethod
-    def starts(cls, robot: Robot, joint: int) -> Iterable[dict[str, float]]:
+    def starts(
+        cls,
+        robot: Robot,
+        joint: int,
+    ) -> Iterable[dict[str, float]]:
         for number, law in enumerate(LAWS, start=1):
             key, grid = cls._OWN.get(law, ("", (0.0,)))
             for value in grid:
@@ -277,7 +306,11 @@ class TransmissionFriction(StatefulEffect):
         shapes = [shape for k, shape in enumerate(shapes) if shape not in shapes[:k]]
         sure = [ratios, *map(_ratios, robot.couplings)]
         return [
-            cls(robot, [int(key[1:]) - 1 for key in c], **{**c, **s})
+            cls(
+                robot,
+                [int(key[1:]) - 1 for key in c],
+                **{**c, **s},
+            )
             for c in ratio_sets
             for s in shapes
             if c in sure or _worth_a_guess(c, s, constants, sure)

@@ -109,7 +109,10 @@ class PoseOptions:
             if settings is not None:
                 effects = [effect_from_dict(e, robot) for e in settings]
             return cls(
-                effects, known=known, instruments=recipe["instruments"], **others
+                effects,
+                known=known,
+                instruments=recipe["instruments"],
+                **others,
             )
         except (KeyError, TypeError, ValueError, AttributeError):
             raise InputError(
@@ -176,7 +179,10 @@ def build_problem(
     problem = as_problem(problem, "pose(problem=...)")
     options = options or PoseOptions()
     data = read_and_filter(
-        problem, measurements, options.preprocessing, "pose(measurements=...)"
+        problem,
+        measurements,
+        options.preprocessing,
+        "pose(measurements=...)",
     )
     return pose_filtered(problem, data, options, progress, workers)
 
@@ -231,12 +237,21 @@ def pose_filtered(
     problem = posed.problem
     compressed = partial(in_columns, posed.runs, workers=workers)
     model = with_reference(
-        problem, posed.model, compressed, options.weighting, progress
+        problem,
+        posed.model,
+        compressed,
+        options.weighting,
+        progress,
     )
     progress("compressing the measurements")
     regression = compressed(model)
     task = make_task(
-        problem, model, regression, options.weighting, options.seed, progress
+        problem,
+        model,
+        regression,
+        options.weighting,
+        options.seed,
+        progress,
     )
     return EstimationProblem(
         problem=problem,
@@ -263,7 +278,10 @@ class _PosedLog:
 
 
 def _pose_black_box(
-    problem: Problem, data: BlackBox, options: PoseOptions, progress: Progress
+    problem: Problem,
+    data: BlackBox,
+    options: PoseOptions,
+    progress: Progress,
 ) -> EstimationProblem:
     """Of a black box's answers: one effect, equal weights."""
     effects = "rigid_body" if options.effects is None else options.effects
@@ -305,7 +323,10 @@ def _pose_torque_log(
         problem = replace(problem, gains=tuple(gain.tolist()))
         model = replace(model, gains=problem.gains)
         std = gain * np.linalg.norm(errors, axis=1)
-        details["gains"] = {"gain": gain.tolist(), "std": std.tolist()}
+        details["gains"] = {
+            "gain": gain.tolist(),
+            "std": std.tolist(),
+        }
     return _PosedLog(problem, model, runs, errors, details)
 
 
@@ -333,12 +354,23 @@ def _pose_servo_log(
         # Loads are other runs: the recipe says what they made of the scale instead.
         options = replace(options, known=scale["known"])
     common = np.full(problem.robot.n, scale["scale_error"])
-    details = {"servo": {**servo, **scale}, "recipe": options.recipe()}
-    return _PosedLog(problem, model, runs, np.column_stack([errors, common]), details)
+    details = {
+        "servo": {**servo, **scale},
+        "recipe": options.recipe(),
+    }
+    return _PosedLog(
+        problem,
+        model,
+        runs,
+        np.column_stack([errors, common]),
+        details,
+    )
 
 
 def in_columns(
-    runs: FilteredRuns, model: Model, workers: Workers = ALONE
+    runs: FilteredRuns,
+    model: Model,
+    workers: Workers = ALONE,
 ) -> Regression:
     """Measurements in the columns of a model.
 
@@ -362,7 +394,9 @@ def in_columns(
     if runs.measurements.torque_logged:
         return compress(runs, model, workers=workers)
     return compress_cells(
-        runs, model, phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS)
+        runs,
+        model,
+        phase_folds(runs.measurements, runs.settings, SHAPE_FOLDS),
     )
 
 
@@ -411,7 +445,9 @@ def logged(data: Measurements | FilteredRuns) -> Measurements:
 
 
 def load_and_check(
-    problem: Problem, measurements: Source | FilteredRuns | BlackBox, what: str
+    problem: Problem,
+    measurements: Source | FilteredRuns | BlackBox,
+    what: str,
 ) -> Measurements | FilteredRuns | BlackBox:
     """What was given as measurements, read. What lies behind filters has been read.
 
@@ -438,7 +474,10 @@ def load_and_check(
     names = problem.robot.joint_names
     if not isinstance(measurements, FilteredRuns | BlackBox):
         measurements = load_answers(measurements, n) or as_measurements(
-            measurements, n, names, what
+            measurements,
+            n,
+            names,
+            what,
         )
     data = measurements if isinstance(measurements, BlackBox) else logged(measurements)
     if data.n != n:

@@ -32,7 +32,9 @@ _STEP = 8e-3
 
 
 def with_simulated_motion(
-    measurements: Measurements, model: Model, theta: Array
+    measurements: Measurements,
+    model: Model,
+    theta: Array,
 ) -> Measurements:
     """The same runs with the positions "qsim" that the model's servo loop makes of
     their commands."""
@@ -120,12 +122,16 @@ def driven(
         remedy = "identify from a log with commands, or name one with torque"
         raise InputError(what, remedy, measurements.names[0])
     return plant(estimate), with_drive_torque(
-        estimate.model, estimate.theta, measurements
+        estimate.model,
+        estimate.theta,
+        measurements,
     )
 
 
 def with_drive_torque(
-    model: Model, theta: Array, measurements: Measurements
+    model: Model,
+    theta: Array,
+    measurements: Measurements,
 ) -> Measurements:
     """The log with the torque that the servos of a model make of it.
 
@@ -184,11 +190,23 @@ def plant(estimate: Estimate) -> Estimate:
     spread = known.spread[keep]
     gains = known.gain_response[keep]
     uncertainty = replace(
-        known, standard=standard, base=(), spread=spread, gain_response=gains
+        known,
+        standard=standard,
+        base=(),
+        spread=spread,
+        gain_response=gains,
     )
     reference = None if reference is None else reference[keep]
     effects = estimate.model.without_drives.effects
-    model = replace(estimate.model, effects=effects, known={}, reference=reference)
+    model = replace(
+        estimate.model,
+        effects=effects,
+        known={},
+        reference=reference,
+    )
     return replace(
-        estimate, model=model, theta=estimate.theta[keep], uncertainty=uncertainty
+        estimate,
+        model=model,
+        theta=estimate.theta[keep],
+        uncertainty=uncertainty,
     )

@@ -219,7 +219,9 @@ class Estimate(Record):
             for effect in self.model.effects
         ]
         model = dataclasses.replace(
-            self.model, robot=problem.robot, effects=tuple(effects)
+            self.model,
+            robot=problem.robot,
+            effects=tuple(effects),
         )
         return dataclasses.replace(self, problem=problem, model=model)
 
@@ -391,7 +393,11 @@ class Estimate(Record):
         return self.model.torque(self.theta, motion)
 
     def predict(
-        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, t: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        t: ArrayLike | None = None,
     ) -> Array:
         """Modelled torque at states.
 
@@ -430,7 +436,14 @@ class Estimate(Record):
         if times.shape != (count,):
             what = f"predict(t=...): shape {times.shape}, but q has {count} rows"
             raise InputError(what, "give one time a row")
-        return self.torque(Motion(times, states[0], states[1], states[2]))
+        return self.torque(
+            Motion(
+                times,
+                states[0],
+                states[1],
+                states[2],
+            )
+        )
 
     def _require_no_time(self) -> None:
         """Raises InputError where an effect depends on time or on earlier motion."""
@@ -467,7 +480,13 @@ class Estimate(Record):
         )
         size = (3.0 * len(shown), 2.6)
         panels = np.atleast_1d(
-            formatting.axes(axes, 1, len(shown), figsize=size, layout="constrained")
+            formatting.axes(
+                axes,
+                1,
+                len(shown),
+                figsize=size,
+                layout="constrained",
+            )
         )
         for panel, (effect, parameters) in zip(panels, shown, strict=False):
             drawn = panel.bar(
@@ -509,7 +528,9 @@ class Estimate(Record):
         rows: list[tuple[str, ...]] = []
         columns = self.theta, self.uncertainty.std, self.nominal, self.sources
         for p, value, spread, known, source in zip(
-            self.model.parameters, *columns, strict=True
+            self.model.parameters,
+            *columns,
+            strict=True,
         ):
             half = NORMAL_95 * spread
             plus = "" if np.isnan(half) else f" ± {half:.2g}"
@@ -538,7 +559,9 @@ class Estimate(Record):
             }
             | {"source": source, "effect": p.effect, "joint": p.joint}
             for p, value, interval, nominal, source in zip(
-                self.model.parameters, *columns, strict=True
+                self.model.parameters,
+                *columns,
+                strict=True,
             )
         ]
         identified = np.flatnonzero(~np.isnan(self.uncertainty.std))
@@ -570,7 +593,9 @@ class Estimate(Record):
         }
 
     def require_joints(
-        self, measurements: Measurements, what: str = "measurements"
+        self,
+        measurements: Measurements,
+        what: str = "measurements",
     ) -> None:
         """Raises InputError unless the measurements have as many joints as the robot."""
         if measurements.n != self.robot.n:
@@ -794,7 +819,9 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
     thick = inertia.thickness(links)
     gyration = inertia.gyration(links), inertia.gyration(nominal)
     com = np.where(
-        links[:, :1] > 0.0, inertia.barycentric_from_standard(links)[:, 1:4], np.nan
+        links[:, :1] > 0.0,
+        inertia.barycentric_from_standard(links)[:, 1:4],
+        np.nan,
     )
     return [
         (

@@ -59,7 +59,13 @@ class Regressor:
     columns: NDArray[np.intp]
     scale: Array | float = 1.0
 
-    def at(self, t: Array, q: Array, dq: Array, ddq: Array) -> Array:
+    def at(
+        self,
+        t: Array,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> Array:
         """Rows of states.
 
         Parameters
@@ -118,7 +124,11 @@ class Regressor:
         return float(np.linalg.cond(self.along(trajectory)))
 
     @classmethod
-    def of(cls, problem: Problem, effects: str | None = None) -> Regressor:
+    def of(
+        cls,
+        problem: Problem,
+        effects: str | None = None,
+    ) -> Regressor:
         """The columns of a problem's own base parameters.
 
         Parameters
@@ -348,7 +358,12 @@ def excite(
     bounds = Limits.of_robot(problem.robot) if limits is None else limits
     if start is None:
         start = random_trajectory(
-            problem.robot, seed, duration, harmonics, frequency, blend
+            problem.robot,
+            seed,
+            duration,
+            harmonics,
+            frequency,
+            blend,
         )
     regressor = Regressor.of(problem, effects)
     return optimised(regressor, bounds, start, objective, iterations, progress=progress)
@@ -370,7 +385,13 @@ def optimised(
     """
     start = shrunk(start, limits)
     search = _Search(regressor, limits, start, objective, moving)
-    x = np.column_stack([start.a, start.b, start.q_0])
+    x = np.column_stack(
+        [
+            start.a,
+            start.b,
+            start.q_0,
+        ]
+    )
     history = [regressor.condition(start)]
     radius = 0.2
     value, slope = search.evaluated(x)
@@ -397,8 +418,17 @@ def optimised(
 def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
     """The motion of x (n, 2 L + 1) = (a, b, q_0), of the same frequency, blend and
     duration."""
-    a, b = np.split(x[:, :-1], 2, axis=1)
-    return replace(like, a=a.copy(), b=b.copy(), q_0=x[:, -1].copy())
+    a, b = np.split(
+        x[:, :-1],
+        2,
+        axis=1,
+    )
+    return replace(
+        like,
+        a=a.copy(),
+        b=b.copy(),
+        q_0=x[:, -1].copy(),
+    )
 
 
 class _Search:
@@ -424,7 +454,13 @@ class _Search:
         # are kept.
         self.t = np.linspace(0.0, start.duration, 160)
         instants = _instants(start, 2 * len(self.t) - 1)
-        units = np.column_stack([limits.half, limits.velocity, limits.acceleration])
+        units = np.column_stack(
+            [
+                limits.half,
+                limits.velocity,
+                limits.acceleration,
+            ]
+        )
         width = 2 * start.a.shape[1] + 1
         constraints = _with(
             start, np.eye(width)
@@ -436,7 +472,12 @@ class _Search:
         )
         # A joint's amplitudes of velocity are of the size of its limit, its centre of
         # the range.
-        self.unit = np.column_stack([*[limits.velocity] * (width - 1), limits.half])
+        self.unit = np.column_stack(
+            [
+                *[limits.velocity] * (width - 1),
+                limits.half,
+            ]
+        )
         self.maps = np.array(constraints.states(self.t))
 
     def at(self, x: Array) -> tuple[Array, float, Array]:
@@ -489,7 +530,12 @@ class _Search:
             slope[j] += rate @ linear
         return value, slope
 
-    def best_of_linear_model(self, x: Array, slope: Array, radius: float) -> Array:
+    def best_of_linear_model(
+        self,
+        x: Array,
+        slope: Array,
+        radius: float,
+    ) -> Array:
         """The coefficients with the least linear model of the objective.
 
         Parameters
@@ -564,7 +610,12 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
         return trajectory
     share = (1.0 - 1e-9) / excess
     q_0 = limits.middle + share * (trajectory.q_0 - limits.middle)
-    return replace(trajectory, a=trajectory.a * share, b=trajectory.b * share, q_0=q_0)
+    return replace(
+        trajectory,
+        a=trajectory.a * share,
+        b=trajectory.b * share,
+        q_0=q_0,
+    )
 
 
 def save_trajectory(
@@ -586,7 +637,10 @@ def save_trajectory(
     """
     t = np.arange(int(np.floor(trajectory.duration * 1e3 + 1e-9)) + 1) / 1e3
     n = trajectory.states(t[:1])[0].shape[1]
-    header = ["t", *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n))]
+    header = [
+        "t",
+        *(f"{name}{j + 1}" for name in ("q", "dq", "ddq") for j in range(n)),
+    ]
     rows = np.column_stack([t, *trajectory.states(t)])
     row_format = ",".join(["%.9g"] * len(header))
     lines = [",".join(header)]
@@ -600,7 +654,9 @@ def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
     blend = trajectory.blend
     end = trajectory.duration - trajectory.blend
     instants = np.linspace(
-        0.0, trajectory.duration, count or round(1000.0 * trajectory.duration) + 1
+        0.0,
+        trajectory.duration,
+        count or round(1000.0 * trajectory.duration) + 1,
     )
     return np.union1d(instants, [0.5 * blend, blend, end, end + 0.5 * blend])
 
@@ -675,15 +731,30 @@ def payload_run(
     limits = Limits.of_robot(robot)
     # Periods of the motion's own length, blended over an eighth of it.
     start = random_trajectory(
-        robot, seed, duration, harmonics, 2 * np.pi / duration, 0.125 * duration
+        robot,
+        seed,
+        duration,
+        harmonics,
+        2 * np.pi / duration,
+        0.125 * duration,
     )
     still = np.setdiff1d(np.arange(robot.n), moving)
     start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
     scale = 1.0 / noise_of_model(estimate)
     rate = independent_rate(estimate)
-    regressor = Regressor(Model(robot, (Payload(robot),)), np.arange(10), scale)
+    regressor = Regressor(
+        Model(robot, (Payload(robot),)),
+        np.arange(10),
+        scale,
+    )
     excitation = optimised(
-        regressor, limits, start, "d-optimal", iterations, moving, progress
+        regressor,
+        limits,
+        start,
+        "d-optimal",
+        iterations,
+        moving,
+        progress,
     )
     deviation_by_run = (
         deviations(regressor.along(x, rate)) for x in (excitation.trajectory, start)

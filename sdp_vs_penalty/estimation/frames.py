@@ -108,7 +108,10 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
     known = {entry["name"]: entry for entry in listed}
     rows = []
     for interval, row, leading in zip(
-        estimate.uncertainty.base, base.rows, base.leading, strict=True
+        estimate.uncertainty.base,
+        base.rows,
+        base.leading,
+        strict=True,
     ):
         entry = known.get(interval.name, {})
         rows.append(
@@ -149,7 +152,11 @@ def base_expressions(estimate: Parameters) -> list[str]:
     ]
 
 
-def expression(row: Array, names: Sequence[str], leading: int) -> str:
+def expression(
+    row: Array,
+    names: Sequence[str],
+    leading: int,
+) -> str:
     """A combination of parameters as a sum, the leading one first.
 
     row : (p,) coefficients; names : (p,).

@@ -75,7 +75,10 @@ DATA = "data"
 
 
 def parameter_sources(
-    task: Task, theta: Array, base: BaseParameters, undetermined_by: str
+    task: Task,
+    theta: Array,
+    base: BaseParameters,
+    undetermined_by: str,
 ) -> dict[str, Any]:
     """Who determines each parameter, for the details of an estimate.
 
@@ -96,8 +99,16 @@ def parameter_sources(
         "undetermined": the parameters that the data leave open, and who determines
         them; "base_parameters": all, with name, value, nominal value and source.
     """
-    rows = np.vstack([np.eye(len(theta)), base.rows])
-    names = [*(p.name for p in task.model.parameters), *base.names]
+    rows = np.vstack(
+        [
+            np.eye(len(theta)),
+            base.rows,
+        ]
+    )
+    names = [
+        *(p.name for p in task.model.parameters),
+        *base.names,
+    ]
     is_determined = is_data_determined(task, rows).tolist()
     bounds, (values, before) = (
         task.model.known,
@@ -115,7 +126,11 @@ def parameter_sources(
             else undetermined_by,
         }
         for k, determined, x, y in zip(
-            names, is_determined, values, before, strict=True
+            names,
+            is_determined,
+            values,
+            before,
+            strict=True,
         )
     ]
     determined = listed[: len(theta)]
@@ -147,7 +162,9 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
     # Upper triangular, half^T half the prior's information.
     half = np.diag(np.sqrt(variance) / np.where(np.isfinite(scale), scale, task.bound))
     for indices, p0 in zip(
-        task.links, inertia.pseudo_inertia(task.prior_links), strict=True
+        task.links,
+        inertia.pseudo_inertia(task.prior_links),
+        strict=True,
     ):
         root = np.linalg.inv(np.linalg.cholesky(p0))
         whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
@@ -159,7 +176,11 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
         upper = scipy.linalg.cholesky(curvature / np.outer(size, size)) * size
         half[np.ix_(indices, indices)] = upper
     # In coordinates z = half theta the prior is the identity: H becomes A^T A.
-    into = scipy.linalg.solve_triangular(half, np.eye(len(half)), lower=False)
+    into = scipy.linalg.solve_triangular(
+        half,
+        np.eye(len(half)),
+        lower=False,
+    )
     _, s, vt = np.linalg.svd(task.data.R @ into, full_matrices=True)
     information = np.zeros(len(half))
     information[: len(s)] = s**2
@@ -171,7 +192,10 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
 
 
 def build_estimate(
-    posed: EstimationProblem, estimator: Estimator, fit: Fit, workers: Workers = ALONE
+    posed: EstimationProblem,
+    estimator: Estimator,
+    fit: Fit,
+    workers: Workers = ALONE,
 ) -> Estimate:
     """Certify a fit, and put everything that made it into an Estimate.
 
@@ -281,7 +305,11 @@ def proved(
             what, "choose one that solves the SDP, such as lmi-sdp, or penalty"
         )
     known = replace(fit, theta=theta, bound=task.bound)
-    return optimum_proof(known, [p.name for p in task.model.parameters], made_of)
+    return optimum_proof(
+        known,
+        [p.name for p in task.model.parameters],
+        made_of,
+    )
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
@@ -340,12 +368,17 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
         fit_on_data = fit if same else replace(fit, theta=theta, bound=task.bound)
         fits = fit_on_data.upper, fit_on_data.lower, fit_on_data.gap
     return theta, Certificate(
-        violations(fit.constraints, theta), task.data.loss(theta), *fits
+        violations(fit.constraints, theta),
+        task.data.loss(theta),
+        *fits,
     )
 
 
 def certify_beside(
-    estimate: Estimate, model: Model, theta: Array, part: Certificate
+    estimate: Estimate,
+    model: Model,
+    theta: Array,
+    part: Certificate,
 ) -> Certificate:
     """The certificate of a whole model of which only the last effects were optimised.
 
@@ -401,7 +434,11 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
     gyration = inertia.gyration(links)
     bodies = problem.link_bodies
     follows = consistent(links)
-    pairs = zip(links[:, 0].tolist(), bodies, strict=True)
+    pairs = zip(
+        links[:, 0].tolist(),
+        bodies,
+        strict=True,
+    )
     densities = [mass / body.volume for mass, body in pairs if body.volume is not None]
     return {
         "positive_mass_matrices": (
@@ -435,7 +472,11 @@ def consistent(links: Array) -> bool:
     return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
 
 
-def positive_mass_matrices(robot: Robot, links: Array, poses: int = 10_000) -> float:
+def positive_mass_matrices(
+    robot: Robot,
+    links: Array,
+    poses: int = 10_000,
+) -> float:
     """Share of random poses at which the joint-space inertia matrix M(q) is positive
     definite.
 
@@ -532,7 +573,13 @@ def estimate_parameters(
     if proof is not None:
         progress("proving the optimum")
         made_of = {"model": estimate.identity, "data": estimate.provenance["data_hash"]}
-        optimum = proved(posed.task, fit, estimate.theta, estimate.method, made_of)
+        optimum = proved(
+            posed.task,
+            fit,
+            estimate.theta,
+            estimate.method,
+            made_of,
+        )
         write_proof(optimum, proof)
     return estimate
 
@@ -581,7 +628,9 @@ def _require_suitable(
 
 
 def verify_proof_file(
-    path: str | Path, model: Estimate | None = None, data: Source | None = None
+    path: str | Path,
+    model: Estimate | None = None,
+    data: Source | None = None,
 ) -> tuple[bool, str]:
     """Whether the proof in a file holds (:mod:`~sdp_vs_penalty.solvers.verify_proof`),
     and is about a model and its measurements.
@@ -626,7 +675,10 @@ def verify_proof_file(
         sentences.append("it is of this model")
         if not fault and data is not None:
             runs = as_measurements(
-                data, model.robot.n, model.robot.joint_names, "verify(data=...)"
+                data,
+                model.robot.n,
+                model.robot.joint_names,
+                "verify(data=...)",
             )
             fault, sentence = _other_data(proof, model, runs)
             sentences.append(sentence)
@@ -661,7 +713,9 @@ def _what_is_proved(
 
 
 def _other_data(
-    proof: dict[str, Any], model: Estimate, runs: Measurements
+    proof: dict[str, Any],
+    model: Estimate,
+    runs: Measurements,
 ) -> tuple[str, str]:
     """In what a proof is of other measurements, "" where it is of these; and what these
     have to do with it."""

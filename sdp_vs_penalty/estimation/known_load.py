@@ -63,7 +63,10 @@ def _loaded(
                 "give the mass that was on the last link",
             )
         runs = as_measurements(
-            source, robot.n, robot.joint_names, "identify(known_loads=...)"
+            source,
+            robot.n,
+            robot.joint_names,
+            "identify(known_loads=...)",
         )
         yield runs, float(mass)
 
@@ -118,7 +121,11 @@ def gains_from_loads(
         for reach in (*[c.LOAD_REACH] * 3, *[c.LOAD_REACH**2] * 6)
     ]
     scale = np.concatenate(
-        [np.full(p, np.inf), load, np.full(n, prior or c.GAIN_PRIOR)]
+        [
+            np.full(p, np.inf),
+            load,
+            np.full(n, prior or c.GAIN_PRIOR),
+        ]
     )
     log_gain = np.zeros(n)
     weights = np.ones(n)
@@ -144,7 +151,10 @@ def gains_from_loads(
 
 
 def _linearised(
-    parts: Sequence[tuple[Regression, float]], p: int, x: Array, log_gain: Array
+    parts: Sequence[tuple[Regression, float]],
+    p: int,
+    x: Array,
+    log_gain: Array,
 ) -> Regression:
     """Runs without and with loads [kg] about x and the gains, linear in x: theta (p,),
     nine parameters a load, ln g (n,)."""
@@ -162,7 +172,11 @@ def _linearised(
             known = f.indices == p  # the load's mass comes first of its ten parameters
             weighs = columns[:, known].sum(axis=1) * mass
             indices = f.indices[~known]
-            indices = np.where(indices > p, indices - 1 + 9 * (k - 1), indices)
+            indices = np.where(
+                indices > p,
+                indices - 1 + 9 * (k - 1),
+                indices,
+            )
             slope = columns[:, ~known] @ x[indices] + weighs
             rows = np.zeros(
                 (len(columns), size + 1)
@@ -170,11 +184,29 @@ def _linearised(
             rows[:, indices], rows[:, size - n + f.joint] = columns[:, ~known], slope
             rows[:, -1] = f.triangle[:, -1] - weighs + slope * log_gain[f.joint]
             factors.append(
-                Factor(f.joint, f.block + first, np.arange(size), rows, f.rows)
+                Factor(
+                    f.joint,
+                    f.block + first,
+                    np.arange(size),
+                    rows,
+                    f.rows,
+                )
             )
-    unknowns = tuple(Parameter(f"x{k}", "-", "known_load", 0) for k in range(size))
+    unknowns = tuple(
+        Parameter(
+            f"x{k}",
+            "-",
+            "known_load",
+            0,
+        )
+        for k in range(size)
+    )
     return Regression(
-        unknowns, n, tuple(blocks), tuple(factors), parts[0][0].oversampling
+        unknowns,
+        n,
+        tuple(blocks),
+        tuple(factors),
+        parts[0][0].oversampling,
     )
 
 
@@ -237,7 +269,10 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
 
 
 def _in_units_of_error(
-    factor: Factor, error: int, other_parameters: Array, p: int
+    factor: Factor,
+    error: int,
+    other_parameters: Array,
+    p: int,
 ) -> Array:
     """(r, p) a joint's rows over s_j; error : the place of its error's column. Raises
     InputError for a joint whose error is zero."""
@@ -335,7 +370,10 @@ def _motor_constants(
 
 
 def _factor_of_known(
-    model: Model, regression: Regression, theta: Array, known: Mapping[str, float]
+    model: Model,
+    regression: Regression,
+    theta: Array,
+    known: Mapping[str, float],
 ) -> float:
     """The factor on theta (p,) with which the first of the known parameters has its
     value."""
@@ -420,7 +458,10 @@ def _factor_of_loads(
     robot = model.robot
     load_effects = (Payload(robot), effect_types()["torque_offset"](robot))
     wide = Model(
-        robot, (*model.effects, *load_effects), gains=model.gains, allow_duplicates=True
+        robot,
+        (*model.effects, *load_effects),
+        gains=model.gains,
+        allow_duplicates=True,
     )
     factors = list[float]()
     information = list[float]()

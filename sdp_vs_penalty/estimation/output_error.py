@@ -47,7 +47,10 @@ class Course:
 
 
 def courses_of(
-    run: Measurements, estimate: Estimate, plant: Plant, shortest: float
+    run: Measurements,
+    estimate: Estimate,
+    plant: Plant,
+    shortest: float,
 ) -> list[Course]:
     """The stretches of a run behind the state filter, a row a step of the simulation.
 
@@ -88,7 +91,11 @@ def courses_of(
             continue
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
-        edges = np.pad(torque, ((stride - 1, stride - 1), (0, 0)), "edge")
+        edges = np.pad(
+            torque,
+            ((stride - 1, stride - 1), (0, 0)),
+            "edge",
+        )
         torque = sum(w * edges[m : m + len(torque)] for m, w in enumerate(weights))
         z = plant.remembered(motion)
         moving = filters.movement.at(motion.t)
@@ -96,7 +103,15 @@ def courses_of(
         if any(effect.needs_temperature for effect in estimate.model.effects):
             warm = motion.joint_temperature
         path = unknown if motion.position_integral is None else motion.position_integral
-        states = State(motion.t, motion.q, motion.dq, motion.ddq, z, warm, path)
+        states = State(
+            motion.t,
+            motion.q,
+            motion.dq,
+            motion.ddq,
+            z,
+            warm,
+            path,
+        )
         course = Course(
             run.names[0],
             states.rows(courses),
@@ -143,7 +158,9 @@ class _Window:
 
 
 def refine(
-    start: Estimate, posed: EstimationProblem, estimator: Estimator
+    start: Estimate,
+    posed: EstimationProblem,
+    estimator: Estimator,
 ) -> tuple[EstimationProblem, Fit]:
     """The fit with the least error of a simulation, found from an estimate.
 
@@ -202,13 +219,20 @@ def refine(
             break
         theta = tried[best]
         error = errors[best]
-    fit = replace(fit, theta=theta, details={**fit.details, "window_s": seconds})
+    fit = replace(
+        fit,
+        theta=theta,
+        details={**fit.details, "window_s": seconds},
+    )
     fit.details["simulation_rms"] = [begin, _rms(error * units)]
     return replace(posed, task=linearised), fit
 
 
 def _linearised(
-    task: Task, theta: Array, windows: Sequence[_Window], size: Array
+    task: Task,
+    theta: Array,
+    windows: Sequence[_Window],
+    size: Array,
 ) -> Task:
     """The task whose data are the simulation's errors, linear in theta (p,), in units of
     the torque's variance; size (n,) : of the motion [rad, m]."""
@@ -225,7 +249,9 @@ def _linearised(
 
 
 def _chosen(
-    plant: Plant, courses: Sequence[Course], size: Array
+    plant: Plant,
+    courses: Sequence[Course],
+    size: Array,
 ) -> tuple[list[_Window], float]:
     """The courses in the longest windows in which the plant stays with the motion, and
     how long [s]."""
@@ -255,7 +281,11 @@ def _windows_of(course: Course, seconds: float) -> list[_Window]:
     return windows
 
 
-def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
+def _errors(
+    plant: Plant,
+    windows: Sequence[_Window],
+    size: Array,
+) -> Array:
     """(P, R) position errors over the motion's size, one row for each of the plant's P
     parameters."""
     count = len(plant.theta)
@@ -275,14 +305,25 @@ def _errors(plant: Plant, windows: Sequence[_Window], size: Array) -> Array:
             target = np.where(is_inside, measured[k], q[0])
             out.append(is_inside * (q - target) / size)
     errors = np.swapaxes(np.array(out), 0, 1).reshape(count, -1)
-    return np.clip(np.nan_to_num(errors, nan=1e3), -1e3, 1e3)
+    return np.clip(
+        np.nan_to_num(errors, nan=1e3),
+        -1e3,
+        1e3,
+    )
 
 
 def _padded(courses: Sequence[Array]) -> Array:
     """(K, W, n) of W courses (K_w, n), the shorter ones with their last row repeated."""
     longest = max(len(course) for course in courses)
     edges = [((0, longest - len(course)), (0, 0)) for course in courses]
-    padded = [np.pad(c, edge, "edge") for c, edge in zip(courses, edges, strict=True)]
+    padded = [
+        np.pad(
+            c,
+            edge,
+            "edge",
+        )
+        for c, edge in zip(courses, edges, strict=True)
+    ]
     return np.stack(padded, axis=1)
 
 

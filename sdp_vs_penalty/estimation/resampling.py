@@ -119,10 +119,21 @@ class CrossValidation(Shown):
     def _whole(self) -> Fold:
         """All folds as one."""
         sums = np.sum(
-            [[f.losses, f.rows, f.torque_squared] for f in self.folds], axis=0
+            [
+                [
+                    f.losses,
+                    f.rows,
+                    f.torque_squared,
+                ]
+                for f in self.folds
+            ],
+            axis=0,
         )
         return Fold(
-            self.folds[0].start, self.folds[-1].stop, self.folds[0].theta, *sums
+            self.folds[0].start,
+            self.folds[-1].stop,
+            self.folds[0].theta,
+            *sums,
         )
 
     @property
@@ -272,7 +283,11 @@ def cross_validate(
             "choose another method",
         )
     options = PoseOptions(
-        effects, preprocessing, weighting, seed=seed, known=known or {}
+        effects,
+        preprocessing,
+        weighting,
+        seed=seed,
+        known=known or {},
     )
     split = Split(problem, measurements, options, folds, progress)
     workers = replace(workers, progress=progress)
@@ -295,7 +310,12 @@ def judged(fold: FoldData, estimator: Estimator) -> Fold:
         theta * task.model.drives
     )  # servos stand for what was not logged
     return Fold(
-        start, stop, theta, test.joint_losses(theta), test.joint_rows(), squares
+        start,
+        stop,
+        theta,
+        test.joint_losses(theta),
+        test.joint_rows(),
+        squares,
     )
 
 
@@ -320,7 +340,10 @@ class Split:
         self.seed = options.seed
         names = problem.robot.joint_names
         data = as_measurements(
-            measurements, problem.robot.n, names, "cross_validate(measurements=...)"
+            measurements,
+            problem.robot.n,
+            names,
+            "cross_validate(measurements=...)",
         )
         if folds < 2:
             raise InputError(
@@ -335,7 +358,9 @@ class Split:
             self.model = problem.model(options.effects).without_drives
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(
-                self.runs, self.model.reference_free, self.phases
+                self.runs,
+                self.model.reference_free,
+                self.phases,
             )
         else:
             posed = build_problem(problem, data, options, progress)
@@ -345,7 +370,9 @@ class Split:
             self.phases = phase_folds(data, self.runs.settings, folds)
             self.common = compress_cells(posed.runs, self.model, self.phases)
             self.raw = compress_cells(
-                self.runs, replace(self.model, reference=None), self.phases
+                self.runs,
+                replace(self.model, reference=None),
+                self.phases,
             )
         trained = all(
             self.common.select(self.phases.training(k)).factors for k in range(folds)
@@ -373,7 +400,13 @@ class Split:
             rows = compress_cells(self.runs, model, self.phases)
         train = rows.select(self.phases.training(number))
         test = (self.raw or rows).select(self.phases.tested(number))
-        task = make_task(self.problem, model, train, self.weighting, self.seed)
+        task = make_task(
+            self.problem,
+            model,
+            train,
+            self.weighting,
+            self.seed,
+        )
         return *self.phases.stretch(number), task, test
 
     def judged(self, estimator: Estimator, number: int) -> Fold:
@@ -494,9 +527,17 @@ def bootstrap(
         times = rng.multinomial(count, np.full(count, 1.0 / count))
         rows = np.linalg.cholesky(priors + np.tensordot(times, grams, 1)).T @ into
         drawn = LeastSquares(
-            rows[:, :p], rows[:, p], 0.0, float(rows[:, p] @ rows[:, p]), data.rows
+            rows[:, :p],
+            rows[:, p],
+            0.0,
+            float(rows[:, p] @ rows[:, p]),
+            data.rows,
         )
-        fit = sdp.fit(Objective(drawn, objective.entropy), 0.5 * TIGHT, near=first)
+        fit = sdp.fit(
+            Objective(drawn, objective.entropy),
+            0.5 * TIGHT,
+            near=first,
+        )
         row[:] = np.append(task.model.with_known(fit.theta), fit.gap)
     return pandas.DataFrame(
         draws_of_parameters, columns=[*(q.name for q in task.model.parameters), "gap"]

@@ -95,7 +95,10 @@ class ShapeSensitivity(Effect):
     reference = "Seber, Wild, Nonlinear Regression 1989, ch. 5"
 
     def __init__(
-        self, effect: Effect, theta: Array, finer: Sequence[tuple[Effect, Array]] = ()
+        self,
+        effect: Effect,
+        theta: Array,
+        finer: Sequence[tuple[Effect, Array]] = (),
     ) -> None:
         super().__init__(effect.robot)
         self.effect, self.theta = effect, np.asarray(theta, float)
@@ -124,7 +127,13 @@ class ShapeSensitivity(Effect):
             for key in self.keys
         }
         return tuple(
-            Parameter(f"{key} of {e.text}", "-", kind, 0) for key, kind in kinds.items()
+            Parameter(
+                f"{key} of {e.text}",
+                "-",
+                kind,
+                0,
+            )
+            for key, kind in kinds.items()
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
@@ -137,12 +146,19 @@ class ShapeSensitivity(Effect):
                     where = above.joint, k
                     columns[where] = columns.get(where, 0.0) + change
         return [
-            Block(j, np.array([k]), column[:, None])
+            Block(
+                j,
+                np.array([k]),
+                column[:, None],
+            )
             for (j, k), column in columns.items()
         ]
 
     def _pairs(
-        self, motion: Motion, upper: Effect, lower: Effect
+        self,
+        motion: Motion,
+        upper: Effect,
+        lower: Effect,
     ) -> list[tuple[list[Block], list[Block], Array]]:
         """Columns with a constant above and below its value, and their parameters: of
         the effect, and of those whose columns change with it."""
@@ -211,7 +227,9 @@ def sensitivities(
 
 
 def with_sensitivities(
-    model: Model, theta: Array, chosen: Callable[[Effect], bool] = lambda effect: True
+    model: Model,
+    theta: Array,
+    chosen: Callable[[Effect], bool] = lambda effect: True,
 ) -> Model:
     """The model with a parameter more for each free shape constant; itself where there
     is none.
@@ -239,9 +257,16 @@ def with_sensitivities(
     reference = model.reference
     if reference is not None:
         reference = np.concatenate(
-            [reference, np.zeros(sum(len(e.parameters) for e in extra))]
+            [
+                reference,
+                np.zeros(sum(len(e.parameters) for e in extra)),
+            ]
         )
-    return replace(model, effects=(*model.effects, *extra), reference=reference)
+    return replace(
+        model,
+        effects=(*model.effects, *extra),
+        reference=reference,
+    )
 
 
 #: Effect, joint and name of a shape constant.
@@ -388,7 +413,11 @@ class _Descent:
     steps at which it was estimated.
     """
 
-    def __init__(self, fit: _ConstantFit, begin: tuple[Effect, ...]) -> None:
+    def __init__(
+        self,
+        fit: _ConstantFit,
+        begin: tuple[Effect, ...],
+    ) -> None:
         self.fit = fit
         self.begin = begin
         self.theta = fit.start
@@ -399,11 +428,20 @@ class _Descent:
         fit = self.fit
         if not fit.steps_of:
             residual, _ = self.residual(fit.unit)
-            return Settled(self.model_at(fit.unit), {}, float(np.sum(residual**2)))
+            return Settled(
+                self.model_at(fit.unit),
+                {},
+                float(np.sum(residual**2)),
+            )
         rooms = [_room(self.begin[c.place], c.name) for c in fit.steps_of]
         low, high = np.transpose(rooms)
         best, residual, slopes = least_squares(
-            self.residual, 0.0 * fit.unit, (low, high), xtol=1e-6, ftol=1e-9, steps=15
+            self.residual,
+            0.0 * fit.unit,
+            (low, high),
+            xtol=1e-6,
+            ftol=1e-9,
+            steps=15,
         )
         std = np.sqrt(self.variances[best.tobytes()]) * deviations(slopes)
         keys = [c.key for c in fit.steps_of]
@@ -427,7 +465,9 @@ class _Descent:
         fit = self.fit
         p = fit.n_parameters
         wide_model = with_sensitivities(
-            self.model_at(steps), self.theta, lambda e: bool(fit.keys_of(e))
+            self.model_at(steps),
+            self.theta,
+            lambda e: bool(fit.keys_of(e)),
         )
         chosen = np.append(np.ones(p, bool), fit.moving_columns)
         wide = fit.compressed(wide_model)
@@ -454,7 +494,12 @@ def _room(effect: Effect, key: str) -> tuple[float, float]:
     shape = effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind)
     value = effect.shape[key]
     assert shape.bounds is not None
-    ends = np.array([min(shape.bounds[0], value), max(shape.bounds[1], value)])
+    ends = np.array(
+        [
+            min(shape.bounds[0], value),
+            max(shape.bounds[1], value),
+        ]
+    )
     low, high = (
         np.log(ends / value) if shape.scale == "log" else ends - value
     ).tolist()

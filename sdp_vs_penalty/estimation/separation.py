@@ -84,7 +84,12 @@ class Hypotheses:
     or one that the model has.
     """
 
-    def __init__(self, estimate: Estimate, texts: str, level: float) -> None:
+    def __init__(
+        self,
+        estimate: Estimate,
+        texts: str,
+        level: float,
+    ) -> None:
         self.estimate, self.effects = (
             estimate,
             tuple(parse_effects(texts, estimate.robot)),
@@ -140,7 +145,18 @@ class Hypotheses:
             if parts[1:]
             else [(parts[0], X[:, :0])]
         )
-        return min(_apart(X, A, B) for A, B in pairs) * self.row_rate / RATE
+        return (
+            min(
+                _apart(
+                    X,
+                    A,
+                    B,
+                )
+                for A, B in pairs
+            )
+            * self.row_rate
+            / RATE
+        )
 
     def right(self, delta2: float, seconds: float) -> float:
         """Probability that the sum of squares decides rightly, whichever of the two is
@@ -244,7 +260,14 @@ def separate(
     search.start(rng)
     reach = 0.3
     for k in range(iterations if search.trajectory is not None else 0):
-        is_better = search.improve(_changed(rng, search.plan, *search.range, reach))
+        is_better = search.improve(
+            _changed(
+                rng,
+                search.plan,
+                *search.range,
+                reach,
+            )
+        )
         reach = min(0.5, reach * 1.3) if is_better else max(0.02, reach * 0.93)
         distance = search.value**0.5
         progress(f"separating: {k + 1} of {iterations} changes, delta {distance:.2f}")
@@ -254,7 +277,14 @@ def separate(
             " --duration"
         )
         raise InputError("no motion from point to point keeps the limits", remedy)
-    usual = (default_excitation(estimate, duration, s) for s in range(seed, seed + 3))
+    usual = (
+        default_excitation(
+            estimate,
+            duration,
+            s,
+        )
+        for s in range(seed, seed + 3)
+    )
     distances = [hypotheses.distance(hypotheses.motion(s, duration)) for s in usual]
     default = float(np.median(distances))
     return Separation(
@@ -356,7 +386,11 @@ class _MotionSearch:
         return self.free(poses)
 
 
-def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
+def _drawn(
+    rng: np.random.Generator,
+    low: Array,
+    high: Array,
+) -> _Plan:
     count = int(rng.integers(6, 40))
     n = len(low)
     points = rng.uniform(low, high, (count, n))
@@ -368,14 +402,26 @@ def _drawn(rng: np.random.Generator, low: Array, high: Array) -> _Plan:
 
 
 def _changed(
-    rng: np.random.Generator, now: _Plan, low: Array, high: Array, reach: float
+    rng: np.random.Generator,
+    now: _Plan,
+    low: Array,
+    high: Array,
+    reach: float,
 ) -> _Plan:
     points, slow, pauses = now
     share = rng.choice([0.1, 0.3, 1.0])
     step = reach * (high - low) * rng.normal(size=points.shape)
-    points = np.clip(points + step * (rng.random(points.shape) < share), low, high)
+    points = np.clip(
+        points + step * (rng.random(points.shape) < share),
+        low,
+        high,
+    )
     which = rng.random(len(slow)) < share
     factors = np.exp(which * reach * 2.0 * rng.normal(size=len(slow)))
     slow = np.clip(slow * factors, 1.0, _SLOWEST)
     shift = reach * _PAUSE * rng.normal(size=len(pauses))
-    return _Plan(points, slow, np.clip(pauses + shift, 0.0, _PAUSE))
+    return _Plan(
+        points,
+        slow,
+        np.clip(pauses + shift, 0.0, _PAUSE),
+    )

@@ -73,7 +73,15 @@ class _Terms(Effect):
         names = [
             (f"term{m}_{j}", j + 1) for j in self.joints for m in range(self.count)
         ]
-        return tuple(Parameter(name, "", self.name, joint) for name, joint in names)
+        return tuple(
+            Parameter(
+                name,
+                "",
+                self.name,
+                joint,
+            )
+            for name, joint in names
+        )
 
     def blocks(self, motion: Motion) -> list[Block]:
         command = motion.logged_command
@@ -87,14 +95,24 @@ class _Terms(Effect):
         )
         columns = np.stack([*terms, motion.q, motion.dq, motion.integral], axis=2)
         indices = np.arange(self.count)
-        return [Block(j, indices + self.count * j, columns[:, j]) for j in self.joints]
+        return [
+            Block(
+                j,
+                indices + self.count * j,
+                columns[:, j],
+            )
+            for j in self.joints
+        ]
 
 
 def _law(name: str, d: float) -> Array:
     """(7, 1 + m) the error e, and the m terms that it is made of, in the columns of
     _Terms, of a command that is d [s] later than those."""
     h = 0.5 * d * d
-    terms = [[1.0, -d, h, 0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]]
+    terms = [
+        [1.0, -d, h, 0.0, -1.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+    ]
     gains = {
         "servo_integral": [-d, h, 0.0, 1.0, 0.0, 0.0, -1.0],
         "servo_velocity_loop": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
@@ -183,10 +201,18 @@ def _fewest_gains(scores: Mapping[str, Array]) -> tuple[str, str]:
     return best, best
 
 
-def _joints(load: Sequence[Effect], runs: FilteredRuns, T: float) -> list[_Joint]:
+def _joints(
+    load: Sequence[Effect],
+    runs: FilteredRuns,
+    T: float,
+) -> list[_Joint]:
     """Of each joint, about a delay T."""
     robot = load[0].robot
-    model = Model(robot, (*load, _Terms(robot, T)), allow_duplicates=True)
+    model = Model(
+        robot,
+        (*load, _Terms(robot, T)),
+        allow_duplicates=True,
+    )
     split = phase_folds(runs.measurements, runs.settings, c.SHAPE_FOLDS)
     cells = compress_cells(runs, model, split)
     out = []
@@ -227,7 +253,11 @@ def _fitted(terms: Array, law: Array) -> Array:
     )
 
 
-def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
+def _extra_delay(
+    joints: Sequence[_Joint],
+    name: str,
+    about: float,
+) -> float:
     """The delay [s] of a law beyond that of the terms with which least remains of all
     joints."""
 
@@ -240,7 +270,11 @@ def _extra_delay(joints: Sequence[_Joint], name: str, about: float) -> float:
     return float(scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded").x)
 
 
-def _score(joints: Sequence[_Joint], name: str, delay: float) -> Array:
+def _score(
+    joints: Sequence[_Joint],
+    name: str,
+    delay: float,
+) -> Array:
     """(folds,) mean over the joints of ln of the squared held-out error."""
     law = _law(name, delay)
     left = [
@@ -301,7 +335,9 @@ class _Loop:
             began == {"servo_integral"}
         )
         model = Model(
-            robot, (*self.load, *offset, *delayed_drives), gains=self.problem.gains
+            robot,
+            (*self.load, *offset, *delayed_drives),
+            gains=self.problem.gains,
         )
         theta = fit_up_to_scale(self.problem, model, compress(self.runs, model))
         strongest = max(model.error_gains, key=lambda k: float(theta[k]))
@@ -311,7 +347,12 @@ class _Loop:
     def task(self, model: Model, rows: FilteredRuns) -> Task:
         """The problem of a balanced model; rows : the log, with instruments where there
         are some."""
-        return make_task(self.problem, model, compress(rows, model), self.weighting)
+        return make_task(
+            self.problem,
+            model,
+            compress(rows, model),
+            self.weighting,
+        )
 
     def with_better_delay(self, model: Model, rows: FilteredRuns) -> Model:
         """A step of Gauss and Newton of the delay, in which joints share their links,
@@ -320,7 +361,9 @@ class _Loop:
             return model
         assert model.reference is not None
         wide = with_sensitivities(
-            model, model.reference, lambda e: bool(e.position_gains)
+            model,
+            model.reference,
+            lambda e: bool(e.position_gains),
         )
         drive = next(e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
@@ -328,7 +371,11 @@ class _Loop:
             float(np.clip(drive.shape["T"] + step, 0.0, LATEST))
         )[0]
 
-    def simulated(self, model: Model, rows: FilteredRuns) -> tuple[FilteredRuns, Array]:
+    def simulated(
+        self,
+        model: Model,
+        rows: FilteredRuns,
+    ) -> tuple[FilteredRuns, Array]:
         """The log with the motion that the model fitted to ``rows`` makes of the
         command, and how far (n,) that is from the measured one, root mean square [rad,
         m]."""
@@ -392,7 +439,9 @@ def servo_log(
     if "qcmd" not in runs.measurements.groups:
         what = "this log holds neither torque nor commands"
         raise InputError(
-            what, "log tau1..taun or qcmd1..qcmdn", runs.measurements.names[0]
+            what,
+            "log tau1..taun or qcmd1..qcmdn",
+            runs.measurements.names[0],
         )
     drives = [e for e in effects if e.forward == "drive"]
     load = _load_of(problem, effects, has_law=bool(drives), chosen=chosen)
@@ -408,7 +457,10 @@ def servo_log(
     model, theta = loop.fitted_at_delay(delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
     shapes = estimate_shapes(
-        replace(model, known=gains), runs, weighting, widest=c.TURNS[-1]
+        replace(model, known=gains),
+        runs,
+        weighting,
+        widest=c.TURNS[-1],
     )
     loop = replace(loop, load=with_shapes(load, shapes))
     model, _ = loop.fitted_at_delay(delay)
@@ -424,7 +476,11 @@ def servo_log(
 
 
 def _load_of(
-    problem: Problem, effects: Sequence[Effect], *, has_law: bool, chosen: bool
+    problem: Problem,
+    effects: Sequence[Effect],
+    *,
+    has_law: bool,
+    chosen: bool,
 ) -> list[Effect]:
     """The effects that drives work against; chosen : whether somebody asked for them."""
     load = [e for e in effects if e.forward != "drive"]
@@ -450,7 +506,10 @@ def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:
 
 
 def _refined(
-    loop: _Loop, model: Model, instruments: bool, progress: Progress
+    loop: _Loop,
+    model: Model,
+    instruments: bool,
+    progress: Progress,
 ) -> tuple[Model, FilteredRuns, Array]:
     """The model after as many passes as bring its simulation much nearer to the
     measured motion, the log with the instruments that it was fitted with, and how far
@@ -480,7 +539,9 @@ def _refined(
 
 
 def loop_beside_torque(
-    drives: Sequence[Effect], data: Measurements, settings: Preprocessing
+    drives: Sequence[Effect],
+    data: Measurements,
+    settings: Preprocessing,
 ) -> dict[str, Any]:
     """What a servo's law makes of the torque that was logged: whether the loop is what
     its makers say.
@@ -493,7 +554,9 @@ def loop_beside_torque(
     """
     if "qcmd" not in data.groups:
         raise InputError(
-            "a servo's law needs the command", "log qcmd1..qcmdn", data.names[0]
+            "a servo's law needs the command",
+            "log qcmd1..qcmdn",
+            data.names[0],
         )
     robot = drives[0].robot
     turned = replace(data, tau=-data.tau)  # a drive's torque counts negative
@@ -514,7 +577,9 @@ def loop_beside_torque(
     if given_delay is None:
         given_delay = float(
             scipy.optimize.minimize_scalar(
-                left, bounds=(0.0, LATEST), method="bounded"
+                left,
+                bounds=(0.0, LATEST),
+                method="bounded",
             ).x
         )
         given_delay = given_delay if left(given_delay) < left(0.0) else 0.0
@@ -539,7 +604,11 @@ def loop_beside_torque(
                 "unit": p.unit,
             }
             for p, x, s, drive in zip(
-                model.parameters, theta, std, model.drives, strict=True
+                model.parameters,
+                theta,
+                std,
+                model.drives,
+                strict=True,
             )
             if drive
         },

@@ -80,7 +80,12 @@ class ShapeEstimate(JsonRecord):
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
         """What :meth:`to_dict` wrote."""
-        return super().from_dict({**data, "joint": data["joint"] - 1})
+        return super().from_dict(
+            {
+                **data,
+                "joint": data["joint"] - 1,
+            }
+        )
 
 
 def at_end(u: float, low: float, high: float) -> bool:
@@ -199,7 +204,11 @@ class _Cells:
     def places(self) -> list[tuple[int, float, float]]:
         return [(0, 0.0, 0.0)] * (self.folds.count + 1)
 
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+    def cell(
+        self,
+        run: int,
+        t: Array,
+    ) -> NDArray[np.intp]:
         fold = self.folds.fold(run, t)
         return (
             fold
@@ -223,14 +232,27 @@ class _Bank:
 
     def weights(self, u: float) -> Array:
         """(2, K) of each value's columns in those at ln u, and in their derivatives."""
-        k = int(np.searchsorted(self.spline.x[1:-1], u, "right"))
+        k = int(
+            np.searchsorted(
+                self.spline.x[1:-1],
+                u,
+                "right",
+            )
+        )
         d = u - self.spline.x[k]  # ten times as fast as asking the spline for one value
-        powers = np.array([[d**3, d**2, d, 1.0], [3.0 * d**2, 2.0 * d, 1.0, 0.0]])
+        powers = np.array(
+            [
+                [d**3, d**2, d, 1.0],
+                [3.0 * d**2, 2.0 * d, 1.0, 0.0],
+            ]
+        )
         return np.asarray(powers @ self.spline.c[:, k])
 
 
 def _with_banks(
-    model: Model, open_constants: Sequence[_Open], widest: float
+    model: Model,
+    open_constants: Sequence[_Open],
+    widest: float,
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
     """The model with the columns of each open constant at all values of its grid; where
     all other columns stand; the grids."""
@@ -257,15 +279,31 @@ def _with_banks(
                 np.log(grid), np.eye(len(grid))
             )
         banks.append(
-            _Bank(effect.with_shape([joint]), joint, key, now, splines[grid], columns)
+            _Bank(
+                effect.with_shape([joint]),
+                joint,
+                key,
+                now,
+                splines[grid],
+                columns,
+            )
         )
     effects = (*fixed, *parts)
-    wide = Model(model.robot, effects, gains=model.gains, known=model.known)
+    wide = Model(
+        model.robot,
+        effects,
+        gains=model.gains,
+        known=model.known,
+    )
     return wide, base, banks
 
 
 def _grid_with(
-    effect: Effect, joint: int, key: str, now: float, widest: float
+    effect: Effect,
+    joint: int,
+    key: str,
+    now: float,
+    widest: float,
 ) -> tuple[float, ...]:
     """The values of a constant's grid, doubled up to ``widest``. Within it the value
     ``now`` takes the place of those within a tenth: columns are exact there as well."""
@@ -305,7 +343,12 @@ class _Grid(Effect):
             for b in effect.blocks(motion)
         )
         return [
-            Block(b.joint, b.parameters + m, b.columns) for m, b in blocks_of_values
+            Block(
+                b.joint,
+                b.parameters + m,
+                b.columns,
+            )
+            for m, b in blocks_of_values
         ]
 
 
@@ -333,10 +376,20 @@ class _Profile:
         data = folds.least_squares()
         self.weights = np.ones(folds.joints)
         if weighting == "noise":
-            fit = scipy.linalg.lstsq(data.R, data.rho, 1e-10, lapack_driver="gelsy")
+            fit = scipy.linalg.lstsq(
+                data.R,
+                data.rho,
+                1e-10,
+                lapack_driver="gelsy",
+            )
             self.weights = joint_weights(folds, fit[0])
             data = folds.least_squares(self.weights)
-        both = np.column_stack([data.R[:, len(base) :], data.rho])
+        both = np.column_stack(
+            [
+                data.R[:, len(base) :],
+                data.rho,
+            ]
+        )
         shown, self.shown = column_space(data.R[:, base])
         left = triangular([both - shown @ (shown.T @ both)])
         self.torque = left[:, -1]
@@ -443,14 +496,20 @@ class _Profile:
                 is_new += [True] * len(new)
         combinations = np.zeros((self.count + 1, len(weights) + 1))
         for column, values, j in zip(
-            combinations.T, weights, bank_of[n_shown:], strict=False
+            combinations.T,
+            weights,
+            bank_of[n_shown:],
+            strict=False,
         ):
             column[self.banks[j].columns - len(self.shown)] = values
         combinations[-1, -1] = 1.0  # the torque
         return _LocalColumns(combinations, np.array(bank_of), np.array(is_new))
 
     def _fits_to_others(
-        self, grams: Array, local: _LocalColumns, moved: Sequence[int]
+        self,
+        grams: Array,
+        local: _LocalColumns,
+        moved: Sequence[int],
     ) -> Array:
         """(1 + len(moved), F, k + d) coefficients that are best in all folds but one:
         with the model's constants, then with each new one alone."""
@@ -494,7 +553,11 @@ class _Profile:
             columns[:, k] = part[best]
         return u
 
-    def best(self, start: Array, free: NDArray[np.intp]) -> Array:
+    def best(
+        self,
+        start: Array,
+        free: NDArray[np.intp],
+    ) -> Array:
         """(B,) ln u with the least squared error, of which only those of the ``free``
         banks move."""
         if not len(free):
@@ -509,7 +572,14 @@ class _Profile:
         low, high = self.ends[free].T
         left, _ = self.at(start)
         ftol = 1e-3 * self.variance / float(np.sum(left**2))  # of what noise decides
-        best, *_ = least_squares(at, start[free], (low, high), 1e-4, ftol, steps=50)
+        best, *_ = least_squares(
+            at,
+            start[free],
+            (low, high),
+            1e-4,
+            ftol,
+            steps=50,
+        )
         out = start.copy()
         out[free] = best
         return out

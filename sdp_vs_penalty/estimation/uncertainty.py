@@ -167,7 +167,11 @@ class Sandwich:
         h = w @ self.scores.T  # (c, B)
         variances = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
         by_block = np.moveaxis(AB, 1, 0).reshape(n_blocks, -1)
-        KAB = np.moveaxis((K @ by_block).reshape(n_blocks, len(w), r), 1, 0)
+        KAB = np.moveaxis(
+            (K @ by_block).reshape(n_blocks, len(w), r),
+            1,
+            0,
+        )
         # tr (K G)^2 of G's second part, by the smaller of (A B)'K A B and K A B (A B)'.
         transposed = np.swapaxes(AB, 1, 2)
         M = transposed @ KAB if r < n_blocks else KAB @ transposed
@@ -431,12 +435,21 @@ class Uncertainty(JsonRecord):
             new = np.sum((response @ errors) ** 2, axis=1)
             out = []
             for i, extra in zip(
-                intervals, np.sqrt(np.maximum(new - known, 0.0)).tolist(), strict=True
+                intervals,
+                np.sqrt(np.maximum(new - known, 0.0)).tolist(),
+                strict=True,
             ):
                 std = float(np.hypot(i.std, extra))
                 more = NORMAL_95 * (std - i.std)
                 lower = i.lower if i.lower == 0.0 else i.lower - more
-                out.append(replace(i, std=std, lower=lower, upper=i.upper + more))
+                out.append(
+                    replace(
+                        i,
+                        std=std,
+                        lower=lower,
+                        upper=i.upper + more,
+                    )
+                )
             return tuple(out)
 
         combined = widened(self.base, base @ self.gain_response) if self.base else ()
@@ -444,7 +457,9 @@ class Uncertainty(JsonRecord):
         return replace(self, standard=standard, base=combined, gain_errors=errors)
 
     def band(
-        self, theta: Array, columns: Sequence[JointColumns]
+        self,
+        theta: Array,
+        columns: Sequence[JointColumns],
     ) -> tuple[Array, Array]:
         """Modelled torque and its standard deviation, without the noise.
 
@@ -478,7 +493,11 @@ class Uncertainty(JsonRecord):
         }
 
 
-def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> Sandwich:
+def _sandwich_of(
+    task: Task,
+    regression: Regression,
+    white: bool = False,
+) -> Sandwich:
     """Of a task's data, in its columns and maybe those of shape constants behind them:
     without constants on a grid that the data do not contradict, since such a value is
     taken for the true one."""
@@ -491,7 +510,10 @@ def _sandwich_of(task: Task, regression: Regression, white: bool = False) -> San
         agrees[agrees] = np.abs(known.solution[agrees]) <= half
     if agrees.any():
         return Sandwich(
-            regression.keeping(~agrees), task.weights, scale[~agrees], white
+            regression.keeping(~agrees),
+            task.weights,
+            scale[~agrees],
+            white,
         )
     return known
 
@@ -562,7 +584,11 @@ def of_regression(
         gain_errors=gain_errors,
     )
     names = [q.name for q in task.model.parameters]
-    standard = BaseParameters(np.eye(p), names, list(range(p)))
+    standard = BaseParameters(
+        np.eye(p),
+        names,
+        list(range(p)),
+    )
     mean_squares = own_regression.joint_losses(value) / np.maximum(
         own_regression.joint_rows(), 1
     )
@@ -619,7 +645,11 @@ class _Intervals:
     def _largest(self) -> Array:
         """(p,) the largest value that bounds or the measured torque allow."""
         data = self.task.data
-        norms = np.where(data.column_norms > 0.0, data.column_norms, np.nan)
+        norms = np.where(
+            data.column_norms > 0.0,
+            data.column_norms,
+            np.nan,
+        )
         return np.fmin(self.task.bound, np.sqrt(data.tau_squared) / norms)
 
     def _ends_of(self, rows: Array) -> Array:
@@ -730,7 +760,12 @@ def beside_held(
     wide = regression.given_first(fixed)
     known = _sandwich_of(task, wide)
     everything = np.zeros(regression.p)
-    everything[: len(fixed) + k] = np.concatenate([fixed, theta])
+    everything[: len(fixed) + k] = np.concatenate(
+        [
+            fixed,
+            theta,
+        ]
+    )
     through = []
     through_gains = []
     for f in regression.factors:
@@ -758,9 +793,16 @@ def beside_held(
     old = old.with_gain_errors(errors, held_base.rows)
     # The last columns of the new spread are what the old one makes of it.
     own_spread, through_old = np.split(
-        new.spread, [new.spread.shape[1] - extra.shape[1]], axis=1
+        new.spread,
+        [new.spread.shape[1] - extra.shape[1]],
+        axis=1,
     )
-    above = np.hstack([old.spread, np.zeros((len(old.spread), own_spread.shape[1]))])
+    above = np.hstack(
+        [
+            old.spread,
+            np.zeros((len(old.spread), own_spread.shape[1])),
+        ]
+    )
     return replace(
         new,
         standard=old.standard + new.standard,

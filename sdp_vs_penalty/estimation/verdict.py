@@ -142,7 +142,11 @@ class Verdict(JsonRecord):
         return replace(self, lines=tuple(lines))
 
     def to_dict(self) -> dict[str, Any]:
-        return {"grade": self.grade, "headline": self.headline, **super().to_dict()}
+        return {
+            "grade": self.grade,
+            "headline": self.headline,
+            **super().to_dict(),
+        }
 
 
 #: What is said of a model without a verdict.
@@ -184,7 +188,13 @@ def judge(
     """
     over = over_noise(rmse, floor)
     beyond = relative if floor is None else _beyond_noise(relative, rmse, floor)
-    fit = _fit(over, beyond, relative, noise_source, np.asarray(r2) < 0.0)
+    fit = _fit(
+        over,
+        beyond,
+        relative,
+        noise_source,
+        np.asarray(r2) < 0.0,
+    )
     prediction_words = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
         last = Line(MISSING, "do not use", f"{impossible} {prediction_words}")
@@ -367,7 +377,11 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     sentences = {
         k: v for k, v in certificate.violations.items() if k != BarycentricBound.family
     }
-    family = max(sentences, key=lambda name: sentences[name], default="")
+    family = max(
+        sentences,
+        key=lambda name: sentences[name],
+        default="",
+    )
     if sentences.get(family, 0.0) > ROUNDING:
         return (
             f"No robot is like this: constraints are violated ({family} by"
@@ -384,7 +398,11 @@ def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
     return ""
 
 
-def changes(before: Array, after: Array, floor: Array | None) -> str:
+def changes(
+    before: Array,
+    after: Array,
+    floor: Array | None,
+) -> str:
     """What became of each joint's error (n,), largest fall first, and of every joint
     that got worse by more than 5 %: in noise floors where they are known, else in N m
     or N; "" where nothing changed.
@@ -405,7 +423,9 @@ def changes(before: Array, after: Array, floor: Array | None) -> str:
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(
-            before > 0.0, after / before - 1.0, np.where(after > 0.0, np.inf, 0.0)
+            before > 0.0,
+            after / before - 1.0,
+            np.where(after > 0.0, np.inf, 0.0),
         )
     known = floor is not None and bool(np.all(floor > 0.0))
     scale = floor if known and floor is not None else np.ones(len(before))
@@ -446,7 +466,11 @@ def over_noise(rmse: Array, floor: Array | None) -> Array | None:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = rmse / floor
-    return np.where(floor > 0.0, ratio, np.where(rmse > 0.0, np.inf, 1.0))
+    return np.where(
+        floor > 0.0,
+        ratio,
+        np.where(rmse > 0.0, np.inf, 1.0),
+    )
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,12 @@ class Task:
         if not len(rigid):
             return unit
         matrix, _ = base_parameters(self.model, self.independent)
-        return np.vstack([matrix @ unit[rigid], np.delete(unit, rigid, axis=0)])
+        return np.vstack(
+            [
+                matrix @ unit[rigid],
+                np.delete(unit, rigid, axis=0),
+            ]
+        )
 
     @cached_property
     def ols(self) -> Array:
@@ -114,7 +119,13 @@ class Task:
         beta' minimise.
         """
         target = self.base @ self.ols
-        return LeastSquares(self.base, target, 0.0, float(target @ target), len(target))
+        return LeastSquares(
+            self.base,
+            target,
+            0.0,
+            float(target @ target),
+            len(target),
+        )
 
     def minimum_thickness(self, radius: float) -> list[Constraint]:
         """Constraints Sigma_c >= m r^2 1 on every link, against rods of zero thickness.
@@ -246,7 +257,9 @@ def make_task(
     if weighting == "noise":
         weights = joint_weights(regression, first)
         data = with_plausible(
-            regression.least_squares(weights), model, regression.oversampling
+            regression.least_squares(weights),
+            model,
+            regression.oversampling,
         )
     guessed = problem.guessed_links
     return Task(
@@ -277,7 +290,9 @@ def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]
 
 
 def with_plausible(
-    data: LeastSquares, model: Model, oversampling: float
+    data: LeastSquares,
+    model: Model,
+    oversampling: float,
 ) -> LeastSquares:
     """Data with the effects' prior knowledge of their parameters as further observations.
 
@@ -333,7 +348,11 @@ def _scaled_prior(
     return out
 
 
-def joint_scale(regression: Regression, model: Model, theta: np.ndarray) -> np.ndarray:
+def joint_scale(
+    regression: Regression,
+    model: Model,
+    theta: np.ndarray,
+) -> np.ndarray:
     """Scale |tau_j| / |Y_jk| of each joint parameter: its value if it made all the torque.
 
     Parameters

@@ -142,13 +142,17 @@ class LmiSdp(Estimator):
             masses[0, task.links[:, 0]] = 1.0 / (self.total_spread * task.total)
             weight = self.entropy * sample_variance(task)
             data = data.with_observations(
-                masses, np.array([1.0 / self.total_spread]), weight
+                masses,
+                np.array([1.0 / self.total_spread]),
+                weight,
             )
         pull = None
         if self.entropy > 0.0 and len(task.links):
             nominal = inertia.pseudo_inertia(task.prior_links)
             pull = Entropy(
-                self.entropy * sample_variance(task), task.pseudo_inertias, nominal
+                self.entropy * sample_variance(task),
+                task.pseudo_inertias,
+                nominal,
             )
         return Objective(data, pull)
 
@@ -232,7 +236,12 @@ class LmiSdpTwoStep(Estimator):
         }
         return replace(bounded, details=details)
 
-    def _step(self, task: Task, objective: Objective, feasible: ConstraintSet) -> Fit:
+    def _step(
+        self,
+        task: Task,
+        objective: Objective,
+        feasible: ConstraintSet,
+    ) -> Fit:
         """One step of the chain."""
         posed = PosedSdp(task, objective, feasible, self.solver)
         return posed.fit(objective, self.accuracy)
@@ -263,7 +272,9 @@ class PosedSdp:
         if solver is None:
             with suppress(NotApplicableError):
                 self.cones = SmallCones(
-                    objective.entropy, constraints, len(self.interior)
+                    objective.entropy,
+                    constraints,
+                    len(self.interior),
                 )
 
     def with_data(self, task: Task, objective: Objective) -> Self:
@@ -288,7 +299,10 @@ class PosedSdp:
         return posed
 
     def fit(
-        self, objective: Objective, accuracy: float = 1e-10, near: Fit | None = None
+        self,
+        objective: Objective,
+        accuracy: float = 1e-10,
+        near: Fit | None = None,
     ) -> Fit:
         """Solve the SDP until our own certificate is tight.
 
@@ -320,7 +334,10 @@ class PosedSdp:
             solved = minimise(self.cones, data, [near.central], accuracy)
         if self.cones is not None and solved is None:
             solved = minimise(
-                self.cones, data, [self._start(data), self.interior], accuracy
+                self.cones,
+                data,
+                [self._start(data), self.interior],
+                accuracy,
             )
         if self.cones is not None and solved is not None:
             multipliers, slopes = self.cones.multipliers(solved.multipliers)
@@ -380,7 +397,13 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         if best is not None:
             smallest_scale = max(data.loss(best.theta), 1e-3 * smallest_scale)
         problem = least_squares_sdp(
-            objective, sent, inside, task.bound, centre, fine, smallest_scale
+            objective,
+            sent,
+            inside,
+            task.bound,
+            centre,
+            fine,
+            smallest_scale,
         )
         try:
             chosen = solver(posed.solver)
@@ -455,7 +478,9 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
 
 
 def interior_point(
-    task: Task, constraints: ConstraintSet, solver_name: str = "clarabel"
+    task: Task,
+    constraints: ConstraintSet,
+    solver_name: str = "clarabel",
 ) -> Array:
     """A theta strictly inside all convex constraints: the nominal one, or that of
     largest margin.
@@ -483,7 +508,11 @@ def interior_point(
     """
     # A share of its bound: strictly inside in any system of units.
     lower = np.array([p.lower for p in task.model.parameters])
-    nominal = np.where(np.isinf(lower), 0.0, lower + 1e-6 * task.bound)
+    nominal = np.where(
+        np.isinf(lower),
+        0.0,
+        lower + 1e-6 * task.bound,
+    )
     nominal[task.links] = task.nominal[task.links]
     # Seen from one on the boundary, such as an earlier estimate, cones are stretched a
     # million times.

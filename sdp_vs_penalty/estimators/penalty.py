@@ -108,7 +108,9 @@ class QuadraticForms:
 
 
 def barycentric_part(
-    bounds: Sequence[BarycentricBound], theta_scale: Array, reference: Array
+    bounds: Sequence[BarycentricBound],
+    theta_scale: Array,
+    reference: Array,
 ) -> PenaltyPart:
     """Penalty on the bounds of barycentric inertias, without a pole at m = 0.
 
@@ -196,7 +198,13 @@ def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Penal
     matrix[:, : group.matrix.shape[1]] = group.matrix
     matrix *= theta_scale
     if group.cone == "psd":
-        diagonals = np.abs(np.diagonal(at, axis1=1, axis2=2))
+        diagonals = np.abs(
+            np.diagonal(
+                at,
+                axis1=1,
+                axis2=2,
+            )
+        )
         root = 1.0 / np.sqrt(nonzero_or_one(diagonals))
         scale = root[:, :, None] * root[:, None, :]
     else:
@@ -233,7 +241,9 @@ class ShiftedPenalty:
         norms = data.column_norms
         size = np.sqrt(data.tau_squared)
         scales = np.where(
-            (norms > 0.0) & (size > 0.0), size / nonzero_or_one(norms), np.inf
+            (norms > 0.0) & (size > 0.0),
+            size / nonzero_or_one(norms),
+            np.inf,
         )
         self.theta_scale = np.minimum(scales, task.bound)
         # The loss in units of its unconstrained minimum, so that weights mean the same
@@ -269,10 +279,15 @@ class ShiftedPenalty:
         by_constraint: dict[Constraint, Array] = {}
         # The groups are the first of the parts, in this order.
         for group, part, shift in zip(
-            self.received.groups, self.parts, shifts, strict=False
+            self.received.groups,
+            self.parts,
+            shifts,
+            strict=False,
         ):
             groups_with_values = zip(
-                group.places.tolist(), self.loss_scale * part.scale * shift, strict=True
+                group.places.tolist(),
+                self.loss_scale * part.scale * shift,
+                strict=True,
             )
             by_constraint |= {
                 self.received.convex[k]: multiplier
@@ -280,7 +295,12 @@ class ShiftedPenalty:
             }
         return constraints.stack_multipliers(by_constraint)
 
-    def shifted(self, x: Array, shifts: Sequence[Array], weight: float) -> list[Array]:
+    def shifted(
+        self,
+        x: Array,
+        shifts: Sequence[Array],
+        weight: float,
+    ) -> list[Array]:
         """Next shifts of the augmented Lagrangian: the projection Pi_K(S - w F(x)).
 
         Parameters
@@ -303,7 +323,10 @@ class ShiftedPenalty:
         return moved
 
     def rows(
-        self, x: Array, shifts: Sequence[Array], weight: float
+        self,
+        x: Array,
+        shifts: Sequence[Array],
+        weight: float,
     ) -> tuple[Array, Array]:
         """Residuals r and Jacobian J of the augmented Lagrangian L = |r|^2, up to a constant.
 
@@ -325,11 +348,19 @@ class ShiftedPenalty:
             r (m,) and J (m, p).
         """
         residuals, slopes = self.cone_rows(x, shifts, weight)
-        all_residuals = np.concatenate([self.R @ x - self.rho, residuals])
+        all_residuals = np.concatenate(
+            [
+                self.R @ x - self.rho,
+                residuals,
+            ]
+        )
         return all_residuals, np.concatenate([self.R, slopes])
 
     def cone_rows(
-        self, x: Array, shifts: Sequence[Array], weight: float
+        self,
+        x: Array,
+        shifts: Sequence[Array],
+        weight: float,
     ) -> tuple[Array, Array]:
         """Residuals and Jacobian of the penalty alone, without the data.
 
@@ -350,8 +381,16 @@ class ShiftedPenalty:
         residuals = [np.zeros(0)]
         slopes = [np.zeros((0, len(x)))]
         for part, shift in zip(self.parts, shifts, strict=True):
-            jacobian = part.jacobian(x).reshape(len(shift), -1, len(x))
-            r, J = projected_rows(part.cone, shift - weight * part.values(x), jacobian)
+            jacobian = part.jacobian(x).reshape(
+                len(shift),
+                -1,
+                len(x),
+            )
+            r, J = projected_rows(
+                part.cone,
+                shift - weight * part.values(x),
+                jacobian,
+            )
             residuals.append(r / np.sqrt(2.0 * weight))
             slopes.append(-np.sqrt(0.5 * weight) * J)
         return np.concatenate(residuals), np.concatenate(slopes)
@@ -371,15 +410,29 @@ class _Stage:
     def quadratic(self) -> Array:
         """(k, p + 1) triangle of the rows that do not change, with what they are to
         be."""
-        loss = np.column_stack([self.penalty.R, self.penalty.rho])
-        pull = np.column_stack([self.near, self.near @ self.centre])
+        loss = np.column_stack(
+            [
+                self.penalty.R,
+                self.penalty.rho,
+            ]
+        )
+        pull = np.column_stack(
+            [
+                self.near,
+                self.near @ self.centre,
+            ]
+        )
         stacked = np.vstack([loss, pull])
         return np.asarray(np.linalg.qr(stacked, mode="r"))
 
     def rows(self, z: Array) -> tuple[Array, Array]:
         """Residuals (p + 1,) and their slopes (p + 1, p) at z, turned into so few rows:
         nothing that MINPACK looks at changes, and its own QR is not blocked."""
-        residuals, slopes = self.penalty.cone_rows(z, self.shifts, self.weight)
+        residuals, slopes = self.penalty.cone_rows(
+            z,
+            self.shifts,
+            self.weight,
+        )
         acts = np.any(slopes != 0.0, axis=1)
         cones = np.column_stack([slopes[acts], residuals[acts]])
         quadratic = self.quadratic.copy()
@@ -406,7 +459,9 @@ class _Stage:
 
 
 def minimise(
-    penalty: ShiftedPenalty, x: Array, tolerance: float
+    penalty: ShiftedPenalty,
+    x: Array,
+    tolerance: float,
 ) -> tuple[Array, list[Array], dict[str, Any]]:
     """Continue weight and shifts from x until violation and complementarity are below
     tolerance.
@@ -517,7 +572,11 @@ class Penalty(Estimator):
     def fit(self, task: Task) -> Fit:
         task = with_joint_prior(task, self.joint_prior)
         return fit_penalty(
-            task, task.data, self.demands(task), self.starts, self.tolerance
+            task,
+            task.data,
+            self.demands(task),
+            self.starts,
+            self.tolerance,
         )
 
 
@@ -537,7 +596,11 @@ class PenaltyTwoStep(Penalty):
 
     def fit(self, task: Task) -> Fit:
         return fit_penalty(
-            task, task.base_distance, self.demands(task), self.starts, self.tolerance
+            task,
+            task.base_distance,
+            self.demands(task),
+            self.starts,
+            self.tolerance,
         )
 
 
@@ -612,7 +675,10 @@ def fit_penalty(
         x, shifts, spent = minimise(penalty, start / penalty.theta_scale, tolerance)
         theta = made_feasible(constraints, penalty.theta_scale * x, interior)
         violation = max(constraints.worst(theta).values(), default=0.0)
-        losses = {"loss": task.data.loss(theta), "objective": data.loss(theta)}
+        losses = {
+            "loss": task.data.loss(theta),
+            "objective": data.loss(theta),
+        }
         figures.append({**losses, "violation": violation, **spent})
         run = PenaltyRun(theta, shifts, figures[-1])
         lowest = min(f["objective"] for f in figures)
@@ -640,7 +706,10 @@ def fit_penalty(
 
 
 def _starts(
-    task: Task, constraints: ConstraintSet, interior: Array, count: int
+    task: Task,
+    constraints: ConstraintSet,
+    interior: Array,
+    count: int,
 ) -> Iterator[Array]:
     """theta (p,) of each start: the interior point, then random points of the box,
     moved towards it until the convex constraints hold."""
@@ -709,14 +778,26 @@ class BarycentricBox:
         box = task.box[: len(self.links)]
         lower = box[:, :, 0]
         upper = box[:, :, 1]
-        self.lower[self.links] = np.where(np.isfinite(lower), lower, negative)
-        self.upper[self.links] = np.where(np.isfinite(upper), upper, implied)
+        self.lower[self.links] = np.where(
+            np.isfinite(lower),
+            lower,
+            negative,
+        )
+        self.upper[self.links] = np.where(
+            np.isfinite(upper),
+            upper,
+            implied,
+        )
 
     @staticmethod
     def _joint_range(task: Task) -> Array:
         """(p,) largest value of a joint's own parameter."""
         norms = task.data.column_norms
-        torque = np.where(norms > 0.0, np.sqrt(task.data.tau_squared), 0.0)
+        torque = np.where(
+            norms > 0.0,
+            np.sqrt(task.data.tau_squared),
+            0.0,
+        )
         alone = torque / nonzero_or_one(norms)
         return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
 

@@ -102,7 +102,11 @@ class PenaltyPaper(Estimator):
         PenalisedLoss
             The objective.
         """
-        return PenalisedLoss(task, task.data, np.arange(len(task.bound)))
+        return PenalisedLoss(
+            task,
+            task.data,
+            np.arange(len(task.bound)),
+        )
 
 
 @dataclass(frozen=True)
@@ -136,7 +140,10 @@ class Search(Protocol):
 
 
 def retrieve(
-    settings: PenaltyPaper, task: Task, loss: PenalisedLoss, search: Search
+    settings: PenaltyPaper,
+    task: Task,
+    loss: PenalisedLoss,
+    search: Search,
 ) -> Fit:
     """Search the free parameters of the penalised objective by several annealed runs.
 
@@ -166,7 +173,13 @@ def retrieve(
             rng = random_numbers_of_step(task.seed, number, step)
             u, spent = search(loss, weight, u, budget, rng)
             n_evaluations += spent
-        run = _run_summary(loss, task, u, settings.weights[-1], n_evaluations)
+        run = _run_summary(
+            loss,
+            task,
+            u,
+            settings.weights[-1],
+            n_evaluations,
+        )
         runs.append(run)
         if run["penalised"] < best_value:
             best_value = run["penalised"]
@@ -176,7 +189,12 @@ def retrieve(
             f" {run['violation']:.1e}"
         )
     details = {"runs": runs}
-    return Fit(best_theta, Objective(loss.data), task.constraints, details=details)
+    return Fit(
+        best_theta,
+        Objective(loss.data),
+        task.constraints,
+        details=details,
+    )
 
 
 def start_of_run(seed: int, number: int, size: int) -> Array:
@@ -199,7 +217,11 @@ def start_of_run(seed: int, number: int, size: int) -> Array:
     return np.random.default_rng([seed, number]).uniform(size=size)
 
 
-def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Generator:
+def random_numbers_of_step(
+    seed: int,
+    number: int,
+    step: int,
+) -> np.random.Generator:
     """Random numbers of one step of one run, so that a stopped run can go on.
 
     Parameters
@@ -221,7 +243,11 @@ def random_numbers_of_step(seed: int, number: int, step: int) -> np.random.Gener
 
 
 def _run_summary(
-    loss: PenalisedLoss, task: Task, u: Array, weight: float, n_evaluations: int
+    loss: PenalisedLoss,
+    task: Task,
+    u: Array,
+    weight: float,
+    n_evaluations: int,
 ) -> dict[str, Any]:
     """What the details say of a run that ends at u (d,)."""
     theta = loss.theta(u)
@@ -237,7 +263,11 @@ def _run_summary(
 
 
 def anneal_and_search(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
+    loss: PenalisedLoss,
+    weight: float,
+    u: Array,
+    budget: int,
+    rng: np.random.Generator,
 ) -> tuple[Array, int]:
     """Half of the budget for simulated annealing from u, half for a local search from
     its best.
@@ -285,7 +315,10 @@ def anneal_and_search(
 
 
 def search_locally(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int
+    loss: PenalisedLoss,
+    weight: float,
+    u: Array,
+    budget: int,
 ) -> tuple[Array, int]:
     """Local search by SLSQP, restarted while that helps.
 
@@ -414,11 +447,21 @@ class TriangleInequality(Demand):
     family = "triangle inequality"
     violation_scale = 2.0
     #: Places in I (3, 3) of the six entries, by row.
-    _matrix = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
+    _matrix = np.array(
+        [
+            [0, 1, 3],
+            [1, 2, 4],
+            [3, 4, 5],
+        ]
+    )
     #: How often each of the six entries stands in I.
     _multiplicity = np.array([1.0, 2.0, 1.0, 2.0, 2.0, 1.0])
 
-    def __init__(self, links: NDArray[np.intp], size: int) -> None:
+    def __init__(
+        self,
+        links: NDArray[np.intp],
+        size: int,
+    ) -> None:
         """links (n, 10) : indices of each link's parameters among ``size``."""
         self.entries = links[:, 4:]
         self.matrices = self.entries[:, self._matrix]
@@ -460,7 +503,11 @@ class CentreCones(Demand):
 
     family = "centre of mass cone"
 
-    def __init__(self, group: ConeGroup, masses: NDArray[np.intp]) -> None:
+    def __init__(
+        self,
+        group: ConeGroup,
+        masses: NDArray[np.intp],
+    ) -> None:
         """masses (n,) : indices of the links' masses among the parameters."""
         self.group = group
         self.masses = masses
@@ -488,7 +535,12 @@ class PenalisedLoss:
     """loss(p) + weight g(p) in u in [0, 1]^d, p = lower + u (upper - lower) on the free
     parameters."""
 
-    def __init__(self, task: Task, data: LeastSquares, free: NDArray[np.intp]) -> None:
+    def __init__(
+        self,
+        task: Task,
+        data: LeastSquares,
+        free: NDArray[np.intp],
+    ) -> None:
         """free : the parameters that are searched; the others stay as OLS has them."""
         self.data = data
         self.box = BarycentricBox(task)

@@ -20,20 +20,40 @@ def _sign(estimate: Estimate, joint: int) -> str:
     return f"tanh(dq[{joint}] / {width})"
 
 
-def _asymmetric_viscous(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _asymmetric_viscous(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     return f"{number(theta[0])} * fabs(dq[{j}])"
 
 
-def _asymmetric_coulomb(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _asymmetric_coulomb(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     return f"{number(theta[0])} * fabs({_sign(m, j)})"
 
 
-def _power_law(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _power_law(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     alpha = number(e.shape["alpha"])
     return f"{number(theta[0])} * {_sign(m, j)} * pow(fabs(dq[{j}]), {alpha})"
 
 
-def _sigmoid(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _sigmoid(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     if e.shape["v0"] < WIDER_THAN_SIGN * m.model.sign_width[j]:
         return "0.0"
     x = f"dq[{j}] / {number(e.shape['v0'])}"
@@ -45,7 +65,12 @@ def _sigmoid(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     return f"{number(theta[0])} * ({rise} - {_sign(m, j)})"
 
 
-def _stribeck(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _stribeck(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     vs = number(e.shape["vs"])
     delta = number(e.shape["delta"])
     x = f"pow(fabs(dq[{j}]) / {vs}, {delta})"
@@ -53,11 +78,21 @@ def _stribeck(e: Effect, j: int, theta: Array, m: Estimate) -> str:
     return f"{number(theta[0])} * {_sign(m, j)} * ({falls})"
 
 
-def _load_dependent(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _load_dependent(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     return f"{number(theta[0])} * fabs(load[{j}]) * {_sign(m, j)}"
 
 
-def _spring(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _spring(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     return f"{number(theta[0])} * q[{j}]"
 
 
@@ -71,15 +106,30 @@ def _waves(e: Effect, j: int, theta: Array) -> str:
     return " + ".join(terms)
 
 
-def _ripple(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _ripple(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     return _waves(e, j, theta)
 
 
-def _position_dependent(e: Effect, j: int, theta: Array, m: Estimate) -> str:
+def _position_dependent(
+    e: Effect,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     return f"{_sign(m, j)} * ({_waves(e, j, theta)})"
 
 
-def _coupling(e: Any, j: int, theta: Array, m: Estimate) -> str:
+def _coupling(
+    e: Any,
+    j: int,
+    theta: Array,
+    m: Estimate,
+) -> str:
     i = e.partner(j)
     form = int(e.shape["form"])
     width = number(m.model.sign_width[j])

@@ -166,10 +166,20 @@ class Content:
             )
         gains = model.gains or ()
         return cls(
-            links, others=others, springs=springs, gains=gains, servo=servo, **values
+            links,
+            others=others,
+            springs=springs,
+            gains=gains,
+            servo=servo,
+            **values,
         )
 
-    def left_out(self, *, armature: bool, springs: bool = False) -> tuple[str, ...]:
+    def left_out(
+        self,
+        *,
+        armature: bool,
+        springs: bool = False,
+    ) -> tuple[str, ...]:
         """Effects that are lost in a file.
 
         Parameters
@@ -260,7 +270,10 @@ def verdict_line(estimate: Estimate) -> str:
     """
     line = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
     both = zip(
-        estimate.model.parameters, estimate.theta, estimate.model.drives, strict=True
+        estimate.model.parameters,
+        estimate.theta,
+        estimate.model.drives,
+        strict=True,
     )
     if gains := ", ".join(
         f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive
@@ -356,9 +369,17 @@ class Inertial:
             Mass, centre of mass, and inertia about it.
         """
         if link[0] == 0.0:  # consistent and massless: nothing at all
-            return cls(0.0, np.zeros(3), np.zeros((3, 3)))
+            return cls(
+                0.0,
+                np.zeros(3),
+                np.zeros((3, 3)),
+            )
         parts = inertia.barycentric_from_standard(link)
-        return cls(float(parts[0]), parts[1:4], inertia.inertia_matrix(parts[4:]))
+        return cls(
+            float(parts[0]),
+            parts[1:4],
+            inertia.inertia_matrix(parts[4:]),
+        )
 
     @property
     def urdf_attributes(self) -> dict[str, str]:
@@ -405,7 +426,12 @@ def xml_name(text: str) -> str:
     return _NOT_XML.sub(lambda found: printable(found[0]), text)
 
 
-def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
+def element(
+    parent: Any,
+    tag: str,
+    text: Any = None,
+    **attributes: Any,
+) -> Any:
     """Append a child with text and attributes.
 
     Parameters
@@ -431,7 +457,9 @@ def element(parent: Any, tag: str, text: Any = None, **attributes: Any) -> Any:
         return " ".join(map(number, np.atleast_1d(x)))
 
     child = etree.SubElement(
-        parent, tag, {name: written(x) for name, x in attributes.items()}
+        parent,
+        tag,
+        {name: written(x) for name, x in attributes.items()},
     )
     child.text = None if text is None else written(text)
     return child

@@ -76,13 +76,27 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     factor = estimate.uncertainty.factor
     curves = []
     for j, fastest in enumerate(joint_limits(robot)[2] if held else ()):
-        up = np.geomspace(min(model.sign_width[j], fastest) / 4.0, fastest, 30)
-        speed = np.concatenate([-up[::-1], [0.0], up])
+        up = np.geomspace(
+            min(model.sign_width[j], fastest) / 4.0,
+            fastest,
+            30,
+        )
+        speed = np.concatenate(
+            [
+                -up[::-1],
+                [0.0],
+                up,
+            ]
+        )
         still = np.zeros((len(speed), robot.n))
         dq = still.copy()
         dq[:, j] = speed
         motion = Motion(
-            np.zeros(len(speed)), still, dq, still, sign_width=model.sign_width
+            np.zeros(len(speed)),
+            still,
+            dq,
+            still,
+            sign_width=model.sign_width,
         )
         curve_rows = [
             (i[b.parameters], b)

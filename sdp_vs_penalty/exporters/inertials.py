@@ -54,7 +54,12 @@ class LinkCheck:
     nearest: Inertial | None
 
     @classmethod
-    def of(cls, link: str, theta: Array, reach: float) -> "LinkCheck":
+    def of(
+        cls,
+        link: str,
+        theta: Array,
+        reach: float,
+    ) -> "LinkCheck":
         """Check a link.
 
         Parameters
@@ -328,7 +333,11 @@ def massless_links(path: str | Path) -> list[str]:
     InputError
         For a file that is not a URDF of a tree of joints.
     """
-    moving = zip(placed_links(path), load_urdf(path)[1], strict=True)
+    moving = zip(
+        placed_links(path),
+        load_urdf(path)[1],
+        strict=True,
+    )
     return [str(parts[0][0].get("name")) for parts, theta in moving if not theta.any()]
 
 
@@ -362,7 +371,11 @@ def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
     return np.asarray((axes * (second.sum() - second)) @ axes.T, float)
 
 
-def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) -> None:
+def write_nearest(
+    path: str | Path,
+    checks: list[LinkCheck],
+    out: str | Path,
+) -> None:
     """The same URDF, byte for byte, but for the inertials that were inconsistent.
 
     Parameters
@@ -389,7 +402,10 @@ def write_nearest(path: str | Path, checks: list[LinkCheck], out: str | Path) ->
     for check in checks:
         if check.nearest is not None:
             document.put(
-                links[check.link], "inertial", {}, inertial_tags(check.nearest)
+                links[check.link],
+                "inertial",
+                {},
+                inertial_tags(check.nearest),
             )
         elif not check.consistent:
             what = (

@@ -135,7 +135,11 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
             course = (offset, multiplier, 0.0, 0.0, 0.0)
             element(body, "joint", **attributes)
             element(
-                equality, "joint", joint1=joint.name, joint2=leader, polycoef=course
+                equality,
+                "joint",
+                joint1=joint.name,
+                joint2=leader,
+                polycoef=course,
             )
         for child in (
             robot.tree
@@ -189,7 +193,12 @@ def _spring(stiffness: float, offset: float) -> dict[str, float]:
     }
 
 
-def _actuator(actuators: Any, joint: Joint, content: Content, k: int) -> None:
+def _actuator(
+    actuators: Any,
+    joint: Joint,
+    content: Content,
+    k: int,
+) -> None:
     """A position servo where its gains were identified, else a motor."""
     names: dict[str, Any] = {
         "name": joint.name,

@@ -25,7 +25,13 @@ def write(estimate: Estimate, options: Options) -> Written:
         parts = inertia.barycentric_from_standard(estimate.links)
         for k, (carrier, row) in enumerate(zip(robot.link_joints, parts, strict=True)):
             names = "ixx", "ixy", "iyy", "ixz", "iyz", "izz"
-            moments = dict(zip(names, row[4:].tolist(), strict=True))
+            moments = dict(
+                zip(
+                    names,
+                    row[4:].tolist(),
+                    strict=True,
+                )
+            )
             plain = {
                 "link": k + 1,
                 "joint": robot.tree[carrier].name,

@@ -49,7 +49,12 @@ def write(estimate: Estimate, options: Options) -> Written:
         joint = part.joint
         body = part.inertial
         link = element(model, "link", name=part.name)
-        pose = np.concatenate([joint.placement[:3, 3], rpy_of(joint.placement[:3, :3])])
+        pose = np.concatenate(
+            [
+                joint.placement[:3, 3],
+                rpy_of(joint.placement[:3, :3]),
+            ]
+        )
         element(
             link,
             "pose",
@@ -58,7 +63,9 @@ def write(estimate: Estimate, options: Options) -> Written:
         )
         inertial = element(link, "inertial")
         _texts(
-            inertial, pose=f"{' '.join(map(number, body.com))} 0 0 0", mass=body.mass
+            inertial,
+            pose=f"{' '.join(map(number, body.com))} 0 0 0",
+            mass=body.mass,
         )
         _texts(element(inertial, "inertia"), **body.urdf_attributes)
         joint_element = element(

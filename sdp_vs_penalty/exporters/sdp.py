@@ -226,7 +226,12 @@ def write_posed(
     sent = essential(constraints, objective)
     smallest = objective.least_squares.loss_scale(centre)
     sdp = least_squares_sdp(
-        objective, sent, inside, task.bound, centre, least_loss=smallest
+        objective,
+        sent,
+        inside,
+        task.bound,
+        centre,
+        least_loss=smallest,
     )
     return export_sdp(
         sdp,

@@ -82,7 +82,9 @@ class Document:
         source = read_bytes(Path(path))
         if b"<!DOCTYPE" in source:
             raise InputError(
-                "files with a <!DOCTYPE> are not edited", "remove it", path
+                "files with a <!DOCTYPE> are not edited",
+                "remove it",
+                path,
             )
         root = etree.fromstring(
             source,
@@ -94,10 +96,16 @@ class Document:
         encoding = (root.getroottree().docinfo.encoding or "UTF-8").upper()
         if encoding not in ("UTF-8", "ASCII", "US-ASCII", "ISO-8859-1", "LATIN-1"):
             raise InputError(
-                f"the encoding {encoding} is not edited", "save the file as UTF-8", path
+                f"the encoding {encoding} is not edited",
+                "save the file as UTF-8",
+                path,
             )
         elements = [e for e in root.iter() if isinstance(e.tag, str)]
-        return cls(source, root, dict(zip(elements, _spans(source), strict=True)))
+        return cls(
+            source,
+            root,
+            dict(zip(elements, _spans(source), strict=True)),
+        )
 
     def put(
         self,
@@ -194,7 +202,11 @@ EDITS = True
 HOLDS = HELD
 
 
-def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
+def write(
+    estimate: Estimate,
+    options: Options,
+    drake: bool = False,
+) -> Written:
     """A URDF made from the model, or the user's own with the model's numbers, edited
     plainly.
 
@@ -211,7 +223,11 @@ def write(estimate: Estimate, options: Options, drake: bool = False) -> Written:
     return file_content, content.left_out(armature=drake and urdf_given is None)
 
 
-def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
+def make_urdf(
+    robot: Robot,
+    content: Content,
+    drake: bool = False,
+) -> bytes:
     """A URDF of a model's kinematics, inertials, damping and friction; link frames on
     the joints.
 
@@ -231,7 +247,9 @@ def make_urdf(robot: Robot, content: Content, drake: bool = False) -> bytes:
         The document.
     """
     root = etree.Element(
-        "robot", name=xml_name(robot.name), nsmap={"drake": _DRAKE} if drake else None
+        "robot",
+        name=xml_name(robot.name),
+        nsmap={"drake": _DRAKE} if drake else None,
     )
     element(root, "link", name="base_link")
     for part in parts(robot, content.links):
@@ -275,7 +293,12 @@ def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
     }
 
 
-def _joint(root: Any, robot: Robot, part: LinkPart, content: Content) -> None:
+def _joint(
+    root: Any,
+    robot: Robot,
+    part: LinkPart,
+    content: Content,
+) -> None:
     joint = part.joint
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
@@ -320,7 +343,11 @@ def _joint(root: Any, robot: Robot, part: LinkPart, content: Content) -> None:
     else:
         leader, multiplier, offset = robot.leader(part.index)
         element(
-            joint_element, "mimic", joint=leader, multiplier=multiplier, offset=offset
+            joint_element,
+            "mimic",
+            joint=leader,
+            multiplier=multiplier,
+            offset=offset,
         )
 
 
@@ -342,12 +369,22 @@ def rpy_of(rotation: Array) -> Array:
     """
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    across = np.array([-np.sin(yaw), np.cos(yaw), 0.0])  # the y axis after the yaw
+    across = np.array(
+        [
+            -np.sin(yaw),
+            np.cos(yaw),
+            0.0,
+        ]
+    )  # the y axis after the yaw
     roll = np.arctan2(-across @ rotation[:, 2], across @ rotation[:, 1])
     return np.array([roll, pitch, yaw])
 
 
-def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
+def edit_urdf(
+    path: str | Path,
+    robot: Robot,
+    content: Content,
+) -> bytes:
     """The user's URDF with this model's inertials, damping and friction, else byte for
     byte the same.
 
@@ -418,7 +455,11 @@ def edit_urdf(path: str | Path, robot: Robot, content: Content) -> bytes:
     return document.edited()
 
 
-def _order(path: str | Path, urdf_robot: Robot, mine: Robot) -> list[int]:
+def _order(
+    path: str | Path,
+    urdf_robot: Robot,
+    mine: Robot,
+) -> list[int]:
     """For each joint of the file's tree the model's: by name where all names agree,
     else in order."""
     if (urdf_robot.n, len(urdf_robot.tree), urdf_robot.links) != (
@@ -438,7 +479,11 @@ def _order(path: str | Path, urdf_robot: Robot, mine: Robot) -> list[int]:
 
 
 def _in_frames_of(
-    path: str | Path, urdf_robot: Robot, mine: Robot, links: Array, order: list[int]
+    path: str | Path,
+    urdf_robot: Robot,
+    mine: Robot,
+    links: Array,
+    order: list[int],
 ) -> Array:
     """Standard parameters about the file's link frames; the joint axes must coincide at
     q = 0.
@@ -467,11 +512,15 @@ def _in_frames_of(
             or np.linalg.norm(turned - joint.axis) > near
         ):
             raise InputError(
-                f"{what} (another kind, parent or direction of its axis)", _REMEDY, path
+                f"{what} (another kind, parent or direction of its axis)",
+                _REMEDY,
+                path,
             )
         if apart > near:
             raise InputError(
-                f"{what}: its axis lies {1e3 * apart:.3g} mm away", _REMEDY, path
+                f"{what}: its axis lies {1e3 * apart:.3g} mm away",
+                _REMEDY,
+                path,
             )
         if index in urdf_robot.link_joints:
             same = np.array_equal(relation, np.eye(4))

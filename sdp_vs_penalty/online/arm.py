@@ -103,7 +103,12 @@ class ArmModel:
         self._tree_torque = np.zeros(n_tree)
         self._tree_columns = np.zeros((n_tree, 10))
 
-    def update(self, q: Array, dq: Array, ddq: Array) -> None:
+    def update(
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> None:
         """Write ``torque`` and ``columns`` of one instant.
 
         Parameters
@@ -129,16 +134,32 @@ class ArmModel:
             tree_dq = follow @ dq
             tree_ddq = follow @ ddq
         regressor = self._regressor(
-            self._pinocchio, self._data, tree_q, tree_dq, tree_ddq
+            self._pinocchio,
+            self._data,
+            tree_q,
+            tree_dq,
+            tree_ddq,
         )
         np.dot(regressor, self._tree_links, out=self._tree_torque)
-        np.dot(regressor[:, self._last], self._map, out=self._tree_columns)
+        np.dot(
+            regressor[:, self._last],
+            self._map,
+            out=self._tree_columns,
+        )
         if self._mechanism is None:
             np.copyto(self.torque, self._tree_torque)
             np.copyto(self.columns, self._tree_columns)
         else:
-            np.dot(self._mechanism.matrix.T, self._tree_torque, out=self.torque)
-            np.dot(self._mechanism.matrix.T, self._tree_columns, out=self.columns)
+            np.dot(
+                self._mechanism.matrix.T,
+                self._tree_torque,
+                out=self.torque,
+            )
+            np.dot(
+                self._mechanism.matrix.T,
+                self._tree_columns,
+                out=self.columns,
+            )
         self.friction[:] = 0.0
         self._add_table(dq, self.friction)
         self.torque += self.friction
@@ -163,9 +184,19 @@ class ArmModel:
         np.copyto(self._index, place, casting="unsafe")
         place -= self._index
         self._index += self._first
-        np.take(self._table, self._index, out=low, mode="clip")
+        np.take(
+            self._table,
+            self._index,
+            out=low,
+            mode="clip",
+        )
         self._index += 1
-        np.take(self._table, self._index, out=high, mode="clip")
+        np.take(
+            self._table,
+            self._index,
+            out=high,
+            mode="clip",
+        )
         high -= low
         high *= place
         torque += low
@@ -174,7 +205,11 @@ class ArmModel:
     def _take(self, effect: Effect, theta: Array) -> None:
         """Add an effect to the table or to the slopes, whichever is its torque."""
         rng = np.random.default_rng(0)
-        q, dq, ddq = rng.uniform(-1.0, 1.0, (3, 400, self.n))
+        q, dq, ddq = rng.uniform(
+            -1.0,
+            1.0,
+            (3, 400, self.n),
+        )
         try:
             exact = self._torque(effect, theta, q, dq, ddq)
             nodes = self._nodes()[:, None] * np.ones(self.n)
@@ -213,9 +248,20 @@ class ArmModel:
         return np.asarray(_FINEST * np.sinh(place / self._scale), float)
 
     def _torque(
-        self, effect: Effect, theta: Array, q: Array, dq: Array, ddq: Array
+        self,
+        effect: Effect,
+        theta: Array,
+        q: Array,
+        dq: Array,
+        ddq: Array,
     ) -> Array:
         """(N, n) torque of one effect at states (N, n), true as the model's links are."""
         clock = 1e-3 * np.arange(len(q), dtype=float)
-        motion = Motion(clock, q, dq, ddq, sign_width=self.model.sign_width)
+        motion = Motion(
+            clock,
+            q,
+            dq,
+            ddq,
+            sign_width=self.model.sign_width,
+        )
         return effect.torque(theta, motion)

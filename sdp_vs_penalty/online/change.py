@@ -94,7 +94,13 @@ class ChangeDetector:
         self._window = Information()
         self._posterior = Posterior(prior)
 
-    def add(self, rows: Array, weighted: Array, period: float, time: float) -> None:
+    def add(
+        self,
+        rows: Array,
+        weighted: Array,
+        period: float,
+        time: float,
+    ) -> None:
         """Count the rows of one instant.
 
         Parameters
@@ -229,7 +235,11 @@ class ChangeDetector:
     def _posterior_after(self, place: int, out: Posterior) -> None:
         """Count what came after an instant."""
         window = self._window
-        np.subtract(self.total.matrix, self._matrices[place], out=window.matrix)
+        np.subtract(
+            self.total.matrix,
+            self._matrices[place],
+            out=window.matrix,
+        )
         window.seconds = self.total.seconds - self._seconds[place]
         out.clear()
         out.add(window.matrix, window.weight(self._correlation))

@@ -39,7 +39,9 @@ class PayloadPrior:
     """
 
     def __init__(
-        self, mass: float = c.PAYLOAD_MASS, reach: float = c.PAYLOAD_REACH
+        self,
+        mass: float = c.PAYLOAD_MASS,
+        reach: float = c.PAYLOAD_REACH,
     ) -> None:
         self.mass = mass
         self.reach = reach
@@ -131,17 +133,35 @@ class Posterior:
         None
             ``precision`` and ``linear`` hold it.
         """
-        np.multiply(matrix[:SIZE, :SIZE], weight, out=self._part)
+        np.multiply(
+            matrix[:SIZE, :SIZE],
+            weight,
+            out=self._part,
+        )
         self.precision += self._part
-        np.multiply(matrix[:SIZE, SIZE], weight, out=self._log)
+        np.multiply(
+            matrix[:SIZE, SIZE],
+            weight,
+            out=self._log,
+        )
         self.linear += self._log
 
     def solve(self) -> float:
         """Write ``mean``; return the logarithm of the evidence against no payload."""
         np.copyto(self._factor, self.precision)
-        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        scipy.linalg.lapack.dpotrf(
+            self._factor,
+            lower=1,
+            clean=0,
+            overwrite_a=1,
+        )
         np.copyto(self.mean, self.linear)
-        scipy.linalg.lapack.dpotrs(self._factor, self.mean, lower=1, overwrite_b=1)
+        scipy.linalg.lapack.dpotrs(
+            self._factor,
+            self.mean,
+            lower=1,
+            overwrite_b=1,
+        )
         np.log(self._diagonal, out=self._log)
         half_log_det = float(self._log.sum())
         fit = 0.5 * float(np.dot(self.linear, self.mean))

@@ -163,7 +163,10 @@ class _Stretch:
         return np.reshape(parts, (-1, self.residual.shape[1]))
 
     def mass_errors(
-        self, seconds: float, noise: ResidualNoise, prior: PayloadPrior
+        self,
+        seconds: float,
+        noise: ResidualNoise,
+        prior: PayloadPrior,
     ) -> list[float]:
         """Masses that are estimated in parts of one length, where there is none.
 
@@ -188,7 +191,11 @@ class _Stretch:
             is_known = np.isfinite(residual)
             white = np.where(is_known, residual / noise.std, 0.0).ravel()
             scaled = self.columns[part] * prior.scale
-            rows = np.where(is_known[..., None], scaled / noise.std[:, None], 0.0)
+            rows = np.where(
+                is_known[..., None],
+                scaled / noise.std[:, None],
+                0.0,
+            )
             rows = rows.reshape(-1, SIZE)
             information = prior.information + weight * rows.T @ rows
             covariance = np.linalg.inv(information)
@@ -197,18 +204,34 @@ class _Stretch:
         return errors
 
 
-def _stretches(estimate: Estimate, run: Measurements, delay: float) -> list[_Stretch]:
+def _stretches(
+    estimate: Estimate,
+    run: Measurements,
+    delay: float,
+) -> list[_Stretch]:
     """What a run shows behind the loop's filters, split where its clock has gaps."""
     period = 1.0 / _RATE
     parts = list[_Stretch]()
     half = max(round(delay / period), 2)
     gaps = np.flatnonzero(np.diff(run.t) > 2.0 * delay) + 1
     for rows in np.split(np.arange(len(run.t)), gaps):
-        clock = np.arange(run.t[rows[0]], run.t[rows[-1]], period)
+        clock = np.arange(
+            run.t[rows[0]],
+            run.t[rows[-1]],
+            period,
+        )
         if len(clock) < 4 * half:
             continue
-        q = interpolated(clock, run.t[rows], run.q[rows])
-        tau = interpolated(clock, run.t[rows], run.tau[rows])
+        q = interpolated(
+            clock,
+            run.t[rows],
+            run.q[rows],
+        )
+        tau = interpolated(
+            clock,
+            run.t[rows],
+            run.tau[rows],
+        )
         position, velocity, acceleration = smooth(q, half, period)
         torque = smooth(tau, half, period)[0]
         motion = Motion(clock[half:-half], position, velocity, acceleration)
@@ -219,5 +242,11 @@ def _stretches(estimate: Estimate, run: Measurements, delay: float) -> list[_Str
         if gains is not None:
             columns = columns * np.array(gains)[:, None]
         largest = np.abs(acceleration).max(axis=0)
-        parts.append(_Stretch(np.where(turns, np.nan, residual), columns, largest))
+        parts.append(
+            _Stretch(
+                np.where(turns, np.nan, residual),
+                columns,
+                largest,
+            )
+        )
     return parts

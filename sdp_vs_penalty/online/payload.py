@@ -160,7 +160,11 @@ class PayloadEstimator:
         self._filter = SmoothingFilter(2 * n, self.period, delay)
         self.delay = self._filter.delay
         self._detector = ChangeDetector(
-            self._prior, noise.correlation, self.period, forgetting, self.delay
+            self._prior,
+            noise.correlation,
+            self.period,
+            forgetting,
+            self.delay,
         )
         self._posterior = Posterior(self._prior)
         self._projection = ConeProjection()
@@ -258,7 +262,12 @@ class PayloadEstimator:
         """Whether a payload is carried, as far as is known."""
         return self._detector.is_carrying
 
-    def update(self, t: float, q: Array, tau: Array) -> PayloadChange | None:
+    def update(
+        self,
+        t: float,
+        q: Array,
+        tau: Array,
+    ) -> PayloadChange | None:
         """Take one sample.
 
         Parameters
@@ -327,12 +336,28 @@ class PayloadEstimator:
         n = self._n
         rows = self._rows
         velocity = self._smoothed[1, :n]
-        self.arm.update(self._smoothed[0, :n], velocity, self._smoothed[2, :n])
-        np.multiply(self.arm.columns, self._prior.scale, out=rows[:, :SIZE])
+        self.arm.update(
+            self._smoothed[0, :n],
+            velocity,
+            self._smoothed[2, :n],
+        )
+        np.multiply(
+            self.arm.columns,
+            self._prior.scale,
+            out=rows[:, :SIZE],
+        )
         residual = rows[:, SIZE]
-        np.subtract(self._smoothed[0, n:], self.arm.torque, out=residual)
+        np.subtract(
+            self._smoothed[0, n:],
+            self.arm.torque,
+            out=residual,
+        )
         residual -= self.drift_offset
-        np.multiply(self.drift_friction, self.arm.friction, out=self._part)
+        np.multiply(
+            self.drift_friction,
+            self.arm.friction,
+            out=self._part,
+        )
         residual -= self._part
         self._weigh(velocity, self._smoothed[2, :n])
         np.multiply(rows, self._weight_column, out=self._weighted)
@@ -340,7 +365,11 @@ class PayloadEstimator:
         if self._learning:
             self._follow_drift(residual)
         if self.is_carrying:
-            np.multiply(rows[:, 0], self._weighted[:, 0], out=self._part)
+            np.multiply(
+                rows[:, 0],
+                self._weighted[:, 0],
+                out=self._part,
+            )
             self._mass_weight += self._part
             self._project()
         found = self._detector.search()
@@ -374,7 +403,11 @@ class PayloadEstimator:
         np.multiply(self._dry_variance, self._unsettled, out=weight)
         weight += self._variance
         if self.is_carrying:
-            np.dot(self._rows[:, :SIZE], self._posterior.mean, out=self._load)
+            np.dot(
+                self._rows[:, :SIZE],
+                self._posterior.mean,
+                out=self._load,
+            )
             np.multiply(self._load, c.LOAD_FRICTION, out=part)
             part *= part
             weight += part
@@ -394,7 +427,12 @@ class PayloadEstimator:
             np.subtract(residual, self._load, out=self._part)
         else:
             np.copyto(self._part, residual)
-        np.clip(self._part, -self.noise.std, self.noise.std, out=self._part)
+        np.clip(
+            self._part,
+            -self.noise.std,
+            self.noise.std,
+            out=self._part,
+        )
         self._part *= self._learning
         np.logical_not(self._is_resting, out=self._is_moving)
         self._part *= self._is_moving

@@ -84,7 +84,12 @@ class ConeProjection:
             self.is_done = True
             return
         np.copyto(self._factor, precision)
-        scipy.linalg.lapack.dpotrf(self._factor, lower=1, clean=0, overwrite_a=1)
+        scipy.linalg.lapack.dpotrf(
+            self._factor,
+            lower=1,
+            clean=0,
+            overwrite_a=1,
+        )
         if self._is_warm:
             self._raise_last()
             self.gap = 0.0
@@ -122,8 +127,16 @@ class ConeProjection:
         X = _matrix(self._x)
         Z = self._Z
         inverse = _inverse(X)
-        np.multiply(inverse[:, None, :, None], Z[None, :, None, :], out=self._kronecker)
-        np.dot(_BASIS, self._kronecker.reshape(16, 16), out=self._products)
+        np.multiply(
+            inverse[:, None, :, None],
+            Z[None, :, None, :],
+            out=self._kronecker,
+        )
+        np.dot(
+            _BASIS,
+            self._kronecker.reshape(16, 16),
+            out=self._products,
+        )
         np.dot(self._products, _BASIS.T, out=self._hessian)
         # Only its lower triangle is read; both orders of a product are the same here.
         self._hessian += self._precision
@@ -134,9 +147,19 @@ class ConeProjection:
         np.dot(self._precision, self._step, out=self._slope)
         self._slope *= -1.0
         self._slope += _BASIS @ (target * inverse).ravel()
-        scipy.linalg.lapack.dpotrf(self._lapack, lower=1, clean=0, overwrite_a=1)
+        scipy.linalg.lapack.dpotrf(
+            self._lapack,
+            lower=1,
+            clean=0,
+            overwrite_a=1,
+        )
         np.copyto(self._step, self._slope)
-        scipy.linalg.lapack.dpotrs(self._lapack, self._step, lower=1, overwrite_b=1)
+        scipy.linalg.lapack.dpotrs(
+            self._lapack,
+            self._step,
+            lower=1,
+            overwrite_b=1,
+        )
         dX = _matrix(self._step)
         dZ = inverse @ dX @ Z
         dZ = target * inverse - Z - 0.5 * (dZ + dZ.T)

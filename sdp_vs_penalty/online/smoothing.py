@@ -25,7 +25,12 @@ class SmoothingFilter:
     InputError for a delay that is too long, or shorter than two samples.
     """
 
-    def __init__(self, channels: int, period: float, delay: float) -> None:
+    def __init__(
+        self,
+        channels: int,
+        period: float,
+        delay: float,
+    ) -> None:
         half = round(delay / period)
         if not 0.0 < delay <= c.MAX_DELAY or half < 2:
             raise InputError(
@@ -95,11 +100,21 @@ def smoothing_kernel(half: int, period: float) -> Array:
         A row each: of the value, its rate [1/s] and its acceleration [1/s^2].
     """
     t = np.arange(-half, half + 1) * period
-    fit = np.linalg.pinv(np.vander(t, 4, increasing=True))
+    fit = np.linalg.pinv(
+        np.vander(
+            t,
+            4,
+            increasing=True,
+        )
+    )
     return np.ascontiguousarray(fit[:3] * np.array([[1.0], [1.0], [2.0]]))
 
 
-def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Array]:
+def smooth(
+    samples: Array,
+    half: int,
+    period: float,
+) -> tuple[Array, Array, Array]:
     """Value, rate and acceleration (N - 2 half, channels) of a whole log, by the kernel
     of the stream.
 
@@ -121,6 +136,10 @@ def smooth(samples: Array, half: int, period: float) -> tuple[Array, Array, Arra
     (N - 2 half, channels) array
         Accelerations [1/s^2].
     """
-    windows = np.lib.stride_tricks.sliding_window_view(samples, 2 * half + 1, axis=0)
+    windows = np.lib.stride_tricks.sliding_window_view(
+        samples,
+        2 * half + 1,
+        axis=0,
+    )
     value, rate, acceleration = smoothing_kernel(half, period)
     return windows @ value, windows @ rate, windows @ acceleration

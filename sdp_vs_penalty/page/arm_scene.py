@@ -113,7 +113,12 @@ class ArmScene:
                 self.view.select(joint=min(int(link), n_joints - 1))
                 return
 
-    def load(self, name: str, read: Mapping[str, Any], errors: Any = None) -> None:
+    def load(
+        self,
+        name: str,
+        read: Mapping[str, Any],
+        errors: Any = None,
+    ) -> None:
         """Show another recording, unless it is there already."""
         if self.loaded == name:
             return
@@ -170,17 +175,33 @@ class ArmScene:
     def _draw_bone(self, end: list[float], thin: float) -> None:
         """A line from a joint to the next one."""
         middle = [0.5 * x for x in end]
-        tube = self.scene.quadratic_bezier_tube([0.0] * 3, middle, end, 1, thin)
+        tube = self.scene.quadratic_bezier_tube(
+            [0.0] * 3,
+            middle,
+            end,
+            1,
+            thin,
+        )
         tube.material(_BONES)
 
     def _draw_axis(self, axis: list[float], thin: float) -> None:
         """The axis of a joint, a thin stick through it."""
         start, end = (np.outer([-4.0, 6.0], axis) * thin).tolist()
         middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]
-        stick = self.scene.quadratic_bezier_tube(start, middle, end, 1, 0.2 * thin)
+        stick = self.scene.quadratic_bezier_tube(
+            start,
+            middle,
+            end,
+            1,
+            0.2 * thin,
+        )
         stick.material(_AXES)
 
-    def _draw_link(self, body: Mapping[str, Any], look: _Look) -> None:
+    def _draw_link(
+        self,
+        body: Mapping[str, Any],
+        look: _Look,
+    ) -> None:
         """The ellipsoid of a link."""
         place = np.array(body["place"])
         ball = self.scene.sphere(1.0, 24, 16).scale(*body["half"])
@@ -192,7 +213,11 @@ class ArmScene:
 def _places_and_turns(poses: Array) -> Array:
     """(F, k, 7) places and unit quaternions (x, y, z, w) of poses (F, k, 4, 4)."""
     rotations = scipy.spatial.transform.Rotation.from_matrix(
-        poses[..., :3, :3].reshape(-1, 3, 3)
+        poses[..., :3, :3].reshape(
+            -1,
+            3,
+            3,
+        )
     )
     turns = rotations.as_quat().reshape(*poses.shape[:2], 4)
     return np.dstack([poses[..., :3, 3], turns])
@@ -223,7 +248,12 @@ def camera_place(poses: Array, about: Mapping[str, Any]) -> dict[str, float]:
     bodies = about["bodies"]
     centres = [poses[:, body["joint"]] @ np.array(body["place"]) for body in bodies]
     frames = [*centres, *poses.swapaxes(0, 1)]
-    places = np.concatenate([np.zeros((1, 3)), *(f[..., :3, 3] for f in frames)])
+    places = np.concatenate(
+        [
+            np.zeros((1, 3)),
+            *(f[..., :3, 3] for f in frames),
+        ]
+    )
     centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
     distances = np.linalg.norm(places - centre, axis=1)
     radius = distances.max() + 0.1 * reach(about)  # and a link's own

@@ -40,7 +40,9 @@ KEY = "key"
 def guarded(app: App, port: int, key: str) -> App:
     """The app behind Starlette's check of the Host header (DNS rebinding) and our own."""
     return TrustedHostMiddleware(
-        AuthMiddleware(app, port, key), _NAMES, www_redirect=False
+        AuthMiddleware(app, port, key),
+        _NAMES,
+        www_redirect=False,
     )
 
 
@@ -53,7 +55,12 @@ class AuthMiddleware:
     printed address, once, and in a cookie thereafter.
     """
 
-    def __init__(self, app: App, port: int, key: str) -> None:
+    def __init__(
+        self,
+        app: App,
+        port: int,
+        key: str,
+    ) -> None:
         self.app = app
         self.key = key
         # Cookies know no ports: two servers on one computer must not take each other's
@@ -128,7 +135,9 @@ class AuthMiddleware:
         )
         cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict"
         return RedirectResponse(
-            path, 303, {"set-cookie": cookie, "cache-control": "no-store"}
+            path,
+            303,
+            {"set-cookie": cookie, "cache-control": "no-store"},
         )
 
 

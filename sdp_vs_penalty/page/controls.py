@@ -21,7 +21,12 @@ from sdp_vs_penalty.results.table import Table
 Handler = Callable[..., Any]
 
 
-def tag(name: str, text: str = "", style: str = "", **attributes: Any) -> Any:
+def tag(
+    name: str,
+    text: str = "",
+    style: str = "",
+    **attributes: Any,
+) -> Any:
     """An element with escaped text; ``style`` are its CSS classes, ``for_`` and
     ``aria_label`` work; an attribute that is False is left out."""
     element_made = TextElement(tag=name, text=text).classes(style)
@@ -39,10 +44,21 @@ def note(text: str) -> None:
     tag("p", text, "soft")
 
 
-def button(text: str, do: Handler, key: str, style: str = "", **attributes: Any) -> Any:
+def button(
+    text: str,
+    do: Handler,
+    key: str,
+    style: str = "",
+    **attributes: Any,
+) -> Any:
     """A button; key : by which focus finds it again after a redraw."""
     element_made = tag(
-        "button", text, f"action {style}", type="button", data_key=key, **attributes
+        "button",
+        text,
+        f"action {style}",
+        type="button",
+        data_key=key,
+        **attributes,
     )
     return element_made.on("click", lambda _: do(), args=[])
 
@@ -84,7 +100,12 @@ def choice(
         )
 
 
-def number(label: str, value: int, do: Callable[[int], Any], key: str) -> None:
+def number(
+    label: str,
+    value: int,
+    do: Callable[[int], Any],
+    key: str,
+) -> None:
     """A labelled field for a whole number from 0."""
 
     def take(text: str) -> None:
@@ -157,7 +178,11 @@ def slider(
 
 
 def check(
-    label: str, on: bool, do: Callable[[bool], Any], key: str, hint: str = ""
+    label: str,
+    on: bool,
+    do: Callable[[bool], Any],
+    key: str,
+    hint: str = "",
 ) -> None:
     """A labelled checkbox."""
     with tag("label", style="check", title=hint):
@@ -192,7 +217,13 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
                 key,
             )
         else:
-            text_field(option_help(o), now, write, key, str(o.metavar))
+            text_field(
+                option_help(o),
+                now,
+                write,
+                key,
+                str(o.metavar),
+            )
 
 
 def option_help(option: Action) -> str:
@@ -208,7 +239,11 @@ def drop(text: str, kind: str) -> None:
     files = f"choose files: {', '.join(sorted(accept))}"
     hint = f"or {files}" if several else "drop a file here, or choose one"
     with tag("label", style="drop", data_drop=kind):
-        files_of = {"type": "file", "accept": ",".join(accept), "data_send": kind}
+        files_of = {
+            "type": "file",
+            "accept": ",".join(accept),
+            "data_send": kind,
+        }
         tag(
             "input",
             data_key=f"drop-{kind}",
@@ -220,7 +255,11 @@ def drop(text: str, kind: str) -> None:
         tag("span", hint)
 
 
-def details(title: str, key: str, on: bool = False) -> Any:
+def details(
+    title: str,
+    key: str,
+    on: bool = False,
+) -> Any:
     """Something that opens on demand, to be filled by ``with``; on : it is open."""
     with tag("details", open=on) as element_made:
         tag("summary", title, data_key=key)
@@ -238,7 +277,11 @@ def judged(models: Sequence[ModelStep]) -> None:
     numbered = enumerate(models, start=1)
     names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in numbered]
     rows = [
-        [name, *model.judged[1:]] for name, model in zip(names, models, strict=True)
+        [
+            name,
+            *model.judged[1:],
+        ]
+        for name, model in zip(names, models, strict=True)
     ]
     table(judged_table(rows), "Models judged")
 

@@ -80,7 +80,9 @@ class JobRequest(dict[str, Any]):
     """A request, by its words; progress : hears what is being done."""
 
     def __init__(
-        self, words: Mapping[str, Any], progress: Progress = no_progress
+        self,
+        words: Mapping[str, Any],
+        progress: Progress = no_progress,
     ) -> None:
         super().__init__(words)
         self.progress = progress
@@ -134,7 +136,10 @@ class JobRequest(dict[str, Any]):
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
             raise InputError("No run to identify from", "use at least one for it")
         loaded = load_measurements(*files)
-        sides: dict[str, list[Measurements]] = {"train": [], "test": []}
+        sides: dict[str, list[Measurements]] = {
+            "train": [],
+            "test": [],
+        }
         for run, part in zip(self["runs"], loaded.runs(), strict=True):
             for side, stretch in _by_use(run, part):
                 sides[side].append(stretch)
@@ -197,7 +202,15 @@ def read(job: JobRequest) -> Answer:
                     path,
                 )
             alone = len(job["files"]) == 1 and not job["runs"]
-            runs.append(keep(job, problem, part, file["name"], alone=alone))
+            runs.append(
+                keep(
+                    job,
+                    problem,
+                    part,
+                    file["name"],
+                    alone=alone,
+                )
+            )
         except InputError as error:
             refused.append(str(error))
             columns = _columns_of(path, problem)
@@ -221,7 +234,10 @@ def _columns_of(path: Path, problem: Problem) -> Answer | None:
         if report is None or not (report.missing or report.problem):
             return None
         numbers = range(1, len(joints) + 1)
-        ours = ["t", *(f"{group}{j}" for group in ("q", "tau") for j in numbers)]
+        ours = [
+            "t",
+            *(f"{group}{j}" for group in ("q", "tau") for j in numbers),
+        ]
         if len(report.rows) < len(ours):
             return None  # no choice gives every joint a column
         return {
@@ -260,7 +276,14 @@ def look_again(job: JobRequest) -> Answer:
     parts = ((load_measurements(job.folder / run["file"]), run) for run in job["runs"])
     return {
         "runs": [
-            keep(job, problem, part, run["name"], run["use"]) for part, run in parts
+            keep(
+                job,
+                problem,
+                part,
+                run["name"],
+                run["use"],
+            )
+            for part, run in parts
         ]
     }
 
@@ -274,9 +297,23 @@ def simulate(job: JobRequest) -> Answer:
     hidden = [(job["effect"], [j - 1 for j in job["joints"]])] * (
         job["effect"] != "none"
     )
-    hidden_result = hidden_runs(problem, hidden, job["level"], job["seed"], len(names))
+    hidden_result = hidden_runs(
+        problem,
+        hidden,
+        job["level"],
+        job["seed"],
+        len(names),
+    )
     named = zip(names, hidden_result.runs, strict=True)
-    runs = [keep(job, problem, part, name) for name, part in named]
+    runs = [
+        keep(
+            job,
+            problem,
+            part,
+            name,
+        )
+        for name, part in named
+    ]
     return {"runs": runs, "effects": hidden_result.truth["model_effects"]}
 
 
@@ -292,7 +329,13 @@ def mend(job: JobRequest) -> Answer:
     reports = check(problem, part, thorough=False)
     repaired = fix_runs(problem, [part], reports)
     name = f"{Path(run_given['name']).stem}_fixed.csv"
-    run_made = keep(job, problem, repaired.runs[0], name, use=run_given["use"])
+    run_made = keep(
+        job,
+        problem,
+        repaired.runs[0],
+        name,
+        use=run_given["use"],
+    )
     changes = reports[0].changes(run_given["name"], repaired.issues[0])
     return {"run": run_made, "changes": changes.splitlines()}
 
@@ -316,7 +359,11 @@ def keep(
     (report_of_run,) = check(problem, part, thorough=False)
     split = _split(problem, part)
     findings = [
-        {**f.to_dict(), "gravity": f.gravity} for f in report_of_run.errors_and_warnings
+        {
+            **f.to_dict(),
+            "gravity": f.gravity,
+        }
+        for f in report_of_run.errors_and_warnings
     ]
     # Of a long run the check looks at windows all over it anyway.
     if alone and split is not None and not report_of_run.is_long:
@@ -350,7 +397,11 @@ def _of_windows(
     known = {(f.kind, f.where) for f in whole.issues}
     found = []
     for side, word in (("train", "identified from"), ("test", "judged")):
-        reports = check(problem, windowed(part, split[side]), thorough=False)
+        reports = check(
+            problem,
+            windowed(part, split[side]),
+            thorough=False,
+        )
         for issue in (i for report in reports for i in report.errors_and_warnings):
             if (issue.kind, issue.where) in known:
                 continue
@@ -367,7 +418,9 @@ def _file(part: Measurements) -> str:
 
 
 def _preview(
-    problem: Problem, part: Measurements, mended: Measurements
+    problem: Problem,
+    part: Measurements,
+    mended: Measurements,
 ) -> dict[str, Any]:
     """What the page shows of a run at once: t, q, dq, tau at some instants, the
     positions and torques that the check would put there (NaN where it changes nothing),
@@ -405,7 +458,14 @@ def _repaired_rows(part: Measurements, mended: Measurements) -> Array:
         return rows
     if not np.all(np.diff(mended.t) > 0.0):
         return np.hstack([part.q, part.tau])
-    columns = [np.interp(part.t, mended.t, column) for column in rows.T]
+    columns = [
+        np.interp(
+            part.t,
+            mended.t,
+            column,
+        )
+        for column in rows.T
+    ]
     return np.column_stack(columns)
 
 
@@ -423,13 +483,17 @@ def resplit(job: JobRequest) -> Answer:
     split = _split(job.problem, part, job["share"])
     if split is None:
         raise InputError(
-            f"{run['name']} cannot be split so", "drag the bar back", run["name"]
+            f"{run['name']} cannot be split so",
+            "drag the bar back",
+            run["name"],
         )
     return {"split": split}
 
 
 def _split(
-    problem: Problem, part: Measurements, share: float = SPLIT
+    problem: Problem,
+    part: Measurements,
+    share: float = SPLIT,
 ) -> dict[str, Any] | None:
     """Windows [s] to "train" on and to "test" on, rounded so that a command can name
     them; "share" of the motion for training; "bar" : what the page draws of it, a side,
@@ -450,12 +514,19 @@ def _split(
         split[side] = [(round(a, 3), round(b, 3)) for a, b in stretches]
         split[f"{side}_seconds"] = round(sum(b - a for a, b in stretches), 3)
         for a, b in stretches:
-            place = {"left": 100.0 * a / seconds, "width": 100.0 * (b - a) / seconds}
+            place = {
+                "left": 100.0 * a / seconds,
+                "width": 100.0 * (b - a) / seconds,
+            }
             split["bar"].append({"side": side, **place})
     return split
 
 
-def placed(robot: Robot, t: Array, q: Array) -> tuple[Array, Array]:
+def placed(
+    robot: Robot,
+    t: Array,
+    q: Array,
+) -> tuple[Array, Array]:
     """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the
     poses there, between which the page interpolates."""
     keep = np.unique(np.linspace(0, len(t) - 1, 160).astype(int))
@@ -548,7 +619,12 @@ def extend(job: JobRequest) -> Answer:
     effects: str | Diagnosis = job["effect"]
     if job.get("findings"):
         effects = Diagnosis.from_dict(job["findings"]).selected(confident=True)
-    bigger = add(job.model, effects, job.runs.train, **job.common_options)
+    bigger = add(
+        job.model,
+        effects,
+        job.runs.train,
+        **job.common_options,
+    )
     return summary(job, bigger)
 
 
@@ -572,11 +648,16 @@ def find(job: JobRequest) -> Answer:
 
 
 def _card_arrays(
-    model: Estimate, better: Estimate | None, judged: Measurements
+    model: Estimate,
+    better: Estimate | None,
+    judged: Measurements,
 ) -> dict[str, Any]:
     """What the cards of a diagnosis draw: t (M,), q, dq, measured torque, that of the
     model and of the model with all that is sure, each (M, n), of the judged runs."""
-    models = {"before": model, **({} if better is None else {"after": better})}
+    models = {
+        "before": model,
+        **({} if better is None else {"after": better}),
+    }
     compared = compare(models, judged)
     before = compared[0].signals
     after = compared[-1].signals
@@ -602,7 +683,11 @@ def methods(job: JobRequest) -> Answer:
         options = PoseOptions(effects=effects, seed=job["seed"])
         try:
             estimates_made = estimate_parameters(
-                current.problem, filtered, name, options, progress=progress
+                current.problem,
+                filtered,
+                name,
+                options,
+                progress=progress,
             )
             folds = job["folds"] and cross_validate(
                 current.problem,
@@ -613,15 +698,26 @@ def methods(job: JobRequest) -> Answer:
                 progress=progress,
             )
         except InputError as error:
-            refused = [name, str(error), *[""] * len(tables.JUDGED_HEADS[1:])]
+            refused = [
+                name,
+                str(error),
+                *[""] * len(tables.JUDGED_HEADS[1:]),
+            ]
             rows.append(refused)
             continue
         row = tables.judged_cells(
             compare(
-                {name: estimates_made}, runs.judge, noise_from=runs.judged_recordings
+                {name: estimates_made},
+                runs.judge,
+                noise_from=runs.judged_recordings,
             )[0]
         )
-        rows.append([*row, *([f"{folds.relative_error_percent:.4g}"] if folds else [])])
+        rows.append(
+            [
+                *row,
+                *([f"{folds.relative_error_percent:.4g}"] if folds else []),
+            ]
+        )
     unseen = "error on unseen motion [%]" if job["folds"] else ""
     return {"table": tables.judged_table(rows, "method", more=unseen).to_dict()}
 
@@ -672,14 +768,24 @@ def _write_export(job: JobRequest, out: Path) -> list[str]:
     """The model in the format of the suffix; what the file cannot hold, and what that
     does to the error, a sentence each."""
     urdf = job.get("urdf") if out.name == "robot.urdf" else None
-    x, y, z = numbers("flange", job.get("flange") or "0,0,0", 3)
+    x, y, z = numbers(
+        "flange",
+        job.get("flange") or "0,0,0",
+        3,
+    )
     model = job.model
     judged: tuple[Verdict, str] | None = None
     if job.get("runs"):
         runs = job.runs
         judged = judge_as_exported(model, out, runs.judge, runs.judged_recordings)
     verdict = None if judged is None else judged[0]
-    lost = write_model(model, out, urdf, flange=(x, y, z), judged=verdict)
+    lost = write_model(
+        model,
+        out,
+        urdf,
+        flange=(x, y, z),
+        judged=verdict,
+    )
     if not lost:
         return []
     sentences = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
@@ -696,7 +802,12 @@ def forward(job: JobRequest) -> Answer:
     """
     estimate = job.model
     drive = job["drive"]
-    following = follow(estimate, job.runs.judge, drive=drive, **job.common_options)
+    following = follow(
+        estimate,
+        job.runs.judge,
+        drive=drive,
+        **job.common_options,
+    )
     files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
     for file, free in zip(files, following.free, strict=True):
         t = free.simulated.t
@@ -735,7 +846,11 @@ def about(estimate: Estimate) -> dict[str, Any]:
         "links": None if links is None else links.to_dict(),
         "words": words.caveats(estimate),
         "friction": [
-            {"velocity": c.velocity, "torque": c.torque, "half": NORMAL_95 * c.std}
+            {
+                "velocity": c.velocity,
+                "torque": c.torque,
+                "half": NORMAL_95 * c.std,
+            }
             for c in friction_curves(estimate)
         ],
         "certificate": tables.certificate_table({"model": estimate}).to_dict(),
@@ -757,30 +872,45 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     out = Path(job["out"])
     job.progress("comparing measured with modelled")
     comparison = compare(
-        {"model": estimate}, checked.judge, noise_from=checked.judged_recordings
+        {"model": estimate},
+        checked.judge,
+        noise_from=checked.judged_recordings,
     )[0]
     (arm, judge) = driven(estimate, checked.judge)
     (_, train) = driven(estimate, checked.train)
     settings = estimate.preprocessing.resolve(judge)
     estimate.provenance["verdict"] = comparison.verdict.to_dict()
-    runs = [*train.runs(), *(judge.runs() if checked.test is not None else ())]
+    runs = [
+        *train.runs(),
+        *(judge.runs() if checked.test is not None else ()),
+    ]
     for k, run in enumerate(runs):
         rows = FilteredRun(run, settings).all_rows(arm.model)
         motion = rows.motion
-        curves_found = {"torque": rows.torque, "modelled": predicted(rows, arm.theta)}
+        curves_found = {
+            "torque": rows.torque,
+            "modelled": predicted(rows, arm.theta),
+        }
         curves_found |= {name: getattr(motion, name) for name in ("q", "dq", "ddq")}
         arrays = {
             "t": motion.t,
             **{name: x.astype(np.float32) for name, x in curves_found.items()},
         }
-        arrays["tf"], arrays["poses"] = placed(estimate.robot, motion.t, motion.q)
+        arrays["tf"], arrays["poses"] = placed(
+            estimate.robot,
+            motion.t,
+            motion.q,
+        )
         save_arrays(out.with_name(f"{out.stem}-{k}.npz"), arrays)
     job.progress("looking where it fails")
     try:
         failing = where_it_fails(estimate, judge, noise=comparison.noise)
         units = estimate.robot.torque_units
         failures = [
-            {**f.to_dict(), "sentences": sentences(f, units[f.joint - 1])}
+            {
+                **f.to_dict(),
+                "sentences": sentences(f, units[f.joint - 1]),
+            }
             for f in failing
         ]
     except InputError:  # too short to say: the errors stand on their own

@@ -61,7 +61,11 @@ class ModelStep:
         if not self.failures:
             return default
         shares = self.failures[j]["held_out_shares"]
-        cause = max(shares, key=lambda name: shares[name], default="")
+        cause = max(
+            shares,
+            key=lambda name: shares[name],
+            default="",
+        )
         return SHOWN_BY.get(cause, default)
 
     @staticmethod

@@ -41,7 +41,12 @@ _STYLE = (
 _LOOK = f"<style>{_STYLE}</style><script>{(_HERE / 'workbench.js').read_text('utf-8')}</script>"
 
 
-def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) -> None:
+def serve(
+    folder: Path | None,
+    port: int | None,
+    browser: bool,
+    forms: Forms,
+) -> None:
     """Serve the page to this computer until it is interrupted, to whoever has the
     printed address.
 
@@ -51,7 +56,9 @@ def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) ->
     """
     if folder is not None and not folder.is_dir():
         raise InputError(
-            "not a folder", "name the folder with your runs, or leave it out", folder
+            "not a folder",
+            "name the folder with your runs, or leave it out",
+            folder,
         )
     try:  # listening: the browser may knock before the server answers
         listener = socket.create_server(("127.0.0.1", port or 0), backlog=128)
@@ -99,7 +106,11 @@ def serve(folder: Path | None, port: int | None, browser: bool, forms: Forms) ->
         gc.freeze()  # going through all objects once more takes Python a second
 
 
-def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
+def make_app(
+    sessions: Sessions,
+    folder: Path | None,
+    forms: Forms,
+) -> FastAPI:
     """The addresses: / finds or makes a session, /s/<its secret name> shows it."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
@@ -141,7 +152,9 @@ def make_app(sessions: Sessions, folder: Path | None, forms: Forms) -> FastAPI:
         if name not in os.listdir(session.folder):
             raise HTTPException(404, "There is no such file.")
         return FileResponse(
-            session.folder / name, filename=name, headers={"cache-control": "no-store"}
+            session.folder / name,
+            filename=name,
+            headers={"cache-control": "no-store"},
         )
 
     @ui.page("/s/{token}", title="sdp-vs-penalty workbench")

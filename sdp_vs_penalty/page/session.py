@@ -158,7 +158,11 @@ class Session:
         last = self.current.comparison
         floor = last["noise_floor"]
         known = None if None in floor else np.array(floor)
-        sentence = changes(np.array(first["rmse"]), np.array(last["rmse"]), known)
+        sentence = changes(
+            np.array(first["rmse"]),
+            np.array(last["rmse"]),
+            known,
+        )
         return sentence or "no joint's error changed by more than 5 %."
 
     def answer(self, job: str) -> dict[str, Any] | None:
@@ -170,7 +174,11 @@ class Session:
             else None
         )
 
-    def recording(self, model: ModelStep, run: str) -> dict[str, Any]:
+    def recording(
+        self,
+        model: ModelStep,
+        run: str,
+    ) -> dict[str, Any]:
         """t, torque, modelled, q, dq, ddq, tf and poses of a run (jobs.py)."""
         return self.arrays(f"{Path(model.file).stem}-{model.runs.index(run)}.npz")
 
@@ -281,7 +289,12 @@ class Session:
         starts anew."""
         self.names[source] = urdf or source
         answer = await self._job("Reading the robot", "robot", robot={"source": source})
-        self.robot = {**answer, "source": source, "gravity": None, "file": urdf}
+        self.robot = {
+            **answer,
+            "source": source,
+            "gravity": None,
+            "file": urdf,
+        }
         self.runs = []
         self.effects = list(answer["effects"])
         self.method = DEFAULT_METHOD
@@ -298,8 +311,17 @@ class Session:
         files = self.arrived
         self.arrived = {}
         self.names |= {str(path): name for name, path in files.items()}
-        listed = [{"path": str(path), "name": name} for name, path in files.items()]
-        how: dict[str, Any] = {"files": listed, "options": self.reading}
+        listed = [
+            {
+                "path": str(path),
+                "name": name,
+            }
+            for name, path in files.items()
+        ]
+        how: dict[str, Any] = {
+            "files": listed,
+            "options": self.reading,
+        }
         try:
             await self._take_runs("Reading measurements", "read", self.runs, **how)
         finally:
@@ -308,11 +330,22 @@ class Session:
                 if path.parent == self.folder and str(path) not in asked:
                     path.unlink(missing_ok=True)
 
-    def choose_column(self, path: str, ours: str, theirs: str) -> None:
+    def choose_column(
+        self,
+        path: str,
+        ours: str,
+        theirs: str,
+    ) -> None:
         """Say which column of a file that is still to be read is what."""
         for mapping in self.mappings:
             if mapping["path"] == path:
-                chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
+                chosen = dict(
+                    zip(
+                        mapping["ours"],
+                        mapping["chosen"],
+                        strict=True,
+                    )
+                )
                 mapping["chosen"] = [*{**chosen, ours: theirs}.values()]
         self.changed()
 
@@ -349,7 +382,15 @@ class Session:
         await self._take_runs("Simulating", "simulate", [], **how)
         at = ":" + "+".join(map(str, joints)) if joints else ""
         hide = [] if effect == "none" else ["--hide", f"{effect}{at}"]
-        self.made_by = [*hide, "--level", level, "--seed", str(seed), "--out", "."]
+        self.made_by = [
+            *hide,
+            "--level",
+            level,
+            "--seed",
+            str(seed),
+            "--out",
+            ".",
+        ]
 
     async def _take_runs(
         self, title: str, job: str, before: list[dict[str, Any]], **details: Any
@@ -369,7 +410,10 @@ class Session:
         self.made_by = None
         self._choose_uses(new)
         self.effects = list(answer.get("effects", self.effects))
-        self.mappings = [*self.mappings, *answer.get("mappings", ())]
+        self.mappings = [
+            *self.mappings,
+            *answer.get("mappings", ()),
+        ]
         refused = answer.get("refused", ())
         remarks = [*answer.get("remarks", ())]
         if new:
@@ -400,7 +444,10 @@ class Session:
     async def split(self, file: str, percent: int) -> None:
         """Split a run anew: so many per cent of its motion are for training."""
         answer = await self._job(
-            "Splitting the run", "resplit", file=file, share=percent / 100.0
+            "Splitting the run",
+            "resplit",
+            file=file,
+            share=percent / 100.0,
         )
         self.runs = [
             {**run, "split": answer["split"]} if run["file"] == file else run
@@ -445,7 +492,10 @@ class Session:
         }
         self._begin(
             await self._step(
-                f"Identifying by {self.method}", "fit", request, label="identified"
+                f"Identifying by {self.method}",
+                "fit",
+                request,
+                label="identified",
             )
         )
 
@@ -456,7 +506,10 @@ class Session:
         step_fields = {"label": name, "opened": name}
         self._begin(
             await self._step(
-                f"Opening {name}", "open_model", {"model": path}, **step_fields
+                f"Opening {name}",
+                "open_model",
+                {"model": path},
+                **step_fields,
             )
         )
 
@@ -501,7 +554,10 @@ class Session:
         """Add effects to the current model, a step of the history."""
         diagnosis = self.findings
         frozen = self.frozen or (diagnosis is not None and diagnosis.frozen)
-        request: dict[str, Any] = {"effect": ",".join(texts), "frozen": frozen}
+        request: dict[str, Any] = {
+            "effect": ",".join(texts),
+            "frozen": frozen,
+        }
         if diagnosis is not None and [*texts] == [f.text for f in diagnosis.sure]:
             # As `add --from findings.json --confident`: constants that were found
             # together stay together.
@@ -522,7 +578,10 @@ class Session:
     async def ask(self, title: str, job: str, **on: Any) -> None:
         """A job that changes nothing: its answer is kept."""
         model = self.current.file
-        self.answers[job] = {**await self._job(title, job, **on), "model": model}
+        self.answers[job] = {
+            **await self._job(title, job, **on),
+            "model": model,
+        }
 
     async def show_me(self) -> None:
         """The whole job in small, on simulated runs with something hidden: the verb
@@ -548,14 +607,24 @@ class Session:
         a payload."""
         steps = enumerate(self.history, start=1)
         content = {
-            "models": [{"label": f"{k}: {m.label}", "file": m.file} for k, m in steps],
+            "models": [
+                {
+                    "label": f"{k}: {m.label}",
+                    "file": m.file,
+                }
+                for k, m in steps
+            ],
             "commands": self.commands(),
             "findings": self.findings and self.findings.to_dict(),
             "urdf": self.robot["source"] if self.robot["file"] else None,
             "forward": self.answer("forward") is not None,
         }
         answer = await self._job(
-            f"Making {name}", "take", name=name, **content, **(options or {})
+            f"Making {name}",
+            "take",
+            name=name,
+            **content,
+            **(options or {}),
         )
         self.say(*answer["notice"], error=False)
         ready(name)

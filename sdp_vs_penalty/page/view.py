@@ -122,7 +122,9 @@ def identified(session: Session) -> StageVerdict | None:
     grade = verdict_of_model["grade"]
     level = "bad" if grade == "do not use" else grade
     return StageVerdict(
-        level, spoken(verdict_of_model["lines"][0]["text"]), grade.capitalize()
+        level,
+        spoken(verdict_of_model["lines"][0]["text"]),
+        grade.capitalize(),
     )
 
 
@@ -163,7 +165,9 @@ class Stage:
 
 
 def requires_model(
-    anchor: str, title: str, also: Callable[[Session], Any] = lambda session: None
+    anchor: str,
+    title: str,
+    also: Callable[[Session], Any] = lambda session: None,
 ) -> Callable[[Callable[[View], None]], PagePart]:
     """A part that is shown once there is a model; it depends on the models and on
     ``also``."""

@@ -101,7 +101,12 @@ class Workbench:
         if ready:
             part.draw(self.view)
 
-    def _fill(self, place: Any, state: Any, draw: Callable[[], None]) -> None:
+    def _fill(
+        self,
+        place: Any,
+        state: Any,
+        draw: Callable[[], None],
+    ) -> None:
         """Draw what is made of a state, if that has changed."""
         text = json.dumps(state, default=str)
         if self._drawn.get(place.id) != text:
@@ -110,7 +115,11 @@ class Workbench:
             with place:
                 draw()
 
-    def _link(self, k: int, stage: Stage) -> tuple[Any, Any]:
+    def _link(
+        self,
+        k: int,
+        stage: Stage,
+    ) -> tuple[Any, Any]:
         with tag("a", href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
             tag("span", str(k), "step", aria_hidden="true")
             tag("span", stage.title)
@@ -130,7 +139,13 @@ class Workbench:
 
     def _dock(self) -> None:
         with tag("div", style="dock", aria_label="Status", role="region"):
-            self._said = tag("p", "", "unseen", role="status", aria_live="polite")
+            self._said = tag(
+                "p",
+                "",
+                "unseen",
+                role="status",
+                aria_live="polite",
+            )
             self._notices = {
                 role: tag("div", style="notice", role=role)
                 for role in ("alert", "status")

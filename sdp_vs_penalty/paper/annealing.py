@@ -50,7 +50,10 @@ class SearchedPoint:
 
 
 def search_runs(
-    loss: PenalisedLoss, seed: int, weights: Sequence[float], plan: SearchPlan
+    loss: PenalisedLoss,
+    seed: int,
+    weights: Sequence[float],
+    plan: SearchPlan,
 ) -> list[SearchedPoint]:
     """All points of all runs.
 
@@ -79,7 +82,13 @@ def search_runs(
     for number in range(plan.runs):
         u = start_of_run(seed, number, len(loss.free))
         for step, weight in enumerate(weights):
-            u, n_evaluations = _search(loss, weight, u, plan, (seed, number, step))
+            u, n_evaluations = _search(
+                loss,
+                weight,
+                u,
+                plan,
+                (seed, number, step),
+            )
             points.append(
                 SearchedPoint(
                     search=plan.name,

@@ -132,7 +132,9 @@ def fit_seconds(estimator: Estimator, task: Task) -> float:
 
 
 def _timed_fit(
-    estimator: Estimator, task: Task, steps: "AnnealingSteps"
+    estimator: Estimator,
+    task: Task,
+    steps: "AnnealingSteps",
 ) -> tuple[Fit, float]:
     """A fit, and its processor time [s]."""
     fresh = replace(task)  # without what an earlier method has left in its cache
@@ -192,14 +194,19 @@ class AnnealingSteps:
         )
         begin = time.process_time()
         plain = remembered(
-            "annealing", content, partial(_annealed, loss, weight, u, budget, rng)
+            "annealing",
+            content,
+            partial(_annealed, loss, weight, u, budget, rng),
         )
         self.seconds_read += plain["seconds"] - (time.process_time() - begin)
         return np.array(plain["u"]), int(plain["evaluations"])
 
 
 def search_locally_once(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int
+    loss: PenalisedLoss,
+    weight: float,
+    u: Array,
+    budget: int,
 ) -> tuple[Array, int]:
     """What :func:`search_locally` returns, kept on the disk.
 
@@ -230,20 +237,29 @@ def search_locally_once(
         budget,
     )
     plain = remembered(
-        "local-search", content, partial(_searched_locally, loss, weight, u, budget)
+        "local-search",
+        content,
+        partial(_searched_locally, loss, weight, u, budget),
     )
     return np.array(plain["u"]), int(plain["evaluations"])
 
 
 def _searched_locally(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int
+    loss: PenalisedLoss,
+    weight: float,
+    u: Array,
+    budget: int,
 ) -> dict[str, Any]:
     best, n_evaluations = search_locally(loss, weight, u, budget)
     return {"u": best.tolist(), "evaluations": n_evaluations}
 
 
 def _annealed(
-    loss: PenalisedLoss, weight: float, u: Array, budget: int, rng: np.random.Generator
+    loss: PenalisedLoss,
+    weight: float,
+    u: Array,
+    budget: int,
+    rng: np.random.Generator,
 ) -> dict[str, Any]:
     begin = time.process_time()
     best, n_evaluations = anneal_and_search(loss, weight, u, budget, rng)

@@ -110,8 +110,20 @@ def drawn_pose(robot: Robot) -> Array:
 
 def view() -> Array:
     """(2, 3) the projection: to the right, and up."""
-    right = np.array([np.cos(AZIMUTH), np.sin(AZIMUTH), 0.0])
-    towards = np.array([np.sin(AZIMUTH), -np.cos(AZIMUTH), 0.0])
+    right = np.array(
+        [
+            np.cos(AZIMUTH),
+            np.sin(AZIMUTH),
+            0.0,
+        ]
+    )
+    towards = np.array(
+        [
+            np.sin(AZIMUTH),
+            -np.cos(AZIMUTH),
+            0.0,
+        ]
+    )
     up = -np.sin(ELEVATION) * towards
     up[2] = np.cos(ELEVATION)
     return np.stack([right, up])
@@ -170,7 +182,12 @@ def outline(link: Array, frame: Array) -> tuple[Array, Array, bool]:
     return centre, axes * np.sqrt(np.maximum(sizes, 0.0)), exists
 
 
-def _figure(title: str, links: Array, robot: Robot, pose: Array) -> str:
+def _figure(
+    title: str,
+    links: Array,
+    robot: Robot,
+    pose: Array,
+) -> str:
     """A picture with its caption."""
     (poses,) = robot.poses(pose[None])
     joints = skeleton(robot, poses) @ view().T
@@ -224,10 +241,20 @@ def _links(numbers: Sequence[str]) -> str:
 def _on_paper(points: Array, middle: Array, scale: float) -> Array:
     """(k, 2) of points (k, 2) [m]: downwards, about the picture's middle."""
     moved = (points - middle) * scale
-    return np.column_stack([0.5 * WIDTH + moved[:, 0], 0.5 * HEIGHT - moved[:, 1]])
+    return np.column_stack(
+        [
+            0.5 * WIDTH + moved[:, 0],
+            0.5 * HEIGHT - moved[:, 1],
+        ]
+    )
 
 
-def _ellipse(centre: Array, axes: Array, name: str, kind: str) -> str:
+def _ellipse(
+    centre: Array,
+    axes: Array,
+    name: str,
+    kind: str,
+) -> str:
     """An ellipse; axes (2, 2) : half axes as columns, upwards."""
     lengths = np.linalg.norm(axes, axis=0)
     angle = -float(np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1])))

@@ -33,7 +33,9 @@ Plain = Any
 
 
 def remembered(
-    kind: str, content: Iterable[object], compute: Callable[[], Plain]
+    kind: str,
+    content: Iterable[object],
+    compute: Callable[[], Plain],
 ) -> Any:
     """What ``compute`` returns, read from the disk where it was computed before.
 
@@ -65,7 +67,9 @@ def remembered(
 
 
 def remembered_arrays(
-    kind: str, content: Iterable[object], compute: Callable[[], Mapping[str, Array]]
+    kind: str,
+    content: Iterable[object],
+    compute: Callable[[], Mapping[str, Array]],
 ) -> dict[str, Array]:
     """Arrays that ``compute`` returns, read from the disk where they were computed
     before.
@@ -205,7 +209,12 @@ def program_version() -> str:
     """A hash of all sources of this program, and of what its tables say below
     themselves."""
     home = Path(__file__).parents[1]
-    paths = sorted([*home.rglob("*.py"), *home.rglob("*.md")])
+    paths = sorted(
+        [
+            *home.rglob("*.py"),
+            *home.rglob("*.md"),
+        ]
+    )
     return content_key(path.read_text(encoding="utf-8") for path in paths)
 
 

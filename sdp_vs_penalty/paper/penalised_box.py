@@ -80,15 +80,26 @@ class BoxedProblem:
         box = problem.task.box[: len(self.links)]
         low = box[:, 1:4, 0]
         high = box[:, 1:4, 1]
-        self.c_low = np.where(np.isfinite(low), low, -self.farthest)
-        self.c_high = np.where(np.isfinite(high), high, self.farthest)
+        self.c_low = np.where(
+            np.isfinite(low),
+            low,
+            -self.farthest,
+        )
+        self.c_high = np.where(
+            np.isfinite(high),
+            high,
+            self.farthest,
+        )
         self.inertia_box = box[:, 4:]
         skipped = ("centre of mass", "moments")
         self.hard = [c for c in problem.hard if c.family not in skipped]
         self.first_q = problem.p + len(problem.prices)
 
     def solve_cell(
-        self, weight: float, low: Array, high: Array
+        self,
+        weight: float,
+        low: Array,
+        high: Array,
     ) -> tuple[float, PenalisedOptimum, Array]:
         """Solve the relaxation over a cell of centres of mass.
 
@@ -128,7 +139,12 @@ class BoxedProblem:
         cost[problem.p : self.first_q] = weight * problem.prices
         farthest = np.maximum(np.abs(low), np.abs(high)).max(axis=1)
         largest_q = self.task.bound[self.links[:, 0]] * farthest**2
-        bound = np.concatenate([self._bound(limit), np.repeat(largest_q, 6)])
+        bound = np.concatenate(
+            [
+                self._bound(limit),
+                np.repeat(largest_q, 6),
+            ]
+        )
         fit = solve_once(widened, cost, constraints, start, bound)
         if fit is None:
             raise InputError(
@@ -148,7 +164,12 @@ class BoxedProblem:
         raised = self.problem.links_slack @ limit[: len(self.links)]
         return np.concatenate([self.task.bound + raised, limit])
 
-    def _start(self, low: Array, high: Array, limit: Array) -> Array:
+    def _start(
+        self,
+        low: Array,
+        high: Array,
+        limit: Array,
+    ) -> Array:
         """Strictly inside a cell: its middle, nominal masses, inertias inside the box
         and slacks that make them consistent."""
         problem = self.problem
@@ -167,9 +188,21 @@ class BoxedProblem:
         steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
         first_moments = mass[:, None] * middle
         theta = problem.interior.copy()
-        theta[self.links] = np.column_stack([mass, first_moments, about + steiner])
+        theta[self.links] = np.column_stack(
+            [
+                mass,
+                first_moments,
+                about + steiner,
+            ]
+        )
         theta = theta + problem.links_slack @ slack[:n]
-        return np.concatenate([theta, slack, inertia.inertia_entries(q).ravel()])
+        return np.concatenate(
+            [
+                theta,
+                slack,
+                inertia.inertia_entries(q).ravel(),
+            ]
+        )
 
     def _inside_box(self, links: Array) -> Array:
         """(n, 6) inertias about the centres of mass of links (n, 10), moved strictly
@@ -183,14 +216,25 @@ class BoxedProblem:
         about = inertia.barycentric_from_standard(links)[:, 4:]
         return np.clip(about, lower + clear, upper - clear)
 
-    def _cell(self, k: int, low: Array, high: Array) -> list[Constraint]:
+    def _cell(
+        self,
+        k: int,
+        low: Array,
+        high: Array,
+    ) -> list[Constraint]:
         """All that a link's cell demands of (m, h), J', its slack and Q."""
         link = self.links[k]
         q = self.first_q + 6 * k + np.arange(6)
         name = f"link {k + 1}"
         rows = _cell_rows(low, high)
         indices = np.concatenate([link, q])
-        cell = linear("cell", name, indices, np.array(rows).T, np.zeros(len(rows)))
+        cell = linear(
+            "cell",
+            name,
+            indices,
+            np.array(rows).T,
+            np.zeros(len(rows)),
+        )
         with_slack = np.append(link, self.problem.p + k)
         return [
             _lifted(name, link, q),
@@ -263,7 +307,11 @@ class BoxedProblem:
         columns = np.flatnonzero(fold.any(axis=0))
         number = np.full(len(fold), -1)
         number[columns] = np.arange(len(columns))
-        constraints = [*self.hard, *problem.soft, *problem.between(limit)]
+        constraints = [
+            *self.hard,
+            *problem.soft,
+            *problem.between(limit),
+        ]
         for k, link in enumerate(self.links):
             constraints.append(
                 _consistent_about_fixed_centre(f"link {k + 1}", link, c[k])
@@ -305,10 +353,17 @@ class BoxedProblem:
         """
         c = inertia.barycentric_from_standard(theta[self.links])[:, 1:4]
         middle = 0.5 * (self.c_low + self.c_high)
-        return np.clip(np.where(np.isfinite(c), c, middle), self.c_low, self.c_high)
+        return np.clip(
+            np.where(np.isfinite(c), c, middle),
+            self.c_low,
+            self.c_high,
+        )
 
     def branch_all(
-        self, weights: Iterable[float], gap: float, most_cells: int
+        self,
+        weights: Iterable[float],
+        gap: float,
+        most_cells: int,
     ) -> list[BoxedOptimum]:
         """Branch and bound at rising weights.
 
@@ -332,8 +387,17 @@ class BoxedProblem:
         out = list[BoxedOptimum]()
         for weight in weights:
             if out and (best := out[-1].best) is not None:
-                same = self.problem.optimum(best.theta, weight, out[-1].lower)
-                held = BoxedOptimum(same, out[-1].lower, out[-1].root_lower, 0)
+                same = self.problem.optimum(
+                    best.theta,
+                    weight,
+                    out[-1].lower,
+                )
+                held = BoxedOptimum(
+                    same,
+                    out[-1].lower,
+                    out[-1].root_lower,
+                    0,
+                )
                 if held.gap <= self.problem.held_gap:
                     out.append(held)
                     continue
@@ -346,7 +410,10 @@ class BoxedProblem:
         return out
 
     def branch_and_bound(
-        self, weight: float, gap: float, most_cells: int
+        self,
+        weight: float,
+        gap: float,
+        most_cells: int,
     ) -> BoxedOptimum:
         """Solve cells, the one of the lowest bound first, until the gap is reached.
 
@@ -372,7 +439,11 @@ class BoxedProblem:
         best: PenalisedOptimum | None = None
         while True:
             lower, _, cell = cells[0]
-            centres = np.clip(self.centres(cell.relaxation.theta), cell.low, cell.high)
+            centres = np.clip(
+                self.centres(cell.relaxation.theta),
+                cell.low,
+                cell.high,
+            )
             candidate = self.solve_at(weight, centres)
             if candidate is not None and (best is None or candidate.value < best.value):
                 best = candidate
@@ -386,7 +457,12 @@ class BoxedProblem:
                 entry = (max(half.lower, lower), next(number), half)
                 heapq.heappush(cells, entry)
 
-    def _solved_cell(self, weight: float, low: Array, high: Array) -> SolvedCell:
+    def _solved_cell(
+        self,
+        weight: float,
+        low: Array,
+        high: Array,
+    ) -> SolvedCell:
         return SolvedCell(low, high, *self.solve_cell(weight, low, high))
 
     def _halves(self, cell: SolvedCell) -> list[tuple[Array, Array]]:
@@ -435,7 +511,12 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
         )
         for x, y, sign in corners:
             row = _row(
-                {10 + _index_of_entry(a, b): 1.0, 1 + b: -x, 1 + a: -y, 0: x * y}
+                {
+                    10 + _index_of_entry(a, b): 1.0,
+                    1 + b: -x,
+                    1 + a: -y,
+                    0: x * y,
+                }
             )
             rows.append(sign * row)
     return rows
@@ -449,7 +530,11 @@ def _row(values: dict[int, float], size: int = 16) -> Array:
     return out
 
 
-def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constraint:
+def _lifted(
+    name: str,
+    link: NDArray[np.intp],
+    q: NDArray[np.intp],
+) -> Constraint:
     """Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
 
     link (10,) : indices of (m, h, second moments) of a link; q (6,) : of Q.
@@ -459,11 +544,20 @@ def _lifted(name: str, link: NDArray[np.intp], q: NDArray[np.intp]) -> Constrain
     for a, b in np.ndindex(3, 3):
         coefficients[4 + _index_of_entry(a, b), a, b] = 1.0
     indices = np.concatenate([link[:4], q])
-    return linear("lifted", name, indices, coefficients, np.zeros((4, 4)), "psd")
+    return linear(
+        "lifted",
+        name,
+        indices,
+        coefficients,
+        np.zeros((4, 4)),
+        "psd",
+    )
 
 
 def _consistent_about_centre(
-    name: str, link: NDArray[np.intp], q: NDArray[np.intp]
+    name: str,
+    link: NDArray[np.intp],
+    q: NDArray[np.intp],
 ) -> Constraint:
     """Second moments about the centre of mass are positive semidefinite: Sigma' - Q >= 0
     with Sigma' (3, 3) those about the frame and Q = m c c^T [kg m^2].
@@ -475,24 +569,48 @@ def _consistent_about_centre(
     for a, b in np.ndindex(3, 3):
         coefficients[6 + _index_of_entry(a, b), a, b] = -1.0
     indices = np.concatenate([link[4:], q])
-    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
+    return linear(
+        "about centre",
+        name,
+        indices,
+        coefficients,
+        np.zeros((3, 3)),
+        "psd",
+    )
 
 
 def _consistent_about_fixed_centre(
-    name: str, link: NDArray[np.intp], c: Array
+    name: str,
+    link: NDArray[np.intp],
+    c: Array,
 ) -> Constraint:
     """The same about a given centre of mass c (3,) [m]: Sigma' - m c c^T >= 0."""
     coefficients = np.zeros((7, 3, 3))
     coefficients[0] = -np.outer(c, c)
     coefficients[1:] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
     indices = np.append(link[:1], link[4:])
-    return linear("about centre", name, indices, coefficients, np.zeros((3, 3)), "psd")
+    return linear(
+        "about centre",
+        name,
+        indices,
+        coefficients,
+        np.zeros((3, 3)),
+        "psd",
+    )
 
 
-def _fold(c: Constraint, fold: Array, number: NDArray[np.intp]) -> Constraint:
+def _fold(
+    c: Constraint,
+    fold: Array,
+    number: NDArray[np.intp],
+) -> Constraint:
     """The constraint in fewer variables: fold (k, k) maps the kept ones, numbered by
     ``number`` (k,), to all."""
     local = fold[c.indices]
     used = np.flatnonzero(local.any(axis=0))
-    coefficients = np.tensordot(local[:, used].T, c.coefficients, axes=(1, 0))
+    coefficients = np.tensordot(
+        local[:, used].T,
+        c.coefficients,
+        axes=(1, 0),
+    )
     return replace(c, indices=number[used], coefficients=coefficients)

@@ -151,7 +151,12 @@ class PenalisedProblem:
         moments = self.task.links[:, list(self.moments)]
         return [
             Constraint(
-                "moments", f"link {k}", "nonnegative", m, self.bound[m], -np.eye(3)
+                "moments",
+                f"link {k}",
+                "nonnegative",
+                m,
+                self.bound[m],
+                -np.eye(3),
             )
             for k, m in enumerate(moments, start=1)
         ]
@@ -266,7 +271,11 @@ class PenalisedProblem:
         solved = solve_once(self.in_slacks, linear, constraints, start, bound)
         if solved is None:
             raise _not_inside()
-        return self.optimum(self.theta(solved.theta), weight, max(solved.lower, 0.0))
+        return self.optimum(
+            self.theta(solved.theta),
+            weight,
+            max(solved.lower, 0.0),
+        )
 
     def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
         """Solve the relaxation at rising weights.
@@ -302,7 +311,13 @@ class PenalisedProblem:
     def in_slacks(self) -> LeastSquares:
         """f in (theta', slacks)."""
         of_demands = np.zeros((len(self.data.R), len(self.prices) - self.n))
-        R = np.hstack([self.data.R, -self.data.R @ self.links_slack, of_demands])
+        R = np.hstack(
+            [
+                self.data.R,
+                -self.data.R @ self.links_slack,
+                of_demands,
+            ]
+        )
         return replace(self.data, R=R)
 
     def theta(self, x: Array) -> Array:
@@ -336,7 +351,12 @@ class PenalisedProblem:
         rows = np.array([[1.0, -1.0]])
         return [
             Constraint(
-                "slack", f"{k}", "nonnegative", np.array([k]), np.array([0.0, x]), rows
+                "slack",
+                f"{k}",
+                "nonnegative",
+                np.array([k]),
+                np.array([0.0, x]),
+                rows,
             )
             for k, x in enumerate(limit, start=self.p)
         ]
@@ -361,7 +381,12 @@ class PenalisedProblem:
         limit = self.value(self.interior, weight) / (weight * self.prices)
         return np.minimum(limit, largest)
 
-    def optimum(self, theta: Array, weight: float, lower: float) -> PenalisedOptimum:
+    def optimum(
+        self,
+        theta: Array,
+        weight: float,
+        lower: float,
+    ) -> PenalisedOptimum:
         """What a point is at a weight, beside a lower bound.
 
         Parameters
@@ -394,7 +419,11 @@ class PenalisedProblem:
         """The optimum subject to the demands themselves (xi infinite), certified."""
         constraints = (*self.hard, *self.consistency, *self.demands)
         return solve_certified(
-            self.data, np.zeros(self.p), constraints, self.interior, self.bound
+            self.data,
+            np.zeros(self.p),
+            constraints,
+            self.interior,
+            self.bound,
         )
 
     @property
@@ -452,7 +481,13 @@ def _links_distance(task: Task) -> LeastSquares:
     rows = np.any(task.base[:, links] != 0.0, axis=1)
     target = distance.rho[rows]
     squares = float(target @ target)
-    return LeastSquares(distance.R[rows], target, 0.0, squares, len(target))
+    return LeastSquares(
+        distance.R[rows],
+        target,
+        0.0,
+        squares,
+        len(target),
+    )
 
 
 def solve_certified(
@@ -500,7 +535,13 @@ def solve_certified(
     multipliers, _ = cones.multipliers(solved.multipliers)
     theta = repair(demands, solved.theta, start)
     return Fit(
-        theta, Objective(data, linear=linear), demands, multipliers, None, start, bound
+        theta,
+        Objective(data, linear=linear),
+        demands,
+        multipliers,
+        None,
+        start,
+        bound,
     )
 
 
@@ -540,7 +581,9 @@ def solve_once(
     """
     posed = (data, linear, constraints, start, bound)
     plain = remembered(
-        "penalised", (source_version(), *posed), partial(_solved, *posed)
+        "penalised",
+        (source_version(), *posed),
+        partial(_solved, *posed),
     )
     if plain["theta"] is None:
         return None
@@ -558,7 +601,10 @@ def _solved(
         fit = solve_certified(data, linear, constraints, start, bound)
     except InputError:
         return {"theta": None, "lower": None}
-    return {"theta": fit.theta.tolist(), "lower": float(fit.lower)}
+    return {
+        "theta": fit.theta.tolist(),
+        "lower": float(fit.lower),
+    }
 
 
 def cvxpy_optima(
@@ -597,8 +643,20 @@ def cvxpy_optima(
     slack_size = cp.Parameter(nonneg=True)
     price = cp.Parameter(nonneg=True)
     slack = slack_size * y
-    theta = cp.hstack([centre + cp.multiply(scale, x), slack])
-    demands = [_cvxpy(cp, c, theta) for c in (*problem.hard, *problem.soft)]
+    theta = cp.hstack(
+        [
+            centre + cp.multiply(scale, x),
+            slack,
+        ]
+    )
+    demands = [
+        _cvxpy(
+            cp,
+            c,
+            theta,
+        )
+        for c in (*problem.hard, *problem.soft)
+    ]
     corner = np.diag([1.0, 1.0, 1.0, 0.0])
     for k, c in enumerate(problem.consistency):
         demands.append(_cvxpy_value(cp, c, theta) + slack[k] * corner >> 0)
@@ -622,7 +680,11 @@ def _torque_scale(problem: PenalisedProblem) -> Array:
     norms = problem.data.column_norms
     is_seen = norms > 0.0
     size = np.sqrt(problem.data.tau_squared) / np.where(is_seen, norms, np.inf)
-    return np.where(is_seen, np.minimum(size, problem.bound), problem.bound)
+    return np.where(
+        is_seen,
+        np.minimum(size, problem.bound),
+        problem.bound,
+    )
 
 
 def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:

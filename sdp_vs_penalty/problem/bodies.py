@@ -133,7 +133,10 @@ def joint_places(robot: Robot, link: int) -> Array:
             along = child.placement[:3, :3] @ child.axis
             places += [child.placement[:3, 3] + s * along for s in strokes[k]]
     return np.concatenate(
-        [np.zeros((1, 3)), np.array(places) @ into[:3, :3].T + into[:3, 3]]
+        [
+            np.zeros((1, 3)),
+            np.array(places) @ into[:3, :3].T + into[:3, 3],
+        ]
     )
 
 
@@ -153,7 +156,9 @@ def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
 
 
 def plausible_links(
-    robot: Robot, nominal: Array, bodies: Sequence[Body] | None = None
+    robot: Robot,
+    nominal: Array,
+    bodies: Sequence[Body] | None = None,
 ) -> tuple[Array, tuple[str, ...]]:
     """Strictly consistent nominal links.
 
@@ -228,7 +233,13 @@ def _actuators(robot: Robot) -> Array:
     it has to hold where limits are missing or all the same (a placeholder); none for a
     sliding joint."""
     beyond = np.zeros(len(robot.tree))
-    reach = dict(zip(robot.link_joints, robot.link_reach(), strict=True))
+    reach = dict(
+        zip(
+            robot.link_joints,
+            robot.link_reach(),
+            strict=True,
+        )
+    )
     for k in reversed(
         range(len(robot.tree))
     ):  # a joint's children come after it: theirs are known
@@ -242,10 +253,19 @@ def _actuators(robot: Robot) -> Array:
     if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
         torque = limits
     factor, power = c.ACTUATOR
-    return np.where(turning, factor * np.minimum(torque, c.LARGEST) ** power, 0.0)
+    return np.where(
+        turning,
+        factor * np.minimum(torque, c.LARGEST) ** power,
+        0.0,
+    )
 
 
-def _tube(robot: Robot, link: int, reach: float, actuators: Array) -> Array:
+def _tube(
+    robot: Robot,
+    link: int,
+    reach: float,
+    actuators: Array,
+) -> Array:
     """(4, 4) pseudo-inertia of a tube between a link's joints with half of their
     actuators."""
     carrier = robot.link_joints[link]

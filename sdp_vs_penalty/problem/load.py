@@ -54,7 +54,9 @@ _NEEDED = re.findall(r"^(\w+) = .*# needed", EXAMPLE, re.MULTILINE)
 
 
 def check_fields(
-    data: Mapping[str, Any], fields: Mapping[str, Any] = _FIELDS, section: str = ""
+    data: Mapping[str, Any],
+    fields: Mapping[str, Any] = _FIELDS,
+    section: str = "",
 ) -> None:
     """Check the fields of a TOML section before anything is built from them.
 
@@ -104,7 +106,11 @@ def check_fields(
 
 
 def _check(
-    label: str, value: Any, key: str, like: Any, part: Mapping[str, Any]
+    label: str,
+    value: Any,
+    key: str,
+    like: Any,
+    part: Mapping[str, Any],
 ) -> None:
     """InputError for a value of another kind or length than its example."""
     hint = f"write {key} = {json.dumps(like)}"
@@ -123,7 +129,11 @@ def _check(
 
 
 def _check_length(
-    label: str, value: Sequence[Any], key: str, like: Any, part: Mapping[str, Any]
+    label: str,
+    value: Sequence[Any],
+    key: str,
+    like: Any,
+    part: Mapping[str, Any],
 ) -> None:
     """InputError for a list that is shorter or longer than needed: as its example, or
     one entry a joint beside a DH table."""
@@ -146,7 +156,9 @@ def _shown(value: Any) -> str:
 
 
 def _from_toml(
-    folder: Path, held: Mapping[str, float], data: Mapping[str, Any]
+    folder: Path,
+    held: Mapping[str, float],
+    data: Mapping[str, Any],
 ) -> Problem:
     """The problem of a folder's problem.toml, whose content is ``data``."""
     check_fields(data)
@@ -181,7 +193,9 @@ class _RobotParts:
 
 
 def _robot_of(
-    folder: Path, kinematics: Mapping[str, Any], held: Mapping[str, float]
+    folder: Path,
+    kinematics: Mapping[str, Any],
+    held: Mapping[str, float],
 ) -> _RobotParts:
     """The robot of a section [kinematics]: of a URDF or a DH table."""
     x, y, z = map(float, kinematics.get("gravity", STANDARD_GRAVITY))
@@ -225,7 +239,11 @@ def _with_mechanism(parts: _RobotParts, mechanism: Mapping[str, Any]) -> _RobotP
     )
 
 
-def _with_bounds_of(folder: Path, data: Mapping[str, Any], robot: Robot) -> Problem:
+def _with_bounds_of(
+    folder: Path,
+    data: Mapping[str, Any],
+    robot: Robot,
+) -> Problem:
     """The problem with its bounds, without nominal links."""
     bounds = data.get("bounds", {})
     box = open_box(robot.links)
@@ -290,7 +308,11 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
         return np.zeros((links, 10))
     com = np.minimum(problem.link_sizes[1], problem.robot.link_reach()[:, None])
     box = problem.box[:, 1:4]
-    box = np.where(np.isfinite(box), box, np.stack([-com, com], axis=2))
+    box = np.where(
+        np.isfinite(box),
+        box,
+        np.stack([-com, com], axis=2),
+    )
     size = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06)
     centre = box.mean(axis=2)
     for cone in (
@@ -299,10 +321,20 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
         centre[cone.link - 1, ~cone.along] = 0.0
     surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
     mass = np.mean(total) * surface / surface.sum()
-    mass = np.clip(mass, problem.box[:, 0, 0] + 1e-3, 0.9 * problem.box[:, 0, 1])
+    mass = np.clip(
+        mass,
+        problem.box[:, 0, 0] + 1e-3,
+        0.9 * problem.box[:, 0, 1],
+    )
     second = mass[:, None] * size**2 / 5.0
     moments = second.sum(axis=1, keepdims=True) - second
-    out = np.column_stack([mass, centre, np.zeros((links, 6))])
+    out = np.column_stack(
+        [
+            mass,
+            centre,
+            np.zeros((links, 6)),
+        ]
+    )
     out[:, [4, 6, 9]] = moments
     return inertia.standard_from_barycentric(out)
 
@@ -422,7 +454,9 @@ def load_problem(
 
 
 def _from_robot_file(
-    path: Path, file: Path, held: Mapping[str, float] | None
+    path: Path,
+    file: Path,
+    held: Mapping[str, float] | None,
 ) -> Problem:
     """The problem of a URDF or MJCF file; file : what it expands to."""
     values: dict[str, float] = {}
@@ -465,7 +499,11 @@ def lowest_masses(nominal: Array) -> Array:
         Masses [kg]; 10 g where no nominal mass is known.
     """
     least = c.DEFAULT_LINK_MASS[0]
-    return np.where(nominal > 0.0, np.minimum(least, nominal / c.FAR_MASS), least)
+    return np.where(
+        nominal > 0.0,
+        np.minimum(least, nominal / c.FAR_MASS),
+        least,
+    )
 
 
 def with_filters(problem: Problem, cutoffs: str | None) -> Problem:

@@ -73,7 +73,11 @@ class CentreOfMassCone(JsonRecord):
         """
         coefficients = np.zeros((4, 3))
         coefficients[0, 0] = self.radius
-        coefficients[1:, 0] = np.where(self.along, self.slope, 0.0)
+        coefficients[1:, 0] = np.where(
+            self.along,
+            self.slope,
+            0.0,
+        )
         coefficients[1:, 1:] = np.eye(3)[:, ~self.along]
         name = f"link {self.link}"
         return build.linear(
@@ -200,7 +204,11 @@ class Problem(Shown):
         if self.defaults is not None:
             return self.defaults
         mass = self.nominal_links[:, 0]
-        known = np.where(np.isfinite(self._centres), self._centres, 0.0)
+        known = np.where(
+            np.isfinite(self._centres),
+            self._centres,
+            0.0,
+        )
         reach = np.maximum(self.robot.link_reach(), known.max(axis=1))
         joints = [self.robot.tree[k] for k in self.robot.link_joints]
         stroke = np.array(
@@ -209,7 +217,9 @@ class Problem(Shown):
         # The given inertials' own extent: the root mean square distance of the mass
         # from the frame.
         second = np.trace(
-            inertia.pseudo_inertia(self.nominal_links)[:, :3, :3], axis1=1, axis2=2
+            inertia.pseudo_inertia(self.nominal_links)[:, :3, :3],
+            axis1=1,
+            axis2=2,
         )
         extent = np.sqrt(
             np.maximum(np.where(mass > 0.0, second, 0.0) / nonzero_or_one(mass), 0.0)
@@ -230,7 +240,9 @@ class Problem(Shown):
         if self.bodies is not None:
             return self.bodies
         return link_bodies(
-            self.robot, self.centre_boxes, np.zeros((self.robot.links, 10))
+            self.robot,
+            self.centre_boxes,
+            np.zeros((self.robot.links, 10)),
         )
 
     @property
@@ -239,7 +251,11 @@ class Problem(Shown):
         cones."""
         box = self.box[:, 1:4]
         known = self._centres
-        return np.where(np.isfinite(box), box, np.stack([-known, known], axis=2))
+        return np.where(
+            np.isfinite(box),
+            box,
+            np.stack([-known, known], axis=2),
+        )
 
     @property
     def guessed_links(self) -> NDArray[np.bool_]:
@@ -291,7 +307,11 @@ class Problem(Shown):
             For a name that is none, and for a parameter that comes twice.
         """
         chosen = self.default_effects if effects is None else effects
-        return Model(self.robot, parse_effects(chosen, self.robot), gains=self.gains)
+        return Model(
+            self.robot,
+            parse_effects(chosen, self.robot),
+            gains=self.gains,
+        )
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
         """The same robot with another mounting.
@@ -422,7 +442,12 @@ class Problem(Shown):
     def _boxed(self) -> NDArray[np.bool_]:
         """(n,) whether the bounds on centre of mass and moments alone bound the link's
         inertia."""
-        known = np.column_stack([self.box[:, [4, 6, 9], 1], self._centres])
+        known = np.column_stack(
+            [
+                self.box[:, [4, 6, 9], 1],
+                self._centres,
+            ]
+        )
         return np.asarray(np.isfinite(known).all(axis=1))
 
     @cached_property
@@ -430,18 +455,28 @@ class Problem(Shown):
         """For every feasible link: bounds on mass (n,), |c| and moments about the frame
         (n, 3)."""
         mass, radius = self.link_defaults.T[..., None]
-        mass = np.where(np.isfinite(self.box[:, :1, 1]), self.box[:, :1, 1], mass)
+        mass = np.where(
+            np.isfinite(self.box[:, :1, 1]),
+            self.box[:, :1, 1],
+            mass,
+        )
         mass = np.minimum(mass, self.total_mass[1])
         full = self._boxed[:, None]
         square = np.where(full, self._centres, 0.0) ** 2
         moments = self.box[:, [4, 6, 9], 1] + mass * (
             square.sum(axis=1, keepdims=True) - square
         )
-        com = np.where(full, self._centres, np.minimum(self._centres, radius))
+        com = np.where(
+            full,
+            self._centres,
+            np.minimum(self._centres, radius),
+        )
         return mass[:, 0], com, np.where(full, moments, mass * radius**2)
 
     def _link_constraints(
-        self, link: int, indices: NDArray[np.intp]
+        self,
+        link: int,
+        indices: NDArray[np.intp],
     ) -> list[Constraint]:
         name = f"link {link + 1}"
         box = self.box[link]
@@ -451,7 +486,15 @@ class Problem(Shown):
         out = [build.pseudo_inertia(name, indices)]
         # m >= 0 is part of the pseudo-inertia
         rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)
-        out.append(build.linear("mass", name, indices[:1], rows[None, :], constant))
+        out.append(
+            build.linear(
+                "mass",
+                name,
+                indices[:1],
+                rows[None, :],
+                constant,
+            )
+        )
         axes, ends = np.nonzero(np.isfinite(box[1:4]))
         if k := len(axes):
             signs = np.array([1.0, -1.0])[ends]
@@ -460,7 +503,11 @@ class Problem(Shown):
             coefficients[1 + axes, np.arange(k)] = signs
             out.append(
                 build.linear(
-                    "centre of mass", name, indices[:4], coefficients, np.zeros(k)
+                    "centre of mass",
+                    name,
+                    indices[:4],
+                    coefficients,
+                    np.zeros(k),
                 )
             )
         out += [
@@ -475,10 +522,21 @@ class Problem(Shown):
             coefficients[1:] = -np.eye(3)
             upper = box[[4, 6, 9], 1]
             out.append(
-                build.linear("trace", name, indices[[0, 4, 6, 9]], coefficients, upper)
+                build.linear(
+                    "trace",
+                    name,
+                    indices[[0, 4, 6, 9]],
+                    coefficients,
+                    upper,
+                )
             )
         else:
-            ball = np.diag([*np.full(3, -1.0 / self.link_defaults[link, 1] ** 2), 1.0])
+            ball = np.diag(
+                [
+                    *np.full(3, -1.0 / self.link_defaults[link, 1] ** 2),
+                    1.0,
+                ]
+            )
             out.append(
                 build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball)
             )
@@ -508,7 +566,12 @@ def open_box(links: int, mass: float | Array = 0.0) -> Array:
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:
     """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends
     left out."""
-    both = np.array([[1.0, -1.0], [-lower, upper]])
+    both = np.array(
+        [
+            [1.0, -1.0],
+            [-lower, upper],
+        ]
+    )
     signs, constants = both[:, np.isfinite(both[1])]
     return signs, constants
 
@@ -594,7 +657,11 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "total_mass": [finite(x) for x in problem.total_mass],
         "centre_of_mass_cones": [cone.to_dict() for cone in problem.cones],
         "link_defaults": [
-            {"mass": m, "radius": r} for m, r in problem.link_defaults.tolist()
+            {
+                "mass": m,
+                "radius": r,
+            }
+            for m, r in problem.link_defaults.tolist()
         ],
         "bodies": [body.to_dict() for body in problem.link_bodies],
         "nominal_links": problem.nominal_links.tolist(),
@@ -644,7 +711,14 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     drawn = data["nominal_from"]
     parse_effects(texts, robot)
     defaults = _finite(
-        "link_defaults", [[d["mass"], d["radius"]] for d in data["link_defaults"]]
+        "link_defaults",
+        [
+            [
+                d["mass"],
+                d["radius"],
+            ]
+            for d in data["link_defaults"]
+        ],
     )
     if not np.all(defaults > 0.0):
         what = "link_defaults: a mass or a radius is not above 0"

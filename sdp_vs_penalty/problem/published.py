@@ -69,7 +69,11 @@ def errata(problem: Problem) -> list[Erratum]:
 
 
 def published_cell(
-    problem: Problem, table: str, row: Mapping[str, str], column: str, corrected: bool
+    problem: Problem,
+    table: str,
+    row: Mapping[str, str],
+    column: str,
+    corrected: bool,
 ) -> str:
     """Cell of a published table, as printed or as the errata correct it.
 
@@ -119,7 +123,9 @@ def box_tables(problem: Problem) -> list[str]:
 
 
 def published_values(
-    problem: Problem, column: str, corrected: bool = True
+    problem: Problem,
+    column: str,
+    corrected: bool = True,
 ) -> dict[str, float]:
     """Published barycentric values by their printed names.
 
@@ -149,7 +155,11 @@ def published_values(
     return values
 
 
-def published_links(problem: Problem, column: str, corrected: bool = True) -> Array:
+def published_links(
+    problem: Problem,
+    column: str,
+    corrected: bool = True,
+) -> Array:
     """Standard parameters of a published column.
 
     A cell that the paper leaves empty, as its value does not matter, becomes the middle of
@@ -238,7 +248,12 @@ def published_trajectory(
     blend = float(settings["blend"])
     duration = float(settings["duration"])
     return FourierTrajectory(
-        a, b, np.array(values("q_0")), np.pi * frequency, blend, duration
+        a,
+        b,
+        np.array(values("q_0")),
+        np.pi * frequency,
+        blend,
+        duration,
     )
 
 

@@ -92,8 +92,16 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
     p = len(model.parameters)
     others = np.setdiff1d(np.arange(p), places)
     unit = np.eye(p)
-    rows = np.vstack([matrix @ unit[places], unit[others]])
-    leading = [*(int(places[k]) for k in lead), *others.tolist()]
+    rows = np.vstack(
+        [
+            matrix @ unit[places],
+            unit[others],
+        ]
+    )
+    leading = [
+        *(int(places[k]) for k in lead),
+        *others.tolist(),
+    ]
     names = []
     for row, k in zip(rows, leading, strict=True):
         is_sum = np.count_nonzero(row) > 1
@@ -176,7 +184,11 @@ def structure(
     unseen = norms <= 1e-10 * norms.max()
     unit = stacked / np.where(unseen, 1.0, norms)
     scaled = np.where(unseen, 0.0, unit) * preference
-    _, r, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
+    _, r, pivots = scipy.linalg.qr(
+        scaled,
+        mode="economic",
+        pivoting=True,
+    )
     rank = int(np.sum(np.abs(np.diagonal(r)) > 1e-9 * abs(r[0, 0])))
     if leading is None:
         leading = tuple(sorted(int(k) for k in pivots[:rank]))
@@ -224,7 +236,11 @@ def base_parameter_symbols(problem: Problem) -> dict[str, str]:
     }
 
 
-def _written_out(row: Array, names: Sequence[str], lead: int) -> str:
+def _written_out(
+    row: Array,
+    names: Sequence[str],
+    lead: int,
+) -> str:
     """A linear function (k,) of named parameters, the leading one first."""
     description = names[lead]
     for k, (value, name) in enumerate(zip(row, names, strict=True)):

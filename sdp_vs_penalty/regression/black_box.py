@@ -58,12 +58,22 @@ class BlackBox:
         return digest((self.q, self.gravity, self.mass_matrix))
 
     @classmethod
-    def of_links(cls, robot: Robot, links: ArrayLike, q: ArrayLike) -> BlackBox:
+    def of_links(
+        cls,
+        robot: Robot,
+        links: ArrayLike,
+        q: ArrayLike,
+    ) -> BlackBox:
         """The answers that links (n, 10), standard parameters, would give at q (K, n)."""
         q = np.asarray(q, float)
         zero = np.zeros_like(q)
         gravity = robot.inverse_dynamics(links, q, zero, zero)
-        return cls(q, gravity, robot.mass_matrices(links, q), ("simulated",))
+        return cls(
+            q,
+            gravity,
+            robot.mass_matrices(links, q),
+            ("simulated",),
+        )
 
 
 def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
@@ -133,7 +143,9 @@ def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
     q = arrays.get("q", np.zeros(0))
     if q.ndim != 2 or not q.size:
         raise InputError(
-            f"array q has shape {q.shape}", "give one row a configuration", path
+            f"array q has shape {q.shape}",
+            "give one row a configuration",
+            path,
         )
     shapes: dict[str, tuple[int, ...]] = {
         "q": q.shape,
@@ -205,6 +217,20 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
             for rows, values in equations
         ]
         n_rows = sum(map(len, stack))
-        factors.append(Factor(joint, 0, columns, triangular(stack), n_rows))
+        factors.append(
+            Factor(
+                joint,
+                0,
+                columns,
+                triangular(stack),
+                n_rows,
+            )
+        )
     block = (0, 0.0, 0.0)
-    return Regression(model.parameters, n, (block,), tuple(factors), oversampling=1.0)
+    return Regression(
+        model.parameters,
+        n,
+        (block,),
+        tuple(factors),
+        oversampling=1.0,
+    )

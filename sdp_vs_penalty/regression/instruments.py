@@ -94,8 +94,20 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
         both = []
         for j, x in enumerate(rows.columns):
             z = other.columns[j]
-            indices = np.concatenate([z.indices + p, [2 * p], x.indices])
-            columns = np.column_stack([z.columns, other.torque[:, j], x.columns])
+            indices = np.concatenate(
+                [
+                    z.indices + p,
+                    [2 * p],
+                    x.indices,
+                ]
+            )
+            columns = np.column_stack(
+                [
+                    z.columns,
+                    other.torque[:, j],
+                    x.columns,
+                ]
+            )
             both.append(JointColumns(indices, columns))
         yield replace(rows, columns=both)
 
@@ -136,7 +148,11 @@ def instrumented(
     return out
 
 
-def _residuals(model: Model, parts: Sequence[Instrumented], theta: Array) -> Array:
+def _residuals(
+    model: Model,
+    parts: Sequence[Instrumented],
+    theta: Array,
+) -> Array:
     """(n,) squares of what theta leaves of each joint's torque."""
     out = np.zeros(model.robot.n)
     for joint, indices, _, X in parts:
@@ -145,7 +161,11 @@ def _residuals(model: Model, parts: Sequence[Instrumented], theta: Array) -> Arr
     return out
 
 
-def _instruments_of(part: Instrumented, model: Model, theta: Array | None) -> Array:
+def _instruments_of(
+    part: Instrumented,
+    model: Model,
+    theta: Array | None,
+) -> Array:
     """(r, k) Z, with the errors that the model of theta makes in place of the
     servo's."""
     joint, indices, both, _ = part

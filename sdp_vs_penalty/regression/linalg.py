@@ -52,7 +52,11 @@ def _unit_columns(A: Array) -> tuple[Array, NDArray[np.intp], Array]:
     return A[:, nonzero] / norms[nonzero], nonzero, norms[nonzero]
 
 
-def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
+def min_norm_lstsq(
+    A: Array,
+    b: Array,
+    near: Array | float = 0.0,
+) -> Array:
     """The theta nearest to ``near`` that minimises |A theta - b|: moved in the
     directions that A shows, columns at unit norm.
 
@@ -75,7 +79,10 @@ def min_norm_lstsq(A: Array, b: Array, near: Array | float = 0.0) -> Array:
     if len(nonzero):
         # A complete orthogonal factorisation: a third of the time of singular values.
         move, *_ = scipy.linalg.lstsq(
-            unit, b - A @ theta, cond=UNSEEN, lapack_driver="gelsy"
+            unit,
+            b - A @ theta,
+            cond=UNSEEN,
+            lapack_driver="gelsy",
         )
         theta[nonzero] += move / norms
     return theta
@@ -96,7 +103,11 @@ def deviations(A: Array) -> Array:
     """
     U, V = column_space(A)
     known = np.einsum("kr,rk->k", V, U.T @ A) > 1.0 - 1e-6
-    return np.where(known, np.linalg.norm(V, axis=1), np.inf)
+    return np.where(
+        known,
+        np.linalg.norm(V, axis=1),
+        np.inf,
+    )
 
 
 def span(A: Array) -> Array:
@@ -116,7 +127,12 @@ def span(A: Array) -> Array:
     unit, nonzero, _ = _unit_columns(A)
     if not len(nonzero):
         return np.zeros((len(A), 0))
-    q, r, _ = scipy.linalg.qr(unit, mode="economic", pivoting=True, check_finite=False)
+    q, r, _ = scipy.linalg.qr(
+        unit,
+        mode="economic",
+        pivoting=True,
+        check_finite=False,
+    )
     size = np.abs(np.diagonal(r))
     rank = int(np.sum(size > UNSEEN * size[0]))
     return np.asarray(q[:, :rank])

@@ -66,7 +66,10 @@ class LeastSquares:
 
     @classmethod
     def stacked(
-        cls, stack: Sequence[Array], rows: int, tau_squared: float | None = None
+        cls,
+        stack: Sequence[Array],
+        rows: int,
+        tau_squared: float | None = None,
     ) -> LeastSquares:
         """Compress stacked rows to one triangle.
 
@@ -132,7 +135,12 @@ class LeastSquares:
         """
         return max(self.loss(theta), 1e-12 * self.tau_squared)
 
-    def gap(self, upper: float, lower: float, theta: ArrayLike) -> float:
+    def gap(
+        self,
+        upper: float,
+        lower: float,
+        theta: ArrayLike,
+    ) -> float:
         """Relative distance of an objective from its lower bound.
 
         Parameters
@@ -189,7 +197,10 @@ class LeastSquares:
         return self.with_observations(rows, np.zeros(len(rows)), weight)
 
     def with_observations(
-        self, rows: Array, values: Array, weight: float
+        self,
+        rows: Array,
+        values: Array,
+        weight: float,
     ) -> LeastSquares:
         """The data with observations of linear functions of the parameters.
 
@@ -354,7 +365,13 @@ class Regression:
     def per_joint(self) -> tuple[Factor, ...]:
         """All blocks of each joint merged into one factor (n,)."""
         merged = []
-        empty = Factor(0, 0, np.arange(0), np.zeros((0, 1)), 0)
+        empty = Factor(
+            0,
+            0,
+            np.arange(0),
+            np.zeros((0, 1)),
+            0,
+        )
         for joint in range(self.joints):
             parts = [factor for factor in self.factors if factor.joint == joint]
             parts = parts or [empty]
@@ -415,7 +432,12 @@ class Regression:
             rows = np.zeros((len(stacks), longest, stacks[0].shape[1]))
             for place, stack in zip(rows, stacks, strict=True):
                 place[: len(stack)] = stack
-            yield BlocksOfJoint(joint, factors[0].indices, np.array(list(parts)), rows)
+            yield BlocksOfJoint(
+                joint,
+                factors[0].indices,
+                np.array(list(parts)),
+                rows,
+            )
 
     def joint_losses(self, theta: ArrayLike) -> Array:
         """Squared torque error of each joint.
@@ -474,7 +496,10 @@ def _folded(rows: Array) -> Array:
 
 
 def compress(
-    runs: FilteredRuns, model: Model, blocks_per_run: int = 20, workers: Workers = ALONE
+    runs: FilteredRuns,
+    model: Model,
+    blocks_per_run: int = 20,
+    workers: Workers = ALONE,
 ) -> Regression:
     """Reduce runs to factors; memory does not grow with their length.
 
@@ -522,7 +547,11 @@ class _TimeBlocks:
             for a, b in pairwise(edges.tolist())
         ]
 
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]:
+    def cell(
+        self,
+        run: int,
+        t: Array,
+    ) -> NDArray[np.intp]:
         """The blocks of a run's instants.
 
         Parameters
@@ -549,11 +578,18 @@ class Cells(Protocol):
     @property
     def places(self) -> Sequence[TimeBlock]: ...
 
-    def cell(self, run: int, t: Array) -> NDArray[np.intp]: ...
+    def cell(
+        self,
+        run: int,
+        t: Array,
+    ) -> NDArray[np.intp]: ...
 
 
 def compress_cells(
-    runs: FilteredRuns, model: Model, folds: Cells, workers: Workers = ALONE
+    runs: FilteredRuns,
+    model: Model,
+    folds: Cells,
+    workers: Workers = ALONE,
 ) -> Regression:
     """Reduce runs to factors with one block for each cell, whichever runs and periods
     show it.
@@ -597,12 +633,20 @@ def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
     out = []
     rows_by_factor = instrumented(model, parts)
     for factor, (indices, rows) in zip(factors, rows_by_factor, strict=True):
-        out.append(replace(factor, indices=indices, triangle=_folded(rows)))
+        out.append(
+            replace(
+                factor,
+                indices=indices,
+                triangle=_folded(rows),
+            )
+        )
     return out
 
 
 def _cells_of_run(
-    numbered: tuple[int, FilteredRun], model: Model, folds: Cells
+    numbered: tuple[int, FilteredRun],
+    model: Model,
+    folds: Cells,
 ) -> tuple[list[Factor], float]:
     """One run's factors by cell, and its independent samples."""
     index, run = numbered
@@ -618,18 +662,31 @@ def _cells_of_run(
 
 
 def _take(
-    cells: dict[tuple[int, int], Factor], rows: Rows, owner: NDArray[np.intp]
+    cells: dict[tuple[int, int], Factor],
+    rows: Rows,
+    owner: NDArray[np.intp],
 ) -> None:
     """Add rows to factors by block and joint, each to the block that ``owner`` (M,)
     says."""
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
-        both = np.column_stack([columns.columns, rows.torque[:, joint]])
+        both = np.column_stack(
+            [
+                columns.columns,
+                rows.torque[:, joint],
+            ]
+        )
         both = both.take(order, axis=0)
         pieces = np.split(both, begin[1:])
         for block, piece in zip(blocks.tolist(), pieces, strict=True):
-            empty = Factor(joint, block, columns.indices, both[:0], 0)
+            empty = Factor(
+                joint,
+                block,
+                columns.indices,
+                both[:0],
+                0,
+            )
             old = cells.get((block, joint), empty)
             folded = _folded(np.vstack([old.triangle, piece]))
             n_rows = old.rows + len(piece)

@@ -30,7 +30,13 @@ def link_ellipsoid(link: Array) -> Array | None:
         return None
     half, axes, com = body
     u, v = np.meshgrid(np.linspace(0.0, np.pi, 14), np.linspace(0.0, 2.0 * np.pi, 28))
-    ball = np.stack([np.sin(u) * np.cos(v), np.sin(u) * np.sin(v), np.cos(u)])
+    ball = np.stack(
+        [
+            np.sin(u) * np.cos(v),
+            np.sin(u) * np.sin(v),
+            np.cos(u),
+        ]
+    )
     ball = ball.reshape(3, -1)
     return np.asarray(axes @ (half[:, None] * (axes.T @ ball)) + com[:, None], float)
 
@@ -85,11 +91,27 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
         if body is None:
             continue
         half, axes, com = body
-        at = np.block([[axes, com[:, None]], [np.zeros(3), np.ones(1)]])
+        at = np.block(
+            [
+                [axes, com[:, None]],
+                [np.zeros(3), np.ones(1)],
+            ]
+        )
         place = robot.tree[joint].link_frame @ at
-        bodies.append({"link": k, "joint": joint, "half": half, "place": place})
+        bodies.append(
+            {
+                "link": k,
+                "joint": joint,
+                "half": half,
+                "place": place,
+            }
+        )
     joints = [
-        {"parent": j.parent, "at": j.placement[:3, 3], "axis": j.axis}
+        {
+            "parent": j.parent,
+            "at": j.placement[:3, 3],
+            "axis": j.axis,
+        }
         for j in robot.tree
     ]
     return {"bodies": bodies, "joints": joints}

@@ -55,7 +55,12 @@ class Figure:
     rows share one time axis.
     """
 
-    def __init__(self, columns: int = 1, rows: int = 1, gap: float = 0.12) -> None:
+    def __init__(
+        self,
+        columns: int = 1,
+        rows: int = 1,
+        gap: float = 0.12,
+    ) -> None:
         self.data = list[dict[str, Any]]()
         grid = {
             "rows": rows,
@@ -67,10 +72,18 @@ class Figure:
         self.layout: dict[str, Any] = {"grid": grid} if rows * columns > 1 else {}
         for k in range(rows - 1):
             self.update_axes(
-                "x", k, matches=f"x{_number(rows - 1)}", showticklabels=False
+                "x",
+                k,
+                matches=f"x{_number(rows - 1)}",
+                showticklabels=False,
             )
 
-    def add(self, kind: str, panel: int = 0, **properties: Any) -> Figure:
+    def add(
+        self,
+        kind: str,
+        panel: int = 0,
+        **properties: Any,
+    ) -> Figure:
         """Add a trace to a panel.
 
         Parameters
@@ -96,7 +109,11 @@ class Figure:
         return self
 
     def add_band(
-        self, x: ArrayLike, low: ArrayLike, high: ArrayLike, panel: int = 0
+        self,
+        x: ArrayLike,
+        low: ArrayLike,
+        high: ArrayLike,
+        panel: int = 0,
     ) -> Figure:
         """Add a grey band between two curves.
 
@@ -122,7 +139,12 @@ class Figure:
         }
         fill = {"fill": "tonexty", "fillcolor": "rgba(128,128,128,0.3)"}
         return self.add("scatter", panel, x=x, y=high, **edge).add(
-            "scatter", panel, x=x, y=low, **fill, **edge
+            "scatter",
+            panel,
+            x=x,
+            y=low,
+            **fill,
+            **edge,
         )
 
     def update_layout(self, **changes: Any) -> Figure:
@@ -141,7 +163,12 @@ class Figure:
         self.layout = _merged(self.layout, changes)
         return self
 
-    def update_axes(self, letter: str, panel: int = 0, **changes: Any) -> Figure:
+    def update_axes(
+        self,
+        letter: str,
+        panel: int = 0,
+        **changes: Any,
+    ) -> Figure:
         """Change one axis of a panel.
 
         Parameters
@@ -202,7 +229,11 @@ class Curves:
     modelled: Mapping[str, Array]
 
 
-def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, Array]:
+def envelope(
+    x: ArrayLike,
+    y: ArrayLike,
+    points: int = POINTS,
+) -> tuple[Array, Array]:
     """Thin a curve out for drawing: the lowest and the highest point of each stretch.
 
     Drawn at that many pixels, the thinned curve looks like the full one; every peak stays.
@@ -230,7 +261,12 @@ def envelope(x: ArrayLike, y: ArrayLike, points: int = POINTS) -> tuple[Array, A
         return x, y
     length = -(-2 * len(y) // points)
     stretches = np.pad(y, (0, -len(y) % length), "edge").reshape(-1, length)
-    ends = np.stack([stretches.argmin(axis=1), stretches.argmax(axis=1)])
+    ends = np.stack(
+        [
+            stretches.argmin(axis=1),
+            stretches.argmax(axis=1),
+        ]
+    )
     keep = np.unique(ends + length * np.arange(len(stretches)))
     return x[keep], y[keep]
 
@@ -273,7 +309,10 @@ def model_colour(k: int, n_models: int) -> str:
 
 
 def torque_figure(
-    runs: Sequence[Curves], joint: int, unit: str, side_by_side: bool = True
+    runs: Sequence[Curves],
+    joint: int,
+    unit: str,
+    side_by_side: bool = True,
 ) -> Figure:
     """Measured and modelled torque of a joint over time, and the residuals.
 
@@ -296,7 +335,12 @@ def torque_figure(
     plot = Figure(columns=2, gap=0.16) if side_by_side else Figure(rows=2)
 
     def curve(
-        t: Array, values: Array, name: str, colour: str, shown: bool, panel: int = 0
+        t: Array,
+        values: Array,
+        name: str,
+        colour: str,
+        shown: bool,
+        panel: int = 0,
     ) -> None:
         x, y = envelope(t, values)
         look = {"line": {"color": colour, "width": 2.0 if colour == MEASURED else 1.2}}
@@ -326,7 +370,12 @@ def torque_figure(
     return plot.update_axes("y", 1, title=f"error [{plain_unit(unit)}]")
 
 
-def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> Figure:
+def band_figure(
+    x: ArrayLike,
+    y: ArrayLike,
+    low: ArrayLike,
+    high: ArrayLike,
+) -> Figure:
     """A curve with a band around it.
 
     Parameters
@@ -345,12 +394,20 @@ def band_figure(x: ArrayLike, y: ArrayLike, low: ArrayLike, high: ArrayLike) -> 
     return (
         Figure()
         .add_band(x, low, high)
-        .add("scatter", x=x, y=y, line=line, showlegend=False)
+        .add(
+            "scatter",
+            x=x,
+            y=y,
+            line=line,
+            showlegend=False,
+        )
     )
 
 
 def missing_figure(
-    curve: Curve, units: Sequence[str], motions: Sequence[Motion] = ()
+    curve: Curve,
+    units: Sequence[str],
+    motions: Sequence[Motion] = (),
 ) -> Figure:
     """A measured curve of missing torque with its 95 % band, and where the measurements lie.
 
@@ -388,7 +445,12 @@ def missing_figure(
 
 def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
     """A curve over one variable with its band, and a histogram of the measurements."""
-    plot = band_figure(curve.x, curve.torque, curve.lower, curve.upper)
+    plot = band_figure(
+        curve.x,
+        curve.torque,
+        curve.lower,
+        curve.upper,
+    )
     for x in rows:
         plot.add(
             "histogram",
@@ -403,7 +465,11 @@ def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
     return plot.update_layout(yaxis2=axis)
 
 
-def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
+def _curve_over_two(
+    curve: Curve,
+    rows: Sequence[Array],
+    unit: str,
+) -> Figure:
     """A curve over two variables as coloured squares, and the measurements as dots.
 
     The band is shown where the mouse points.
@@ -429,7 +495,12 @@ def _curve_over_two(curve: Curve, rows: Sequence[Array], unit: str) -> Figure:
     if rows:
         dots = {"size": 2, "color": MEASURED}
         plot.add(
-            "scatter", x=rows[0], y=rows[1], mode="markers", marker=dots, name="rows"
+            "scatter",
+            x=rows[0],
+            y=rows[1],
+            mode="markers",
+            marker=dots,
+            name="rows",
         )
     return plot
 
@@ -471,7 +542,10 @@ class CauseAxis:
 
 
 def cause_axis(
-    signals: Signals, joint: int, cause: str, position_unit: str
+    signals: Signals,
+    joint: int,
+    cause: str,
+    position_unit: str,
 ) -> CauseAxis:
     """Abscissa that shows how a joint's error depends on a cause.
 
@@ -502,7 +576,11 @@ def cause_axis(
         return CauseAxis(signals.q[:, j], ones, f"position [{position_unit}]")
     if cause == BY_DIRECTION:
         label = f"position [{position_unit}]; errors in the direction of motion"
-        return CauseAxis(signals.q[:, j], np.sign(signals.dq[:, j]), label)
+        return CauseAxis(
+            signals.q[:, j],
+            np.sign(signals.dq[:, j]),
+            label,
+        )
     if cause in (WAVES, TURN):
         turn = signals.q[:, j] % (2.0 * np.pi)
         return CauseAxis(turn, ones, "angle within a turn [rad]")
@@ -626,7 +704,14 @@ def cause_figure(
         )
         centres, means = mean_curve(x, y)
         line = {"color": colour, "width": 2.5}
-        plot.add("scatter", x=centres, y=means, mode="lines", line=line, **group)
+        plot.add(
+            "scatter",
+            x=centres,
+            y=means,
+            mode="lines",
+            line=line,
+            **group,
+        )
 
     if len(x):
         has_after = after is not None
@@ -638,7 +723,14 @@ def cause_figure(
             centres, means = mean_curve(x, added[inside])
             line = {"color": ADDED, "width": 2, "dash": "dash"}
             name = "modelled by what was added"
-            plot.add("scatter", x=centres, y=means, mode="lines", line=line, name=name)
+            plot.add(
+                "scatter",
+                x=centres,
+                y=means,
+                mode="lines",
+                line=line,
+                name=name,
+            )
     if floor is not None and floor[j]:
         plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
     plot.update_axes("x", title=axis.label)
@@ -675,7 +767,11 @@ def noise_band(floor: float) -> dict[str, Any]:
 
 
 def friction_figure(
-    velocity: ArrayLike, torque: ArrayLike, half: ArrayLike, joint: int, unit: str
+    velocity: ArrayLike,
+    torque: ArrayLike,
+    half: ArrayLike,
+    joint: int,
+    unit: str,
 ) -> Any:
     """Friction torque of a joint over its velocity, with its 95 % band.
 
@@ -698,7 +794,10 @@ def friction_figure(
         One panel.
     """
     plot = band_figure(
-        velocity, torque, np.subtract(torque, half), np.add(torque, half)
+        velocity,
+        torque,
+        np.subtract(torque, half),
+        np.add(torque, half),
     )
     speed = "m/s" if unit == "N" else "rad/s"
     plot.update_axes("x", title=f"velocity [{speed}]")

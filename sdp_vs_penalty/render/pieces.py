@@ -31,7 +31,13 @@ _COLOURS = (
     " #B5651D #7F9F2F #4B6F9E #C25B8A #888888"
 )
 #: Of each cause the colour of its stretches; the last is for those without one.
-SHADES = dict(zip((*CAUSES, "no cause seen"), _COLOURS.split(), strict=True))
+SHADES = dict(
+    zip(
+        (*CAUSES, "no cause seen"),
+        _COLOURS.split(),
+        strict=True,
+    )
+)
 #: Errors that differ more than so many times from joint to joint stand on a logarithmic
 #: scale.
 _DWARFED = 8.0
@@ -140,7 +146,13 @@ def bars(
     numbers = joints or range(1, len(old_errors) + 1)
     rows = []
     for j, number_of_joint in enumerate(numbers):
-        row = _bar(old_errors[j], new_errors[j], scale, after is not None, is_known)
+        row = _bar(
+            old_errors[j],
+            new_errors[j],
+            scale,
+            after is not None,
+            is_known,
+        )
         row |= {"name": f"joint {number_of_joint}", "number": j + 1}
         row |= {"is_chosen": j == chosen}
         if not is_known:
@@ -156,7 +168,11 @@ def bars(
 
 
 def _bar(
-    old: float, new: float, scale: _Scale, has_change: bool, is_known: bool
+    old: float,
+    new: float,
+    scale: _Scale,
+    has_change: bool,
+    is_known: bool,
 ) -> dict[str, Any]:
     """The shapes of one joint's bar and the numbers beside it."""
     sizes = {"before": old, "after": new} if has_change else {"alone": new}
@@ -164,7 +180,12 @@ def _bar(
         sizes["noise"] = 1.0
     shapes = {kind: scale.place(size) for kind, size in sizes.items()}
     if not has_change:
-        return {"shapes": shapes, "value": number(new), "change": "", "kind": ""}
+        return {
+            "shapes": shapes,
+            "value": number(new),
+            "change": "",
+            "kind": "",
+        }
     return {
         "shapes": shapes,
         "value": f"{number(old)} → {number(new)}",
@@ -173,7 +194,12 @@ def _bar(
     }
 
 
-def _caption_of_bars(what: str, scale: _Scale, is_known: bool, has_change: bool) -> str:
+def _caption_of_bars(
+    what: str,
+    scale: _Scale,
+    is_known: bool,
+    has_change: bool,
+) -> str:
     caption = f"{what} of each joint, RMS; noise floor unknown"
     if is_known:
         caption = f"{what} of each joint, in multiples of its noise (grey band)"
@@ -348,7 +374,10 @@ def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]
 
 
 def figure(
-    plot: Figure, caption: str = "", height: int = 215, group: str = ""
+    plot: Figure,
+    caption: str = "",
+    height: int = 215,
+    group: str = "",
 ) -> Markup:
     """Embed a figure as data, which the page's script draws when it comes into view.
 

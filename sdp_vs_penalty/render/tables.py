@@ -54,7 +54,10 @@ def judged_cells(compared: Comparison) -> list[str]:
 
 
 def judged_table(
-    rows: Sequence[Sequence[str]], what: str = "model", title: str = "", more: str = ""
+    rows: Sequence[Sequence[str]],
+    what: str = "model",
+    title: str = "",
+    more: str = "",
 ) -> Table:
     """Table of models that were judged on the same runs.
 
@@ -74,7 +77,11 @@ def judged_table(
     Table
         A row a model.
     """
-    heads = [what, *JUDGED_HEADS, *([more] if more else [])]
+    heads = [
+        what,
+        *JUDGED_HEADS,
+        *([more] if more else []),
+    ]
     return Table(heads, rows, title=title, words=JUDGED_WORDS, style=f"judged {what}s")
 
 
@@ -114,7 +121,14 @@ def error_table(
         change = f"{r2[j]:.4f}" if len(r2) else change_of(of_joint[0], of_joint[-1])
         known = number(None if floor is None else floor[j])
         name = f"{j + 1} [{plain_unit(unit)}]"
-        rows.append([name, *map(number, of_joint), change, known])
+        rows.append(
+            [
+                name,
+                *map(number, of_joint),
+                change,
+                known,
+            ]
+        )
     last = "R2" if len(r2) else "change"
     heads = ["joint", *names, last, "noise floor"]
     return Table(heads, rows, title=title, style="numbers history")
@@ -143,7 +157,9 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
         " data left out, of what a refit would leave"
     )
     return Table(
-        ["", *joints], [[name, *cells] for name, cells in rows.items()], title=title
+        ["", *joints],
+        [[name, *cells] for name, cells in rows.items()],
+        title=title,
     )
 
 
@@ -192,7 +208,9 @@ PARAMETER_HEADS = (
 
 
 def parameter_cells(
-    interval: Interval, source: str = "", nominal: float | None = None
+    interval: Interval,
+    source: str = "",
+    nominal: float | None = None,
 ) -> tuple[str, ...]:
     """Cells of one parameter in a table of parameters.
 
@@ -254,7 +272,10 @@ def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
         A row a parameter.
     """
     columns = zip(
-        estimate.uncertainty.standard, estimate.sources, estimate.nominal, strict=True
+        estimate.uncertainty.standard,
+        estimate.sources,
+        estimate.nominal,
+        strict=True,
     )
     return [
         parameter_cells(interval, source, finite(nominal))
@@ -301,10 +322,19 @@ def certificate_table(models: Mapping[str, Estimate]) -> Table:
     summaries = [dict(model.certificate.summary()) for model in models.values()]
     names = dict.fromkeys(name for summary in summaries for name in summary)
     rows = [
-        [name, *(summary.get(name, "-") for summary in summaries)] for name in names
+        [
+            name,
+            *(summary.get(name, "-") for summary in summaries),
+        ]
+        for name in names
     ]
     heads = ["figure", *models]
-    return Table(heads, rows, words=range(len(heads)), style="wraps")
+    return Table(
+        heads,
+        rows,
+        words=range(len(heads)),
+        style="wraps",
+    )
 
 
 def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Table:
@@ -326,4 +356,9 @@ def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Tabl
         (name, number(value, 4), spread, plain_unit(unit))
         for name, value, spread, unit in gains
     ]
-    return Table(("gain", "value", "± (95 %)", "unit"), rows, title=title, words=(0, 3))
+    return Table(
+        ("gain", "value", "± (95 %)", "unit"),
+        rows,
+        title=title,
+        words=(0, 3),
+    )

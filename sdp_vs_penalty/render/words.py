@@ -169,7 +169,9 @@ class DiagnosisWords:
 
 
 def describe_diagnosis(
-    diagnosis: Diagnosis, units: Sequence[str], model: str = "model.json"
+    diagnosis: Diagnosis,
+    units: Sequence[str],
+    model: str = "model.json",
 ) -> DiagnosisWords:
     """Every sentence about a diagnosis; units : of the joints' torques; model : the
     file that was diagnosed."""
@@ -199,7 +201,9 @@ def describe_diagnosis(
 
 
 def finding_table(
-    diagnosis: Diagnosis, shown: Sequence[Finding], units: Sequence[str]
+    diagnosis: Diagnosis,
+    shown: Sequence[Finding],
+    units: Sequence[str],
 ) -> Table:
     """Error of each joint on data left out: a row a step, from the model to all findings
     that are shown, then the noise floor."""
@@ -319,7 +323,12 @@ def describe_failure(failure: JointFailure, unit: str) -> str:
     return " ".join(sentences(failure, unit))
 
 
-def picture_title(before: Comparison, after: Comparison, joint: int, cause: str) -> str:
+def picture_title(
+    before: Comparison,
+    after: Comparison,
+    joint: int,
+    cause: str,
+) -> str:
     """The caption of the picture of a joint's error against its cause."""
     against = "time" if cause == UNNAMED else cause
     text = f"Error of joint {joint} against {against}"

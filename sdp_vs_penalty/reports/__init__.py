@@ -88,7 +88,9 @@ def report(
     all_runs = None
     if noise_from is not None:
         all_runs = as_measurements(
-            noise_from, names=names, what="report(noise_from=...)"
+            noise_from,
+            names=names,
+            what="report(noise_from=...)",
         )
     diagnosis = (
         load_diagnosis(findings) if isinstance(findings, str | Path) else findings
@@ -104,14 +106,21 @@ def report(
     steps = None if forward else 100  # of the free runs together: a fifth of a second
     try:
         forward_result: Following | str = follow(
-            last, runs, drive=drive, steps=steps, progress=progress
+            last,
+            runs,
+            drive=drive,
+            steps=steps,
+            progress=progress,
         )
     except InputError as error:
         forward_result = str(error)
     progress("looking where it fails")
     failures = {
         name: where_it_fails(
-            named[name], runs, filtered.settings, noise=comparisons[0].noise
+            named[name],
+            runs,
+            filtered.settings,
+            noise=comparisons[0].noise,
         )
         for name in dict.fromkeys((comparisons[0].name, comparisons[-1].name))
     }
@@ -194,5 +203,7 @@ def check_name(out: Path) -> None:
     """InputError for a file to write that is no HTML file."""
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(
-            "the report is an HTML file", "choose a name that ends in .html", out
+            "the report is an HTML file",
+            "choose a name that ends in .html",
+            out,
         )

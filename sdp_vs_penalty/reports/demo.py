@@ -50,7 +50,9 @@ class Demo:
 
 
 def demo(
-    folder: str | Path, seed: int = SEED, progress: Progress = no_progress
+    folder: str | Path,
+    seed: int = SEED,
+    progress: Progress = no_progress,
 ) -> Demo:
     """Simulate, identify by three methods, look where the model fails, diagnose, add;
     all in ``folder``.
@@ -64,7 +66,11 @@ def demo(
     problem = load_problem(ARM)
     progress("simulating three runs")
     hidden_result = hidden_runs(
-        problem, [(HIDDEN, [problem.robot.n - 1])], LEVEL, seed, count=len(RUNS)
+        problem,
+        [(HIDDEN, [problem.robot.n - 1])],
+        LEVEL,
+        seed,
+        count=len(RUNS),
     )
     for name, run in zip(RUNS, hidden_result.runs, strict=True):
         save(run, folder / name)
@@ -91,7 +97,12 @@ def demo(
         ("better", better, after),
     ):
         estimate.provenance["verdict"] = judged.verdict.to_dict()
-        estimate.provenance.update({"data": list(RUNS[:-1]), "checked": True})
+        estimate.provenance.update(
+            {
+                "data": list(RUNS[:-1]),
+                "checked": True,
+            }
+        )
         estimate.save(folder / f"{name}.json")
     progress("writing the report")
     named = {"before": model, "after": better}

@@ -182,7 +182,9 @@ def verdict(data: ReportData) -> Context:
         "change": change,
         "all_changes": "" if is_alone else words.describe_change(first, last),
         "picture": pieces.figure(
-            picture, words.picture_title(first, last, joint, cause), 300
+            picture,
+            words.picture_title(first, last, joint, cause),
+            300,
         ),
         "bars": pieces.bars(
             first.rmse,
@@ -216,7 +218,12 @@ def torques(data: ReportData) -> Context:
     for j, unit in enumerate(data.units):
         plot = charts.torque_figure(runs, j, unit)
         for t, half in bands:  # around a zero error, beside the errors
-            plot.add_band(t, -half[:, j], half[:, j], 1)
+            plot.add_band(
+                t,
+                -half[:, j],
+                half[:, j],
+                1,
+            )
         stretches = _stretches(data, failing, j, moved)
         plot.update_layout(shapes=pieces.shades(stretches))
         plot.update_axes("x", 1, matches="x")
@@ -239,7 +246,10 @@ def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curv
 
 
 def _stretches(
-    data: ReportData, failing: Failures, j: int, moved: Sequence[float]
+    data: ReportData,
+    failing: Failures,
+    j: int,
+    moved: Sequence[float],
 ) -> list[tuple[float, float, str]]:
     """Where joint j (from 0) fails, on the figures' axis, and the cause."""
     placed = []
@@ -314,7 +324,11 @@ def _motion_figures(following: Following, name: str) -> list[Any]:
     """Measured and simulated position of each joint, run after run."""
     moved = charts.shifts([free.simulated.t for free in following.free])
     runs = [
-        charts.Curves(free.simulated.t + shift, free.measured, {name: free.simulated.q})
+        charts.Curves(
+            free.simulated.t + shift,
+            free.measured,
+            {name: free.simulated.q},
+        )
         for free, shift in zip(following.free, moved, strict=True)
     ]
     return [
@@ -343,7 +357,10 @@ def failures(data: ReportData) -> Context:
         for f, unit in zip(last, data.units, strict=True)
     ]
     heads = ("joint", f"where {data.name} errs", "error", "noise floor")
-    return {"maps": maps, "table": pieces.framed(Table(heads, lines, words=(0, 1)))}
+    return {
+        "maps": maps,
+        "table": pieces.framed(Table(heads, lines, words=(0, 1))),
+    }
 
 
 def findings(data: ReportData) -> Context:
@@ -437,7 +454,11 @@ def friction(data: ReportData) -> Context:
     return {"figures": figures}
 
 
-def _picture(robot: Robot, links: Array, poses: Array) -> charts.Figure:
+def _picture(
+    robot: Robot,
+    links: Array,
+    poses: Array,
+) -> charts.Figure:
     """The skeleton and an ellipsoid a link."""
     plot = charts.Figure()
     link_of = {carrier: place for place, carrier in enumerate(robot.link_joints)}
@@ -477,7 +498,12 @@ def _picture(robot: Robot, links: Array, poses: Array) -> charts.Figure:
 def _scene(poses: Array) -> dict[str, Any]:
     """Axes as large as the arm: an ellipsoid that leaves them belongs to a link whose
     mass and inertia are not those of one body of that size."""
-    joints = np.array([np.zeros(3), *(pose[:3, 3] for pose in poses)])
+    joints = np.array(
+        [
+            np.zeros(3),
+            *(pose[:3, 3] for pose in poses),
+        ]
+    )
     room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
     low = (joints.min(axis=0) - room).tolist()
     high = (joints.max(axis=0) + room).tolist()

@@ -74,7 +74,11 @@ class FactMethod(Generic[T]):
     """A property of a record that is one of its facts."""
 
     def __init__(
-        self, method: Callable[[Any], T], unit: str, digits: int, name: str
+        self,
+        method: Callable[[Any], T],
+        unit: str,
+        digits: int,
+        name: str,
     ) -> None:
         self.method = method
         self.unit = unit
@@ -86,7 +90,11 @@ class FactMethod(Generic[T]):
     def __get__(self, record: None, owner: type) -> Self: ...
     @overload
     def __get__(self, record: object, owner: type) -> T: ...
-    def __get__(self, record: object | None, owner: type) -> Self | T:
+    def __get__(
+        self,
+        record: object | None,
+        owner: type,
+    ) -> Self | T:
         return self if record is None else self.method(record)
 
     def of(self, record: object) -> Fact:
@@ -102,7 +110,9 @@ class FactMethod(Generic[T]):
 
 
 def fact(
-    unit: str = "", digits: int = 3, name: str = ""
+    unit: str = "",
+    digits: int = 3,
+    name: str = "",
 ) -> Callable[[Callable[[Any], T]], FactMethod[T]]:
     """Decorates the one method that computes a fact; its docstring is the definition.
 

@@ -109,7 +109,11 @@ class Table:
         from rich.markup import escape
         from rich.table import Table as Grid
 
-        grid = Grid(box=box.SIMPLE_HEAD, show_edge=False, padding=(0, 1, 0, 0))
+        grid = Grid(
+            box=box.SIMPLE_HEAD,
+            show_edge=False,
+            padding=(0, 1, 0, 0),
+        )
         for k, column in enumerate(self.columns()):
             is_number = self.numeric()[k]
             heading = _in_lines(printable(self.headings[k]))
@@ -171,7 +175,10 @@ class Table:
             groups[-1].append(k)
             used += needed
         blocks = [self._with_columns(columns) for columns in groups] or [self]
-        return [blocks[0], *(replace(block, title="") for block in blocks[1:])]
+        return [
+            blocks[0],
+            *(replace(block, title="") for block in blocks[1:]),
+        ]
 
     def _with_columns(self, columns: Sequence[int]) -> Table:
         """The same table with some of its columns."""
@@ -222,7 +229,10 @@ class Table:
             "table.html",
             headings=self.headings,
             rows=[
-                {"style": style, "cells": list(zip(row, numeric, strict=True))}
+                {
+                    "style": style,
+                    "cells": list(zip(row, numeric, strict=True)),
+                }
                 for row, style in zip(rows, classes, strict=True)
             ],
             numeric=numeric,
@@ -308,7 +318,9 @@ def is_numeric(cells: Sequence[str]) -> bool:
 
 
 def markdown_lines(
-    headings: Sequence[str], rows: Iterable[Sequence[str]], sides: Sequence[str] = ()
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    sides: Sequence[str] = (),
 ) -> list[str]:
     """The lines of a table in Markdown; sides : "---:" of a column that stands right."""
     marks = sides or ["---"] * len(headings)

@@ -50,7 +50,12 @@ class Body(JsonRecord):
         axes."""
         d = (self.axes / self.half_axes**2) @ self.axes.T
         row = (d @ self.centre)[:, None]
-        return np.block([[-d, row], [row.T, 1.0 - self.centre @ row]])
+        return np.block(
+            [
+                [-d, row],
+                [row.T, 1.0 - self.centre @ row],
+            ]
+        )
 
     @property
     def reach(self) -> float:
@@ -103,7 +108,11 @@ def around(
     half_axes = np.maximum(half_axes, 1e-3 * half_axes.max())
     outside = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
     return Body(
-        centre, margin * max(outside, 1.0) * half_axes + layer, axes, source, volume
+        centre,
+        margin * max(outside, 1.0) * half_axes + layer,
+        axes,
+        source,
+        volume,
     )
 
 
@@ -113,7 +122,12 @@ def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
     the ellipsoid of least volume around them, to ``_EXCESS``. Kept, because a robot is
     read many times."""
     points = np.frombuffer(point_bytes).reshape(-1, 3)
-    lifted = np.column_stack([points, np.ones(len(points))])
+    lifted = np.column_stack(
+        [
+            points,
+            np.ones(len(points)),
+        ]
+    )
     weights = np.full(len(lifted), 1.0 / len(lifted))
     inverse = np.linalg.pinv(lifted.T @ lifted / len(lifted))  # of the moment
     distance = np.sum(lifted @ inverse * lifted, axis=1)
@@ -173,4 +187,10 @@ def directions(count: int = 400) -> Array:
     z = 1.0 - 2.0 * k / count
     turn = np.pi * (1.0 + 5.0**0.5) * k
     across = np.sqrt(1.0 - z**2)
-    return np.column_stack([across * np.cos(turn), across * np.sin(turn), z])
+    return np.column_stack(
+        [
+            across * np.cos(turn),
+            across * np.sin(turn),
+            z,
+        ]
+    )

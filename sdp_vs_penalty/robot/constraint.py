@@ -118,14 +118,24 @@ def smallest_eigenvalue(values: Array) -> Array:
         Smallest eigenvalues.
     """
     raw = np.linalg.eigvalsh(values)[..., 0]
-    diagonal = np.abs(np.diagonal(values, axis1=-2, axis2=-1))
+    diagonal = np.abs(
+        np.diagonal(
+            values,
+            axis1=-2,
+            axis2=-1,
+        )
+    )
     t = 2.0 ** -np.round(0.5 * np.log2(nonzero_or_one(diagonal)))
     sign = np.linalg.eigvalsh(values * t[..., :, None] * t[..., None, :])[..., 0]
     # Ostrowski: the eigenvalue is that of T F T times a factor between the extremes of
     # T^-2.
     smallest = sign * np.min(t**-2, axis=-1)
     return np.asarray(
-        np.where(sign >= 0.0, np.maximum(raw, 0.0), np.minimum(raw, smallest))
+        np.where(
+            sign >= 0.0,
+            np.maximum(raw, 0.0),
+            np.minimum(raw, smallest),
+        )
     )
 
 
@@ -151,15 +161,27 @@ def project(cone: str, value: Array) -> Array:
         return (vectors * positive[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     if cone == "soc":
         s = value[..., :1]
-        norm = np.linalg.norm(value[..., 1:], axis=-1, keepdims=True)
+        norm = np.linalg.norm(
+            value[..., 1:],
+            axis=-1,
+            keepdims=True,
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             ray = np.concatenate([np.ones_like(s), value[..., 1:] / norm], axis=-1)
         boundary = 0.5 * (s + norm) * ray
-        return np.where(norm <= s, value, np.where(norm <= -s, 0.0, boundary))
+        return np.where(
+            norm <= s,
+            value,
+            np.where(norm <= -s, 0.0, boundary),
+        )
     return np.maximum(value, 0.0)
 
 
-def projected_rows(cone: str, values: Array, directions: Array) -> tuple[Array, Array]:
+def projected_rows(
+    cone: str,
+    values: Array,
+    directions: Array,
+) -> tuple[Array, Array]:
     """The projections Pi(M) as rows, and their derivative.
 
     For M + A x they are the gradient and an element of the generalised Hessian of
@@ -199,7 +221,12 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
     eigenvalues, u = np.linalg.eigh(values)
     positive = np.maximum(eigenvalues, 0.0)
     omega = _divided_differences(eigenvalues, positive)
-    h = directions.reshape(group, d, d, width).transpose(0, 3, 1, 2)
+    h = directions.reshape(group, d, d, width).transpose(
+        0,
+        3,
+        1,
+        2,
+    )
     rotated = np.swapaxes(u, 1, 2)[:, None] @ h @ u[:, None]
     weighted = np.sqrt(omega)[:, None] * rotated
     derivative = weighted.transpose(0, 2, 3, 1).reshape(-1, width)
@@ -215,7 +242,11 @@ def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
     is_close = np.abs(gap) <= 1e-14 * largest
     rise = positive[:, :, None] - positive[:, None, :]
     step = (eigenvalues > 0.0)[:, :, None] * np.ones(eigenvalues.shape[1])
-    return np.where(is_close, step, rise / np.where(is_close, 1.0, gap))
+    return np.where(
+        is_close,
+        step,
+        rise / np.where(is_close, 1.0, gap),
+    )
 
 
 def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
@@ -229,10 +260,19 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     norm = np.linalg.norm(values[:, 1:], axis=1)
     on_axis = norm <= 1e-14 * np.abs(s)
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
-    along = np.array([np.where(on_axis, s, s + norm), s - norm])
+    along = np.array(
+        [
+            np.where(on_axis, s, s + norm),
+            s - norm,
+        ]
+    )
     ends = np.maximum(along, 0.0) / np.sqrt(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.clip(0.5 * (1.0 + s / norm), 0.0, 1.0)
+        share = np.clip(
+            0.5 * (1.0 + s / norm),
+            0.0,
+            1.0,
+        )
     across = np.where(on_axis, s > 0.0, share)
     on_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
     sum_and_difference = np.array(
@@ -241,7 +281,12 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     both = sum_and_difference / np.sqrt(2.0)
     beside_ray = directions[:, 1:] - ray[:, :, None] * on_ray[:, None]
     tail = np.sqrt(across)[:, None, None] * beside_ray
-    rows = np.concatenate([ends.ravel(), np.zeros(tail.shape[0] * tail.shape[1])])
+    rows = np.concatenate(
+        [
+            ends.ravel(),
+            np.zeros(tail.shape[0] * tail.shape[1]),
+        ]
+    )
     derivative = np.concatenate(
         [
             (both * (ends > 0.0)[:, :, None]).reshape(-1, width),
@@ -410,7 +455,9 @@ class ConstraintSet:
         """
         x = np.asarray(theta, float)
         both = zip(
-            self.groups, *map(self.entries.split, self.entries.at(x)), strict=True
+            self.groups,
+            *map(self.entries.split, self.entries.at(x)),
+            strict=True,
         )
         return [
             float(cone_depths(s.cone, values, terms).min()) for s, values, terms in both
@@ -480,7 +527,12 @@ class ConstraintSet:
             multipliers[c] if c in multipliers else np.zeros_like(c.constant)
             for c in constraints
         ]
-        return np.concatenate([np.zeros(0), *(x.ravel() for x in values)])
+        return np.concatenate(
+            [
+                np.zeros(0),
+                *(x.ravel() for x in values),
+            ]
+        )
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
         """These constraints and further ones.
@@ -573,7 +625,11 @@ def group_cones(constraints: Sequence[Constraint]) -> list[ConeGroup]:
             for c in (constraints[k] for k in places)
         ]
         out.append(
-            ConeGroup(cone, np.array(places), *map(np.array, zip(*arrays, strict=True)))
+            ConeGroup(
+                cone,
+                np.array(places),
+                *map(np.array, zip(*arrays, strict=True)),
+            )
         )
     return out
 
@@ -616,11 +672,20 @@ class StackedCones:
             values.append(flat[member, position, entry])
             start += group.constant.size
         constant = np.concatenate(
-            [np.zeros(0), *(group.constant.ravel() for group in groups)]
+            [
+                np.zeros(0),
+                *(group.constant.ravel() for group in groups),
+            ]
         )
         row = np.concatenate(rows)
         column = np.concatenate(columns)
-        return cls(tuple(groups), constant, row, column, np.concatenate(values))
+        return cls(
+            tuple(groups),
+            constant,
+            row,
+            column,
+            np.concatenate(values),
+        )
 
     def at(self, theta: Array) -> tuple[Array, Array]:
         """Evaluate all constraints at a point.
@@ -677,7 +742,13 @@ class StackedCones:
         (p,) array
             <dF / dtheta_k, flat> for each parameter.
         """
-        return np.asarray(np.bincount(self.column, self.value * flat[self.row], p))
+        return np.asarray(
+            np.bincount(
+                self.column,
+                self.value * flat[self.row],
+                p,
+            )
+        )
 
     def split(self, flat: Any) -> list[Any]:
         """Split a stacked vector by groups.
@@ -722,7 +793,11 @@ class StackedCones:
         return [by_place[k] for k in range(len(by_place))]
 
 
-def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constraint:
+def pseudo_inertia(
+    name: str,
+    indices: ArrayLike,
+    radius: float = 0.0,
+) -> Constraint:
     """Physical consistency of a link: its pseudo-inertia matrix P(theta) is positive definite.
 
     P >= 0 contains m >= 0, positive definiteness of the inertia and the triangle
@@ -752,11 +827,21 @@ def pseudo_inertia(name: str, indices: ArrayLike, radius: float = 0.0) -> Constr
     coefficients = inertia.PSEUDO_INERTIA_BASIS.copy()
     coefficients[0, :3, :3] -= radius**2 * np.eye(3)
     family = "minimum thickness" if radius else "pseudo-inertia"
-    return linear(family, name, indices, coefficients, np.zeros((4, 4)), "psd")
+    return linear(
+        family,
+        name,
+        indices,
+        coefficients,
+        np.zeros((4, 4)),
+        "psd",
+    )
 
 
 def density_in_ellipsoid(
-    family: str, name: str, indices: ArrayLike, quadric: ArrayLike
+    family: str,
+    name: str,
+    indices: ArrayLike,
+    quadric: ArrayLike,
 ) -> Constraint:
     """The link's mass lies inside an ellipsoid: tr(P Q) >= 0.
 
@@ -784,9 +869,17 @@ def density_in_ellipsoid(
     Wensing, Kim, Slotine, RA-L 2018, equation 20.
     """
     row = np.einsum(
-        "kab,ab->k", inertia.PSEUDO_INERTIA_BASIS, np.asarray(quadric, float)
+        "kab,ab->k",
+        inertia.PSEUDO_INERTIA_BASIS,
+        np.asarray(quadric, float),
     )
-    return linear(family, name, indices, row[:, None], [0.0])
+    return linear(
+        family,
+        name,
+        indices,
+        row[:, None],
+        [0.0],
+    )
 
 
 def linear(

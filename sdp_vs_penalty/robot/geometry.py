@@ -67,9 +67,21 @@ def link_geometry(
     out: list[Geometry | None] = []
     for parts in placed_links(path, held):
         with errors_located_in(path):
-            shapes_of_parts = [_shapes(Path(path), link, at) for link, at in parts]
+            shapes_of_parts = [
+                _shapes(
+                    Path(path),
+                    link,
+                    at,
+                )
+                for link, at in parts
+            ]
         shapes = [shape for part in shapes_of_parts for shape in part or []]
-        cloud = np.concatenate([np.zeros((0, 3)), *(shape.points for shape in shapes)])
+        cloud = np.concatenate(
+            [
+                np.zeros((0, 3)),
+                *(shape.points for shape in shapes),
+            ]
+        )
         known = len(cloud) and None not in shapes_of_parts
         out.append(
             Geometry(cloud, sum(shape.volume for shape in shapes)) if known else None
@@ -118,7 +130,10 @@ def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
             list(parse_isolated(collision_shapes, copy, prepare=load_coal))
             model = pin.buildModelFromUrdf(str(copy))
             geometry = pin.buildGeomFromUrdf(
-                model, str(copy), pin.GeometryType.COLLISION, package_dirs=[folder]
+                model,
+                str(copy),
+                pin.GeometryType.COLLISION,
+                package_dirs=[folder],
             )
         except (ParserEndedError, ValueError, RuntimeError):
             return None
@@ -174,7 +189,12 @@ class _Collisions:
 
         return bool(
             pin.computeCollisions(
-                self._model, self._data, self._geometry, self._placed, q, stop_at_first
+                self._model,
+                self._data,
+                self._geometry,
+                self._placed,
+                q,
+                stop_at_first,
             )
         )
 
@@ -216,7 +236,11 @@ def _write_collision_copy(urdf: Path, copy: Path) -> bool:
     return True
 
 
-def _shapes(path: Path, link: Any, placement: Array) -> list[Geometry] | None:
+def _shapes(
+    path: Path,
+    link: Any,
+    placement: Array,
+) -> list[Geometry] | None:
     """Of one <link> element: all its collision shapes, else all visual ones; None: some
     are missing."""
     elements = [link.findall(tag) for tag in ("collision", "visual")]
@@ -246,7 +270,18 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
 
 def _solid(path: Path, shape: Any) -> Geometry | None:
     """Points around a shape, and its volume [m^3]."""
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = np.array(
+        [
+            [
+                x,
+                y,
+                z,
+            ]
+            for x in (-1, 1)
+            for y in (-1, 1)
+            for z in (-1, 1)
+        ]
+    )
     if shape.tag == "box":
         half = 0.5 * _lengths(shape, "size", 3)
         return Geometry(corners * half, float(8.0 * half.prod()))
@@ -274,7 +309,12 @@ def _cylinder(shape: Any) -> Geometry:
     return Geometry(np.concatenate(rings), np.pi * radius**2 * length)
 
 
-def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array:
+def _lengths(
+    shape: Any,
+    attribute: str,
+    count: int,
+    default: str = "",
+) -> Array:
     """(count,) numbers of an attribute, NaN where it does not hold as many; InputError
     for one that is no robot's."""
     values = numbers_of(shape.get(attribute, default), count)
@@ -286,7 +326,11 @@ def _lengths(shape: Any, attribute: str, count: int, default: str = "") -> Array
     return values
 
 
-def _mesh(path: Path, filename: str, scale: Array) -> Geometry | None:
+def _mesh(
+    path: Path,
+    filename: str,
+    scale: Array,
+) -> Geometry | None:
     file = _mesh_file(path, filename)
     if file is None:
         return None

@@ -93,7 +93,11 @@ def pseudo_inertia(theta: ArrayLike) -> Array:
     Array
         (..., 4, 4) second moments of homogeneous coordinates.
     """
-    return np.tensordot(np.asarray(theta, float), PSEUDO_INERTIA_BASIS, axes=(-1, 0))
+    return np.tensordot(
+        np.asarray(theta, float),
+        PSEUDO_INERTIA_BASIS,
+        axes=(-1, 0),
+    )
 
 
 def from_pseudo_inertia(matrix: ArrayLike) -> Array:
@@ -109,7 +113,11 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
         (..., 10) about the same frame.
     """
     p = np.asarray(matrix, float)
-    trace = np.trace(p[..., :3, :3], axis1=-2, axis2=-1)
+    trace = np.trace(
+        p[..., :3, :3],
+        axis1=-2,
+        axis2=-1,
+    )
     moments = inertia_entries(trace[..., None, None] * np.eye(3) - p[..., :3, :3])
     return np.concatenate([p[..., 3, 3, None], p[..., :3, 3], moments], axis=-1)
 
@@ -193,7 +201,11 @@ def barycentric_from_standard(theta: ArrayLike) -> Array:
         (..., 10) as :func:`standard_from_barycentric` takes them; NaN for the centre and
         the inertia of no mass.
     """
-    mass, h, about_frame = np.split(np.asarray(theta, float), [1, 4], axis=-1)
+    mass, h, about_frame = np.split(
+        np.asarray(theta, float),
+        [1, 4],
+        axis=-1,
+    )
     with np.errstate(divide="ignore", invalid="ignore"):
         c = h / mass
     steiner = np.einsum("...i,eij,...j->...e", c, STEINER_FORMS, c)

@@ -132,7 +132,11 @@ def _answers(
                 warnings.warn(str(head["remark"]), Remark, stacklevel=2)
             elif "what" in head:
                 where = Path(head["where"]) if head["is_path"] else head["where"]
-                raise InputError(str(head["what"]), str(head["remedy"]), where)
+                raise InputError(
+                    str(head["what"]),
+                    str(head["remedy"]),
+                    where,
+                )
             elif "not_installed" in head:
                 raise ImportError(str(head["not_installed"]))
             elif "memory" in head:
@@ -213,7 +217,9 @@ def _be_child(
 
 
 def _send_answers(
-    function: Callable[..., Iterator[Arrays]], arguments: Sequence[Any], pipe: BinaryIO
+    function: Callable[..., Iterator[Arrays]],
+    arguments: Sequence[Any],
+    pipe: BinaryIO,
 ) -> None:
     """Everything that a parser yields and says, one message each."""
 
@@ -273,10 +279,24 @@ def _limit(cpu_seconds: int) -> None:
         code.pack(jump_above, len(calls) + 1, 0, 0x40000000),
     ]
     for k, call in enumerate(calls):
-        program.append(code.pack(jump_equal, len(calls) - k, 0, call))
-    program += [code.pack(answer, 0, 0, allow), code.pack(answer, 0, 0, deny)]
+        program.append(
+            code.pack(
+                jump_equal,
+                len(calls) - k,
+                0,
+                call,
+            )
+        )
+    program += [
+        code.pack(answer, 0, 0, allow),
+        code.pack(answer, 0, 0, deny),
+    ]
     text = ctypes.create_string_buffer(b"".join(program), 8 * len(program))
-    head = struct.pack("HP", len(program), ctypes.addressof(text))
+    head = struct.pack(
+        "HP",
+        len(program),
+        ctypes.addressof(text),
+    )
     kernel = ctypes.CDLL(None)
     end_with_parent = 1
     no_new_rights = 38
@@ -313,14 +333,22 @@ class _Timed:
 
 
 def _send(
-    pipe: BinaryIO, head: Mapping[str, Any], arrays: Arrays | None = None
+    pipe: BinaryIO,
+    head: Mapping[str, Any],
+    arrays: Arrays | None = None,
 ) -> None:
     """One message: the length of its head, the head, the numbers."""
     blocks = {
         name: np.ascontiguousarray(block, "<f8")
         for name, block in (arrays or {}).items()
     }
-    shapes = [[name, list(block.shape)] for name, block in blocks.items()]
+    shapes = [
+        [
+            name,
+            list(block.shape),
+        ]
+        for name, block in blocks.items()
+    ]
     text = json.dumps({**head, "arrays": shapes}).encode()
     pipe.write(struct.pack("<Q", len(text)) + text)
     for block in blocks.values():

@@ -145,7 +145,11 @@ class ChannelNames(tuple[str, ...]):
     held: tuple[HeldJoint, ...] = ()
 
     @classmethod
-    def of(cls, names: Sequence[str], held: Sequence[HeldJoint]) -> "ChannelNames":
+    def of(
+        cls,
+        names: Sequence[str],
+        held: Sequence[HeldJoint],
+    ) -> "ChannelNames":
         """These names, and the joints that are held."""
         out = cls(names)
         out.held = tuple(held)
@@ -157,7 +161,9 @@ Follower = tuple[str, float, float]
 
 
 def resolve_mimic_joints(
-    tree: Sequence[Joint], followers: dict[str, Follower], massless: Sequence[int]
+    tree: Sequence[Joint],
+    followers: dict[str, Follower],
+    massless: Sequence[int],
 ) -> tuple[tuple[Joint, ...], Mechanism | None]:
     """Independent joints of a tree with mimic joints, and how the tree follows them.
 
@@ -209,7 +215,10 @@ def resolve_mimic_joints(
     matrix = powers.take(free, axis=1)
     offset = powers[:, -1]
     return tuple(tree[k] for k in free), Mechanism(
-        tuple(tree), matrix, offset, tuple(massless)
+        tuple(tree),
+        matrix,
+        offset,
+        tuple(massless),
     )
 
 
@@ -276,7 +285,9 @@ def parse_held(text: str | Sequence[str]) -> dict[str, float]:
 
 
 def parse_mechanism(
-    tree: Sequence[Joint], formulas: Sequence[str], massless: Sequence[int] = ()
+    tree: Sequence[Joint],
+    formulas: Sequence[str],
+    massless: Sequence[int] = (),
 ) -> tuple[tuple[Joint, ...], Mechanism]:
     """Parse each tree joint's position as a formula of the independent joints.
 
@@ -315,7 +326,10 @@ def parse_mechanism(
         raise InputError(what, f"choose from 1 to {len(tree)}")
     places = tuple(sorted({k - 1 for k in massless}))
     return tuple(tree[k] for k in first_same), Mechanism(
-        tuple(tree), rows[:, :n], rows[:, -1], places
+        tuple(tree),
+        rows[:, :n],
+        rows[:, -1],
+        places,
     )
 
 
@@ -367,7 +381,9 @@ class Transmission(JsonRecord):
         torques = np.array([self.torques]).T == "motor"
         unit = np.eye(self.n)
         return np.where(positions, self.matrix, unit), np.where(
-            torques, unit, self.matrix.T
+            torques,
+            unit,
+            self.matrix.T,
         )
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
@@ -442,7 +458,11 @@ def parse_transmission(
     rows = [parse_formula(text, n) for text in motors]
     sides = [tuple(s) * n if len(s) == 1 else tuple(s) for s in (positions, torques)]
     matrix = np.array([row[:n] for row in rows]).reshape(n, n)
-    return Transmission(matrix, np.array([row[n] for row in rows]), *sides)
+    return Transmission(
+        matrix,
+        np.array([row[n] for row in rows]),
+        *sides,
+    )
 
 
 def parse_formula(text: str, n: int) -> Array:

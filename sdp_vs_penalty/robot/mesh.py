@@ -39,7 +39,12 @@ class Mesh:
     volume: float
 
 
-def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | None:
+def read_mesh(
+    path: Path,
+    scale: Array,
+    *,
+    triangles: bool = False,
+) -> Mesh | None:
     """A mesh file, times scale (3,); None, with a remark, where it cannot be read."""
     suffix = path.suffix.lower()
     try:
@@ -52,7 +57,11 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
             copy.write_bytes(text)
             factors = [float(x) for x in scale]
             (mesh,) = parse_isolated(
-                mesh_of, copy, factors, triangles, prepare=load_coal
+                mesh_of,
+                copy,
+                factors,
+                triangles,
+                prepare=load_coal,
             )
     except (
         ArithmeticError,
@@ -71,7 +80,11 @@ def read_mesh(path: Path, scale: Array, *, triangles: bool = False) -> Mesh | No
         what = f"{path}: this mesh is left out ({str(why)[:200]})"
         warnings.warn(what, Remark, stacklevel=2)
         return None
-    return Mesh(mesh["vertices"], mesh["triangles"], abs(float(mesh["volume"][0])))
+    return Mesh(
+        mesh["vertices"],
+        mesh["triangles"],
+        abs(float(mesh["volume"][0])),
+    )
 
 
 def load_coal() -> None:
@@ -80,7 +93,9 @@ def load_coal() -> None:
 
 
 def mesh_of(
-    path: str, scale: list[float], has_triangles: bool
+    path: str,
+    scale: list[float],
+    has_triangles: bool,
 ) -> Iterator[dict[str, Array]]:
     """Vertices (k, 3), triangles (m, 3) and volume (1,) of a file; a broken one can end
     this process."""
@@ -136,11 +151,19 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
             for part in mesh["primitives"]
         ]
     buffers = [
-        _buffer(path, buffer.get("uri"), inside) for buffer in document["buffers"]
+        _buffer(
+            path,
+            buffer.get("uri"),
+            inside,
+        )
+        for buffer in document["buffers"]
     ]
     head = "data:application/octet-stream;base64,"
     geometry["buffers"] = [
-        {"byteLength": len(x), "uri": head + base64.b64encode(x).decode()}
+        {
+            "byteLength": len(x),
+            "uri": head + base64.b64encode(x).decode(),
+        }
         for x in buffers
     ]
     return json.dumps(geometry).encode()
@@ -158,7 +181,9 @@ def _buffer(path: Path, uri: Any, inside: bytes) -> bytes:
     place = (folder / uri).resolve()
     if not place.is_relative_to(folder):
         raise InputError(
-            f"the buffer {uri!r} lies elsewhere", "keep it in the mesh's folder", path
+            f"the buffer {uri!r} lies elsewhere",
+            "keep it in the mesh's folder",
+            path,
         )
     return read_bytes(place, LARGEST_TEXT)
 

@@ -148,7 +148,14 @@ def load_mjcf(
         robot, _ = _robot_of(model, constants, followers, gravity)
         driven = robot.joint_names
         places = check_held(driven, still)
-        placed = tuple(HeldJoint(driven[k], still[driven[k]], k) for k in places)
+        placed = tuple(
+            HeldJoint(
+                driven[k],
+                still[driven[k]],
+                k,
+            )
+            for k in places
+        )
     held_joints = hold_followers(still | constants, followers)
     robot, links = _robot_of(model, held_joints, followers, gravity, placed)
     return robot, links, _values(model, robot.joint_names)
@@ -179,7 +186,10 @@ def _compiled(path: Path) -> MujocoModel:
     """MuJoCo's model of a file, from a process of its own."""
     try:
         first, *named = parse_isolated(
-            model_arrays, path, prepare=load_mujoco, n_bytes=_n_bytes_around(path)
+            model_arrays,
+            path,
+            prepare=load_mujoco,
+            n_bytes=_n_bytes_around(path),
         )
     except ImportError as error:
         raise missing_extra("MJCF files need", "engines") from error
@@ -194,7 +204,13 @@ def _compiled(path: Path) -> MujocoModel:
         text.partition(":")[2] or f"joint{k}"
         for k, text in enumerate(joint_names, start=1)
     )
-    return MujocoModel(path, model_name.partition(":")[2], (x, y, z), called, arrays)
+    return MujocoModel(
+        path,
+        model_name.partition(":")[2],
+        (x, y, z),
+        called,
+        arrays,
+    )
 
 
 def _n_bytes_around(path: Path) -> int:
@@ -225,10 +241,15 @@ def model_arrays(path: str) -> Iterator[Arrays]:
     except ValueError as error:
         what = (str(error).splitlines() or ["no reason given"])[0][:200]
         raise InputError(
-            f"MuJoCo does not read it ({what})", "correct it", Path(path)
+            f"MuJoCo does not read it ({what})",
+            "correct it",
+            Path(path),
         ) from error
     fields = {name: np.array(getattr(model, name), float) for name in _ARRAYS}
-    yield {"gravity": np.array(model.opt.gravity, float), **fields}
+    yield {
+        "gravity": np.array(model.opt.gravity, float),
+        **fields,
+    }
     yield {f"0:{_name_of_model(model)}": np.zeros(0)}
     for k in range(model.njnt):
         yield {f"{k + 1}:{model.joint(k).name}": np.zeros(0)}
@@ -337,7 +358,11 @@ def _to_anchor(model: MujocoModel, j: int) -> tuple[Array, Array]:
 
 
 def _joint(
-    model: MujocoModel, j: int, kind: str, parent: int, placement: Array
+    model: MujocoModel,
+    j: int,
+    kind: str,
+    parent: int,
+    placement: Array,
 ) -> Joint:
     """One moving joint."""
     lower = -np.inf
@@ -375,7 +400,13 @@ def _inertial(model: MujocoModel, body: int) -> Array:
 def _pose(position: Array, quaternion: Array) -> Array:
     """(4, 4) of a position [m] and a unit quaternion w, x, y, z."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    k = np.array(
+        [
+            [0.0, -z, y],
+            [z, 0.0, -x],
+            [-y, x, 0.0],
+        ]
+    )
     pose = np.eye(4)
     pose[:3, :3] += 2.0 * w * k + 2.0 * k @ k
     pose[:3, 3] = position

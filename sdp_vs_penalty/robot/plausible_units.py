@@ -90,7 +90,9 @@ def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
 
 
 def _odd_inertias(
-    links: Sequence[LinkSizes], size: float, are_masses_in_grams: bool
+    links: Sequence[LinkSizes],
+    size: float,
+    are_masses_in_grams: bool,
 ) -> Iterator[OddUnit]:
     """Inertias that spread a link's mass wider than a robot of this size [m] is."""
     wide = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
@@ -125,10 +127,18 @@ def _radius(link: LinkSizes) -> float:
 
 
 def _odd(
-    quantity: str, factor: float, links: tuple[str, ...], how: str, unit: str
+    quantity: str,
+    factor: float,
+    links: tuple[str, ...],
+    how: str,
+    unit: str,
 ) -> OddUnit:
     where = f" ({', '.join(links)})" if links else ""
     what = f"the {quantity}{where} look like {unit}, {factor:g} times too large: {how}."
     return OddUnit(
-        quantity, factor, links, what, f"divide the {quantity} by {factor:g}"
+        quantity,
+        factor,
+        links,
+        what,
+        f"divide the {quantity} by {factor:g}",
     )

@@ -71,7 +71,10 @@ class Robot(JsonRecordSkippingNone):
                 raise InputError(
                     f"robot {self.name}: {what}", "order the joints depth first"
                 )
-            branch = [*branch[: branch.index(joint.parent) + 1], i]
+            branch = [
+                *branch[: branch.index(joint.parent) + 1],
+                i,
+            ]
 
     @property
     def n(self) -> int:
@@ -138,9 +141,19 @@ class Robot(JsonRecordSkippingNone):
         value[list(places)] = [held[self.joint_names[k]] for k in places]
         m = self.mechanism or Mechanism(self.tree, np.eye(self.n), np.zeros(self.n), ())
         mechanism = Mechanism(
-            m.tree, m.matrix[:, stays], m.offset + m.matrix @ value, m.massless
+            m.tree,
+            m.matrix[:, stays],
+            m.offset + m.matrix @ value,
+            m.massless,
         )
-        still = [HeldJoint(self.joint_names[k], float(value[k]), k) for k in places]
+        still = [
+            HeldJoint(
+                self.joint_names[k],
+                float(value[k]),
+                k,
+            )
+            for k in places
+        ]
         return replace(
             self,
             joints=tuple(self.joints[k] for k in stays),
@@ -265,7 +278,11 @@ class Robot(JsonRecordSkippingNone):
             Joint positions [rad, m].
         """
         low, high, _ = joint_limits(self)
-        return np.random.default_rng(seed).uniform(low, high, (count, self.n))
+        return np.random.default_rng(seed).uniform(
+            low,
+            high,
+            (count, self.n),
+        )
 
     @cached_property
     def random_states(self) -> tuple[Array, Array, Array]:
@@ -363,7 +380,10 @@ class Robot(JsonRecordSkippingNone):
             # structural zeros.
             c = np.round(c) if abs(c - np.round(c)) < 1e-15 else c
             s = np.round(s) if abs(s - np.round(s)) < 1e-15 else s
-            turn[1:3, 1:3] = [[c, -s], [s, c]]
+            turn[1:3, 1:3] = [
+                [c, -s],
+                [s, c],
+            ]
             placement = (
                 turn @ move
             )  # Rz and Tz commute: the offset along the axis can come first
@@ -381,7 +401,11 @@ class Robot(JsonRecordSkippingNone):
                 **extra,
             )
             joints.append(one)
-        return cls(name, tuple(joints), tuple(map(float, gravity)))
+        return cls(
+            name,
+            tuple(joints),
+            tuple(map(float, gravity)),
+        )
 
     def _projected(self, torque: Array, columns: bool = False) -> Array:
         """(N, n, ...) from (N, L, ...): power is the same, tau = B^T tau_tree; columns
@@ -409,7 +433,10 @@ class Robot(JsonRecordSkippingNone):
                 joint.placement[:3, :3].copy(), joint.placement[:3, 3].copy()
             )
             model.addJoint(
-                joint.parent + 1, unaligned(joint.axis), placement, joint.name
+                joint.parent + 1,
+                unaligned(joint.axis),
+                placement,
+                joint.name,
             )
         return model
 
@@ -422,7 +449,12 @@ class Robot(JsonRecordSkippingNone):
             return None
         return np.stack([inertia.transform(frame) for frame in frames])
 
-    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> Array:
+    def regressor(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+    ) -> Array:
         """Regressor Y of rigid-body dynamics: tau = Y theta.
 
         Parameters
@@ -446,7 +478,12 @@ class Robot(JsonRecordSkippingNone):
         data = self._model.createData()
         for k, row in enumerate(zip(*states, strict=True)):
             out[k] = rows(model, data, *row)
-        blocks = self._projected(out).reshape(len(out), self.n, -1, 10)
+        blocks = self._projected(out).reshape(
+            len(out),
+            self.n,
+            -1,
+            10,
+        )
         if self.mechanism is not None:
             blocks = blocks[:, :, list(self.link_joints)]
         if self._link_maps is not None:
@@ -464,7 +501,9 @@ class Robot(JsonRecordSkippingNone):
                 model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(row)
             else:
                 model.inertias[i + 1] = pin.Inertia(
-                    0.0, np.zeros(3), inertia.inertia_matrix(row[4:])
+                    0.0,
+                    np.zeros(3),
+                    inertia.inertia_matrix(row[4:]),
                 )
         return model
 
@@ -504,7 +543,11 @@ class Robot(JsonRecordSkippingNone):
         return model
 
     def inverse_dynamics(
-        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+        self,
+        theta: ArrayLike,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
     ) -> Array:
         """Joint torques of rigid links, by recursive Newton-Euler.
 
@@ -524,10 +567,25 @@ class Robot(JsonRecordSkippingNone):
         rnea = self._pin.rnea
         data = model.createData()
         rows = zip(*self.tree_state(q, dq, ddq), strict=True)
-        return self._projected(np.stack([rnea(model, data, *row) for row in rows]))
+        return self._projected(
+            np.stack(
+                [
+                    rnea(
+                        model,
+                        data,
+                        *row,
+                    )
+                    for row in rows
+                ]
+            )
+        )
 
     def inverse_dynamics_derivatives(
-        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+        self,
+        theta: ArrayLike,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
     ) -> tuple[Array, Array, Array]:
         """Partial derivatives of the joint torques by position, velocity and acceleration.
 
@@ -563,7 +621,11 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def placement_derivatives(
-        self, theta: ArrayLike, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+        self,
+        theta: ArrayLike,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
     ) -> Array:
         """Derivatives of the joint torques by the placement of each joint.
 
@@ -606,16 +668,29 @@ class Robot(JsonRecordSkippingNone):
                         else pin.JointModelRevoluteUnaligned
                     )
                     parent = model.addJoint(
-                        parent, kind(np.eye(3)[k % 3]), pose, f"{one.name} {k}"
+                        parent,
+                        kind(np.eye(3)[k % 3]),
+                        pose,
+                        f"{one.name} {k}",
                     )
                     pose = pin.SE3.Identity()
-                place = model.addJoint(parent, inertias.joints[i + 1], pose, one.name)
+                place = model.addJoint(
+                    parent,
+                    inertias.joints[i + 1],
+                    pose,
+                    one.name,
+                )
                 model.inertias[place] = inertias.inertias[i + 1]
             data = model.createData()
             for k, row in enumerate(np.swapaxes(states, 0, 1)):
                 pin.computeRNEADerivatives(model, data, *row)
                 out[k] += sign * data.dtau_dq[derivatives]
-        return self._projected(out).reshape(len(out), self.n, len(rows), 6)
+        return self._projected(out).reshape(
+            len(out),
+            self.n,
+            len(rows),
+            6,
+        )
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
         """Jacobians of a joint frame, in world axes.
@@ -764,13 +839,30 @@ def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
         Lower and upper position [rad, m], and velocity [rad/s, m/s].
     """
     span, rate = np.where(
-        [j.kind == "revolute" for j in robot.joints], [[np.pi], [2.0]], 0.5
+        [j.kind == "revolute" for j in robot.joints],
+        [[np.pi], [2.0]],
+        0.5,
     )
     lower, upper, velocity = np.transpose(
-        [[j.lower, j.upper, j.velocity] for j in robot.joints]
+        [
+            [
+                j.lower,
+                j.upper,
+                j.velocity,
+            ]
+            for j in robot.joints
+        ]
     )
-    lower = np.where(np.isfinite(lower), lower, np.minimum(-span, upper - 2.0 * span))
-    upper = np.where(np.isfinite(upper), upper, np.maximum(span, lower + 2.0 * span))
+    lower = np.where(
+        np.isfinite(lower),
+        lower,
+        np.minimum(-span, upper - 2.0 * span),
+    )
+    upper = np.where(
+        np.isfinite(upper),
+        upper,
+        np.maximum(span, lower + 2.0 * span),
+    )
     return (
         lower,
         upper,

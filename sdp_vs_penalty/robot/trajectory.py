@@ -94,7 +94,12 @@ class FourierTrajectory:
         when = [t < self.blend, t > end]
         parts = zip(first, last, inside, strict=True)
         states = [
-            np.select(when, [begin, finish], middle) for begin, finish, middle in parts
+            np.select(
+                when,
+                [begin, finish],
+                middle,
+            )
+            for begin, finish, middle in parts
         ]
         q, dq, ddq = states
         moving = (t > 0.0) & (t < self.duration)
@@ -146,10 +151,27 @@ def random_trajectory(
         The trajectory.
     """
     rng = np.random.default_rng(seed)
-    a, b = rng.uniform(-1.0, 1.0, (2, robot.n, harmonics))
+    a, b = rng.uniform(
+        -1.0,
+        1.0,
+        (2, robot.n, harmonics),
+    )
     lower, upper, velocity = joint_limits(robot)
-    unit = FourierTrajectory(a, b, np.zeros(robot.n), frequency, blend, duration)
-    q, dq, _ = unit.states(np.linspace(0.0, duration, 1001))
+    unit = FourierTrajectory(
+        a,
+        b,
+        np.zeros(robot.n),
+        frequency,
+        blend,
+        duration,
+    )
+    q, dq, _ = unit.states(
+        np.linspace(
+            0.0,
+            duration,
+            1001,
+        )
+    )
     scale = np.minimum(
         0.6 * velocity / np.abs(dq).max(axis=0),
         0.8 * (upper - lower) / np.ptp(q, axis=0),
@@ -158,7 +180,12 @@ def random_trajectory(
     high = scale * q.max(axis=0)
     q_0 = rng.uniform(lower - low, upper - high)
     return FourierTrajectory(
-        a * scale[:, None], b * scale[:, None], q_0, frequency, blend, duration
+        a * scale[:, None],
+        b * scale[:, None],
+        q_0,
+        frequency,
+        blend,
+        duration,
     )
 
 
@@ -196,10 +223,16 @@ class PointTrajectory:
         """
         at = np.asarray(t, float)
         k = np.clip(
-            np.searchsorted(self._starts, at, side="right") - 1, 0, len(self.moves) - 1
+            np.searchsorted(self._starts, at, side="right") - 1,
+            0,
+            len(self.moves) - 1,
         )
         T = self.moves[k][:, None]
-        x = np.clip((at - self._starts[k])[:, None] / T, 0.0, 1.0)
+        x = np.clip(
+            (at - self._starts[k])[:, None] / T,
+            0.0,
+            1.0,
+        )
         d = self.points[k + 1] - self.points[k]
         q = self.points[k] + d * (35 * x**4 - 84 * x**5 + 70 * x**6 - 20 * x**7)
         dq = d / T * 140 * x**3 * (1 - x) ** 3
@@ -207,7 +240,10 @@ class PointTrajectory:
 
 
 def shortest_moves(
-    points: Array, velocity: Array, acceleration: Array, jerk: Array
+    points: Array,
+    velocity: Array,
+    acceleration: Array,
+    jerk: Array,
 ) -> Array:
     """Shortest durations of moves between points, within limits.
 
@@ -253,7 +289,10 @@ def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
     points = []
     for s, rows in zip(t.tolist(), np.stack(trajectory.states(t), axis=1), strict=True):
         numbers = [[float(f"{x:.9g}") for x in row] for row in rows]
-        clock = {"sec": int(s), "nanosec": round(1e9 * (s - int(s)))}
+        clock = {
+            "sec": int(s),
+            "nanosec": round(1e9 * (s - int(s))),
+        }
         point = dict(zip(fields, numbers, strict=True)) | {"time_from_start": clock}
         points.append(f"  {json.dumps(point)}")
     lines = ",\n".join(points)

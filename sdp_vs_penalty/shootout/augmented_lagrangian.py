@@ -75,15 +75,34 @@ class Chart:
         self.scale = np.maximum(np.abs(inside[self.others]), 1e-2)
         self.shift = np.array([c.constant for c in links]).reshape(-1, 16)
         maps = [np.linalg.pinv(c.coefficients.reshape(10, 16)) for c in links]
-        self.maps = np.array(maps).reshape(-1, 16, 10)
-        values = np.array([c.value(inside) for c in links]).reshape(-1, 4, 4)
-        roots = np.sqrt(np.diagonal(values, axis1=1, axis2=2))
+        self.maps = np.array(maps).reshape(
+            -1,
+            16,
+            10,
+        )
+        values = np.array([c.value(inside) for c in links]).reshape(
+            -1,
+            4,
+            4,
+        )
+        roots = np.sqrt(
+            np.diagonal(
+                values,
+                axis1=1,
+                axis2=2,
+            )
+        )
         self.corners = roots[:, :, None]
         factors = np.linalg.cholesky(values / (self.corners * roots[:, None, :]))
         logarithms = np.log(factors[:, self.diagonal, self.diagonal])
         factors[:, self.diagonal, self.diagonal] = logarithms
         of_links = factors[:, *self.lower].ravel()
-        self.start = np.concatenate([of_links, inside[self.others] / self.scale])
+        self.start = np.concatenate(
+            [
+                of_links,
+                inside[self.others] / self.scale,
+            ]
+        )
 
     def theta(self, x: Array) -> tuple[Array, Array]:
         """Parameters of the variables.
@@ -134,7 +153,12 @@ class Chart:
         pivots = factors[:, self.diagonal, self.diagonal] / self.corners[:, :, 0]
         pull[:, self.diagonal, self.diagonal] *= pivots
         of_others = gradient[self.others] * self.scale
-        return np.concatenate([pull[:, *self.lower].ravel(), of_others])
+        return np.concatenate(
+            [
+                pull[:, *self.lower].ravel(),
+                of_others,
+            ]
+        )
 
 
 def _link_demands(demands: Sequence[Constraint]) -> list[Constraint]:
@@ -167,7 +191,11 @@ class Round:
         variable further."""
         scale = self.penalty.theta_scale
         theta, factors = self.chart.theta(self.x)
-        _, slopes = self.penalty.rows(theta / scale, self.shifts, self.weight)
+        _, slopes = self.penalty.rows(
+            theta / scale,
+            self.shifts,
+            self.weight,
+        )
         rows = np.sqrt(2.0) * slopes / scale
         in_variables = np.array([self.chart.slope(factors, row) for row in rows])
         values, vectors = np.linalg.eigh(in_variables.T @ in_variables)

@@ -116,7 +116,11 @@ def total_mass_at_least(shift: float) -> Change:
         masses = instance.task.links[:, 0]
         smallest_mass = (1.0 + shift) * upper
         demand = build.linear(
-            "total mass", "robot", masses, np.ones((len(masses), 1)), [-smallest_mass]
+            "total mass",
+            "robot",
+            masses,
+            np.ones((len(masses), 1)),
+            [-smallest_mass],
         )
         constraints_kept = [
             c for c in instance.constraints.convex if c.family != "total mass"
@@ -194,7 +198,11 @@ def noise_free(instance: Instance) -> Instance:
         Whose optimum is zero.
     """
     rho = instance.data.R @ instance.task.nominal
-    return instance.having(rho=rho, residual_norm=0.0, tau_squared=float(rho @ rho))
+    return instance.having(
+        rho=rho,
+        residual_norm=0.0,
+        tau_squared=float(rho @ rho),
+    )
 
 
 #: One thing that users do, or data do to them, and how it is told in the library; the
@@ -337,11 +345,18 @@ def _chains() -> Iterator[Entry]:
                 )
                 name = f"chain of {n} links {shape} {draw}"
                 yield Entry(
-                    name, "chains", partial(_chain, n, shape, draw), description
+                    name,
+                    "chains",
+                    partial(_chain, n, shape, draw),
+                    description,
                 )
 
 
-def _chain(n: int, shape: str = "gyration", draw: int = 0) -> Instance:
+def _chain(
+    n: int,
+    shape: str = "gyration",
+    draw: int = 0,
+) -> Instance:
     return posed(chain_task(n, draw), "one-step", shape)
 
 
@@ -368,7 +383,9 @@ def _changed() -> Iterator[Entry]:
 
 
 def selected(
-    groups: Sequence[str] | None, entries: Iterable[Entry], quick: bool = False
+    groups: Sequence[str] | None,
+    entries: Iterable[Entry],
+    quick: bool = False,
 ) -> tuple[list[Entry], list[Entry]]:
     """Choose instances by group or name.
 

@@ -23,7 +23,11 @@ from sdp_vs_penalty.solvers.through_cvxpy import CLAIMS, ThroughCvxpy
 from sdp_vs_penalty.version import __version__
 
 
-def solve_cvxpy(instance: Instance, accuracy: float, solver: str | None) -> Answer:
+def solve_cvxpy(
+    instance: Instance,
+    accuracy: float,
+    solver: str | None,
+) -> Answer:
     """Solve the problem by CVXPY as its formulas read.
 
     Parameters
@@ -98,7 +102,11 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     """
     try:
         fit = fit_penalty(
-            instance.task, instance.data, instance.constraints, Penalty.starts, accuracy
+            instance.task,
+            instance.data,
+            instance.constraints,
+            Penalty.starts,
+            accuracy,
         )
     except InputError as error:
         return no_answer(instance, error)
@@ -106,7 +114,13 @@ def solve_penalty(instance: Instance, accuracy: float) -> Answer:
     best = min(runs, key=lambda run: run["objective"])
     claims = "optimal" if best["residual"] <= accuracy else "inaccurate"
     status = f"residual {best['residual']:.1e}"
-    return Answer(fit.theta, claims, status, fit.multipliers, attempts=len(runs))
+    return Answer(
+        fit.theta,
+        claims,
+        status,
+        fit.multipliers,
+        attempts=len(runs),
+    )
 
 
 _LOOP = "inside our loop: scaled, certified, solved again where the gap is loose"
@@ -283,12 +297,18 @@ def _conic(solver: Solver) -> Contestant:
 
 
 def _in_our_loop(
-    instance: Instance, accuracy: float, solver: str | None, finest: float
+    instance: Instance,
+    accuracy: float,
+    solver: str | None,
+    finest: float,
 ) -> Answer:
     """The certified fit, which claims what its own proof says."""
     try:
         posed = PosedSdp(
-            instance.task, instance.objective, instance.constraints, solver
+            instance.task,
+            instance.objective,
+            instance.constraints,
+            solver,
         )
         fit: Fit = posed.fit(instance.objective, finest)
         gap = fit.gap
@@ -322,7 +342,9 @@ def _baselines() -> list[Contestant]:
     )
     return [
         Contestant(
-            "lmi-sdp", words, partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy)
+            "lmi-sdp",
+            words,
+            partial(_in_our_loop, solver=None, finest=LmiSdp.accuracy),
         ),
         cvxpy,
         replace(

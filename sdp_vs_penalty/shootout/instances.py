@@ -142,7 +142,9 @@ class Instance:
 
 
 def unscaled_sdp(
-    data: LeastSquares, constraints: Sequence[Constraint], formulation: str
+    data: LeastSquares,
+    constraints: Sequence[Constraint],
+    formulation: str,
 ) -> SdpProblem:
     """The problem as users write it, without a centre, without scales of parameters or
     cones.
@@ -169,7 +171,12 @@ def unscaled_sdp(
     groups = list[ConeGroup]()
     offset = data.residual_norm**2
     if formulation == "rows":
-        equations = np.hstack([data.R, -np.eye(r)])
+        equations = np.hstack(
+            [
+                data.R,
+                -np.eye(r),
+            ]
+        )
         groups.append(plain_rows("zero", equations, -data.rho))
         P = scipy.sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc()
         q = np.zeros(p + r)
@@ -182,9 +189,22 @@ def unscaled_sdp(
         q = -2.0 * (R.T @ rho).astype(float)
         offset += float(data.rho @ data.rho)
     first = r if groups else 0
-    more, placed = scaled(constraints, np.zeros(p), np.ones(p), None, first=first)
+    more, placed = scaled(
+        constraints,
+        np.zeros(p),
+        np.ones(p),
+        None,
+        first=first,
+    )
     conic = conic_problem([*groups, *more], P, q)
-    return SdpProblem(conic, np.zeros(p), np.ones(p), 1.0, placed, offset)
+    return SdpProblem(
+        conic,
+        np.zeros(p),
+        np.ones(p),
+        1.0,
+        placed,
+        offset,
+    )
 
 
 @dataclass(frozen=True)
@@ -220,7 +240,11 @@ class Units:
         """
         first_moment = 1.0 / (self.mass * self.length)
         out = np.full(len(task.bound), self.torque)
-        out[task.links] = [1.0 / self.mass, *[first_moment] * 3, *[self.torque] * 6]
+        out[task.links] = [
+            1.0 / self.mass,
+            *[first_moment] * 3,
+            *[self.torque] * 6,
+        ]
         return out
 
     def rows(self, family: str) -> float:
@@ -315,7 +339,11 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
 
 
 def recorded(
-    robot: str, source: str, step: str, shape: str, stop: float = np.inf
+    robot: str,
+    source: str,
+    step: str,
+    shape: str,
+    stop: float = np.inf,
 ) -> Instance:
     """Instance from a robot's simulated experiment or its real measurements.
 
@@ -452,19 +480,36 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
     Problem
         Without bounds.
     """
-    rng = np.random.default_rng([_CHAIN_SEED, n, *[draw] * (draw > 0)])
+    rng = np.random.default_rng(
+        [
+            _CHAIN_SEED,
+            n,
+            *[draw] * (draw > 0),
+        ]
+    )
     a = rng.uniform(0.0, 0.3, n)
     twist = rng.choice([-0.5, 0.0, 0.5], n)
     d = rng.uniform(0.05, 0.3, n)
     robot = Robot.from_dh(
-        f"chain{n}", a.tolist(), (np.pi * twist).tolist(), d.tolist(), "modified"
+        f"chain{n}",
+        a.tolist(),
+        (np.pi * twist).tolist(),
+        d.tolist(),
+        "modified",
     )
     balls = np.zeros((n, 10))
     balls[:, 0] = 2.0
     balls[:, [4, 6, 9]] = 0.4 * 2.0 * (0.4 * np.array(robot.link_reach())[:, None]) ** 2
     links = inertia.standard_from_barycentric(balls)
     title = f"random serial chain of {n} links"
-    return Problem(robot.name, title, robot, open_box(n), links, torque_side="link")
+    return Problem(
+        robot.name,
+        title,
+        robot,
+        open_box(n),
+        links,
+        torque_side="link",
+    )
 
 
 def chain_task(n: int, draw: int = 0) -> Task:
@@ -482,15 +527,29 @@ def chain_task(n: int, draw: int = 0) -> Task:
     Task
         Torques have white noise of 1 % of each joint's.
     """
-    rng = np.random.default_rng([_CHAIN_SEED + 1, n, *[draw] * (draw > 0)])
+    rng = np.random.default_rng(
+        [
+            _CHAIN_SEED + 1,
+            n,
+            *[draw] * (draw > 0),
+        ]
+    )
     problem = chain_problem(n, draw)
     samples = 60
     model = problem.model()
     q = problem.robot.random_configurations(samples, _CHAIN_SEED)
     dq, ddq = rng.normal(size=(samples, n)), 3.0 * rng.normal(size=(samples, n))
-    motion = Motion(np.linspace(0.0, 1.0, samples), q, dq, ddq)
+    motion = Motion(
+        np.linspace(0.0, 1.0, samples),
+        q,
+        dq,
+        ddq,
+    )
     theta = np.concatenate(
-        [thin_links(rng, problem).ravel(), rng.uniform(0.1, 0.5, 3 * n)]
+        [
+            thin_links(rng, problem).ravel(),
+            rng.uniform(0.1, 0.5, 3 * n),
+        ]
     )
     columns = model.columns(motion)
     torque = np.column_stack([c.columns @ theta[c.indices] for c in columns])

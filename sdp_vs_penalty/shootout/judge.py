@@ -75,7 +75,9 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
         except Infeasible as error:
             if error.proof is not None:
                 return "proved infeasible", infeasibility_proof(
-                    *error.proof, task.bound, names
+                    *error.proof,
+                    task.bound,
+                    names,
                 )
     return "not proved", None
 
@@ -98,7 +100,10 @@ def reference(instance: Instance) -> Reference:
         return Reference("unknown" if proof is None else "infeasible", 0.0, np.inf, 1.0)
     scale = instance.data.loss_scale(np.array(proof["theta"], float))
     return Reference(
-        "feasible", float(proof["lower"]), float(proof["upper"]), max(scale, 1e-300)
+        "feasible",
+        float(proof["lower"]),
+        float(proof["upper"]),
+        max(scale, 1e-300),
     )
 
 
@@ -149,7 +154,10 @@ def no_answer(instance: Instance, error: InputError | str) -> Answer:
 
 
 def judge(
-    instance: Instance, reference: Reference, answer: Answer, accuracy: float
+    instance: Instance,
+    reference: Reference,
+    answer: Answer,
+    accuracy: float,
 ) -> Judgement:
     """Classify an answer.
 
@@ -179,7 +187,11 @@ def judge(
 
 
 def classified(
-    reference: Reference, claims: str, error: float, violation: float, accuracy: float
+    reference: Reference,
+    claims: str,
+    error: float,
+    violation: float,
+    accuracy: float,
 ) -> tuple[str, str]:
     """Class of an answer that claims something.
 
@@ -224,7 +236,9 @@ def classified(
 
 
 def _primal(
-    instance: Instance, reference: Reference, theta: Array
+    instance: Instance,
+    reference: Reference,
+    theta: Array,
 ) -> tuple[float, float]:
     """Relative distance of the objective from the interval, and relative violation."""
     if not np.all(np.isfinite(theta)):
@@ -232,7 +246,10 @@ def _primal(
     interior = instance.interior
     inside = instance.task.nominal if interior is None else interior
     violation = relative_violation(
-        instance.constraints.convex, theta, inside, instance.task.bound
+        instance.constraints.convex,
+        theta,
+        inside,
+        instance.task.bound,
     )
     if reference.verdict != "feasible":
         return np.inf, violation
@@ -268,7 +285,10 @@ def _dual(instance: Instance, answer: Answer) -> float:
 
 
 def relative_violation(
-    constraints: Sequence[Constraint], theta: Array, inside: Array, bound: Array
+    constraints: Sequence[Constraint],
+    theta: Array,
+    inside: Array,
+    bound: Array,
 ) -> float:
     """Worst violation in units of each cone's own size at an interior point: free of units.
 

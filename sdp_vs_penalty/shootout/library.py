@@ -35,7 +35,9 @@ _HERE = Path(__file__).parent
 
 
 def write_library(
-    folder: Path, entries: Sequence[Entry], progress: Progress
+    folder: Path,
+    entries: Sequence[Entry],
+    progress: Progress,
 ) -> list[dict[str, Any]]:
     """Write the instances, their index and the data card; returns the rows of the
     index.
@@ -46,7 +48,13 @@ def write_library(
     for k, item in enumerate(entries):
         progress(f"{k} of {len(entries)}: {item.name}")
         try:
-            rows.append(write_instance(folder / item.folder, item, item.make()))
+            rows.append(
+                write_instance(
+                    folder / item.folder,
+                    item,
+                    item.make(),
+                )
+            )
         except InputError:
             if not item.measured:
                 raise
@@ -59,7 +67,11 @@ def write_library(
     return rows
 
 
-def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, Any]:
+def write_instance(
+    folder: Path,
+    item: Entry,
+    instance: Instance,
+) -> dict[str, Any]:
     """Write the files of an instance.
 
     Parameters
@@ -119,7 +131,9 @@ def write_instance(folder: Path, item: Entry, instance: Instance) -> dict[str, A
 
 
 def _interval_cells(
-    instance: Instance, status: str, interval: tuple[str, str] | None
+    instance: Instance,
+    status: str,
+    interval: tuple[str, str] | None,
 ) -> dict[str, str]:
     """Difficulty, both ends of the proved interval as rational numbers, and its width
     over the objective; empty cells where nothing is proved."""

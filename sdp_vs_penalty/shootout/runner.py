@@ -143,7 +143,9 @@ def _read(path: Path) -> pandas.DataFrame:
     try:
         # As text first: an empty cell is no number, and "None" or "nan" are texts.
         return pandas.read_csv(
-            io.StringIO(text), dtype=str, keep_default_na=False
+            io.StringIO(text),
+            dtype=str,
+            keep_default_na=False,
         ).astype(COLUMNS)
     except ValueError as error:
         remedy = "delete it, and its run is done again"
@@ -200,7 +202,9 @@ def perform(task: Assignment) -> list[Row]:
     )
     if not task.solver:
         kind, reference_found, _ = in_child(
-            lambda: reference(problem_instance), task.time_limit, task.memory
+            lambda: reference(problem_instance),
+            task.time_limit,
+            task.memory,
         )
         remark = "" if kind == "ended" else f"{kind} {reference_found}".strip()
         reference_found = (
@@ -366,7 +370,11 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
     competing, missing = chosen(setup.solvers)
     if setup.quick and setup.solvers is None:
         competing = [c for c in competing if not c.is_certified]
-    entries, unmeasured = selected(setup.problems, catalogue().values(), setup.quick)
+    entries, unmeasured = selected(
+        setup.problems,
+        catalogue().values(),
+        setup.quick,
+    )
     absent = {c.name: str(c.absent) for c in missing}
     absent |= {
         e.name: "its measurements are absent (SDP_VS_PENALTY_DATA)" for e in unmeasured
@@ -439,7 +447,10 @@ def _perform_all(
 
 
 def _references(
-    setup: Shootout, entries: Sequence[Entry], say: Progress, work: Callable[..., Any]
+    setup: Shootout,
+    entries: Sequence[Entry],
+    say: Progress,
+    work: Callable[..., Any],
 ) -> dict[str, dict[str, Any]]:
     """Each instance's hash and proved interval; kept in references.json beside the
     runs."""
@@ -534,7 +545,9 @@ def _pending(
 
 
 def in_child(
-    work: Callable[[], Any], limit: float, memory: float
+    work: Callable[[], Any],
+    limit: float,
+    memory: float,
 ) -> tuple[str, Any, float]:
     """Fork and work.
 

@@ -161,9 +161,19 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
                 y = np.append(shares, last)
                 style = {"color": f"C{k % 10}", "linestyle": "-" if k < 10 else "--"}
                 width = 2.2 if solver == "lmi-sdp" else 1.2
-                panel.step(x, y, where="post", label=solver, linewidth=width, **style)
+                panel.step(
+                    x,
+                    y,
+                    where="post",
+                    label=solver,
+                    linewidth=width,
+                    **style,
+                )
             panel.set(
-                xscale="log", xlim=(0.9, 1e4), ylim=(0.0, 1.03), title=f"{accuracy:.0e}"
+                xscale="log",
+                xlim=(0.9, 1e4),
+                ylim=(0.0, 1.03),
+                title=f"{accuracy:.0e}",
             )
             panel.set_xlabel("time over the fastest that was right")
             panel.grid(alpha=0.3)
@@ -260,7 +270,12 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
                 y = np.concatenate([[0.0], shares, shares[-1:], [0.0]])[: len(x)]
                 width = 2.2 if solver == "lmi-sdp" else 1.2
                 panel.step(
-                    x, y, where="post", label=label, color=f"C{k}", linewidth=width
+                    x,
+                    y,
+                    where="post",
+                    label=label,
+                    color=f"C{k}",
+                    linewidth=width,
                 )
                 at = y[np.searchsorted(x, wrong, side="right") - 1]
                 panel.plot(wrong, at, "x", color=f"C{k}", markersize=6)
@@ -274,7 +289,12 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
             panel.grid(alpha=0.3)
         axes[0].set_ylabel("share of problems solved")
         handles, labels = axes[0].get_legend_handles_labels()
-        (cross,) = axes[0].plot([], [], "kx", markersize=6)
+        (cross,) = axes[0].plot(
+            [],
+            [],
+            "kx",
+            markersize=6,
+        )
         figure.legend(
             [*handles, cross],
             [*labels, "silently wrong answer"],
@@ -348,7 +368,9 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
     how |= {name: (name, "median") for name in errors}
     how |= {"attempts": ("attempts", "mean"), "version": ("version", "last")}
     table = runs_with_errors.groupby(
-        ["solver", "settings"], sort=False, as_index=False
+        ["solver", "settings"],
+        sort=False,
+        as_index=False,
     ).agg(**how)
     table["success_percent"] *= 100.0
     table["mean_seconds"] = np.exp(table["mean_seconds"]) - 0.01
@@ -375,10 +397,14 @@ def by_problem(runs: pandas.DataFrame) -> list[str]:
     worst = tightest[["objective_error", "violation"]].max(axis=1)
     wrong = [f"**WRONG** {x:.0e}" if np.isfinite(x) else "**WRONG**" for x in worst]
     class_words = np.where(
-        tightest["class"] == "silently_wrong", wrong, tightest["class"]
+        tightest["class"] == "silently_wrong",
+        wrong,
+        tightest["class"],
     )
     grid = tightest.assign(said=class_words).pivot(
-        index="problem", columns="solver", values="said"
+        index="problem",
+        columns="solver",
+        values="said",
     )
     return _markdown(grid.fillna("n/a").loc[runs["problem"].unique()].reset_index())
 
@@ -388,7 +414,9 @@ def _markdown(table: pandas.DataFrame) -> list[str]:
 
 
 def ranking(
-    runs: pandas.DataFrame, accuracy: float, links: int | None = None
+    runs: pandas.DataFrame,
+    accuracy: float,
+    links: int | None = None,
 ) -> pandas.DataFrame:
     """Contestants, those that reach the accuracy most often first.
 
@@ -427,7 +455,10 @@ def ranking(
         "ascending": [False, True, True],
     }
     return table.sort_values(
-        **order, na_position="first", kind="stable", ignore_index=True
+        **order,
+        na_position="first",
+        kind="stable",
+        ignore_index=True,
     )
 
 

@@ -45,7 +45,12 @@ class Pieces(tuple[NDArray[np.intp], ...]):
     @cached_property
     def predicted(self) -> NDArray[np.intp]:
         """The rows that have a past of ORDER rows in their piece."""
-        return np.concatenate([np.arange(0), *(p[ORDER:] for p in self)])
+        return np.concatenate(
+            [
+                np.arange(0),
+                *(p[ORDER:] for p in self),
+            ]
+        )
 
     @cached_property
     def past(self) -> list[NDArray[np.intp]]:
@@ -59,7 +64,11 @@ class Pieces(tuple[NDArray[np.intp], ...]):
     #: The filter that was asked for last, and by what.
     _last: tuple[tuple[bytes, int], scipy.sparse.csr_array] | None = None
 
-    def filter(self, ar: Array, count: int) -> scipy.sparse.csr_array:
+    def filter(
+        self,
+        ar: Array,
+        count: int,
+    ) -> scipy.sparse.csr_array:
         """Sparse map that whitens a series: each row minus its prediction by an autoregression.
 
         Parameters
@@ -122,7 +131,10 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
 
 
 def local_excess(
-    white: Array, pieces: Sequence[NDArray[np.intp]], tests: int, degrees: float
+    white: Array,
+    pieces: Sequence[NDArray[np.intp]],
+    tests: int,
+    degrees: float,
 ) -> Mask:
     """Find windows whose energy noise of unit variance does not reach by chance.
 
@@ -147,10 +159,19 @@ def local_excess(
     n_windows = max(n_rows, 1) * len(LENGTHS) * tests
     # The upper quantile of F: d / (d + length F) is distributed as beta.
     lengths = np.array(LENGTHS)
-    w = scipy.special.betaincinv(0.5 * degrees, 0.5 * lengths, FALSE_EVENT / n_windows)
+    w = scipy.special.betaincinv(
+        0.5 * degrees,
+        0.5 * lengths,
+        FALSE_EVENT / n_windows,
+    )
     limits = (degrees * (1.0 - w) / w).tolist()
     for piece in pieces:
-        energy = np.concatenate([[0.0], np.cumsum(white[piece] ** 2)])
+        energy = np.concatenate(
+            [
+                [0.0],
+                np.cumsum(white[piece] ** 2),
+            ]
+        )
         for length, limit in zip(LENGTHS, limits, strict=True):
             if length > len(piece):
                 continue
@@ -230,7 +251,10 @@ def _stretches(pieces: Sequence[NDArray[np.intp]], size: int) -> list[NDArray[np
 
 
 def _window_energy(
-    white: Array, pieces: Sequence[NDArray[np.intp]], slow: Mask, length: int
+    white: Array,
+    pieces: Sequence[NDArray[np.intp]],
+    slow: Mask,
+    length: int,
 ) -> tuple[Array, Mask]:
     """Logarithm (M,) of the energy in the window around each row, minus infinity where
     there is none; and whether the joint is slow in most of it (M,)."""
@@ -297,7 +321,12 @@ def noise_profile(white: Array, rates: Array, at: Array) -> Array:
     size = np.maximum(np.mean(rates[used], axis=0), 1e-24)
     squares = white[used] ** 2
     squares = np.minimum(squares, (3.0 * robust_scale(white[used])) ** 2)
-    columns = np.column_stack([np.ones(len(squares)), rates[used] / size])
+    columns = np.column_stack(
+        [
+            np.ones(len(squares)),
+            rates[used] / size,
+        ]
+    )
     law = scipy.optimize.nnls(columns, squares)[0]
     level = float(law.sum())
     if level <= 0.0:

@@ -56,8 +56,20 @@ def _again(t: Array, q: Array) -> Array:
         return q
     middle_time = 0.5 * (t[change] + t[change + 1])
     middle_position = 0.5 * (q[change] + q[change + 1])
-    when = np.concatenate([t[:1], middle_time, t[-1:]])
-    where = np.concatenate([q[:1], middle_position, q[-1:]])
+    when = np.concatenate(
+        [
+            t[:1],
+            middle_time,
+            t[-1:],
+        ]
+    )
+    where = np.concatenate(
+        [
+            q[:1],
+            middle_position,
+            q[-1:],
+        ]
+    )
     between = np.interp(t, when, where)
     # Errors of encoders whose steps lie apart by such a share a of one are not
     # correlated, as 1 - 6 a (1 - a) = 0.

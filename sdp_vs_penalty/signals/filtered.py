@@ -107,7 +107,9 @@ class _ChunkCache:
 
 
 def _new_columns(
-    piece: FilteredChunk, model: Model, known: Mapping[int, list[Block]]
+    piece: FilteredChunk,
+    model: Model,
+    known: Mapping[int, list[Block]],
 ) -> dict[int, list[Block]]:
     """The columns at the rows of the effects that are not known yet."""
     smooth = None if model.needs_reference else piece.smooth
@@ -142,7 +144,13 @@ def low_passed(
         return dict(blocks)
     ends = np.cumsum([len(x) for x in columns])
     filtered = low_pass @ np.vstack(columns).T
-    parts = iter(np.split(filtered, ends[:-1], axis=1))
+    parts = iter(
+        np.split(
+            filtered,
+            ends[:-1],
+            axis=1,
+        )
+    )
     return {
         k: [replace(b, columns=next(parts)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()
@@ -162,7 +170,9 @@ class FilteredRun:
     settings: Preprocessing
     movement_override: Movement | None = None
     _kept: dict[bool, list[_ChunkCache]] = field(
-        default_factory=dict, init=False, repr=False
+        default_factory=dict,
+        init=False,
+        repr=False,
     )
 
     def __reduce__(self) -> tuple[Any, ...]:

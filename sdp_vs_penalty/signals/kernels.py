@@ -30,7 +30,11 @@ class Decimator:
     few rows: they share most of their samples, which makes it several times as fast as
     sparse rows."""
 
-    def __init__(self, kernel: LowPass, at: NDArray[np.int64]) -> None:
+    def __init__(
+        self,
+        kernel: LowPass,
+        at: NDArray[np.int64],
+    ) -> None:
         self.kernel, self.at, size = kernel, at, len(kernel.value)
         self.blocks: list[tuple[slice, Array]] = []
         known: dict[bytes, Array] = {}  # evenly spaced rows share one block
@@ -56,7 +60,11 @@ class Decimator:
         rows = np.concatenate([flat[:0], *parts])
         return rows.reshape(len(self.at), *shape)
 
-    def part(self, start: int, stop: int) -> tuple[Decimator, slice]:
+    def part(
+        self,
+        start: int,
+        stop: int,
+    ) -> tuple[Decimator, slice]:
         """The decimator of some of its rows.
 
         Parameters
@@ -101,7 +109,12 @@ class Kernel(LowPass):
         h2 = sinc2 * hann + 2.0 * sinc1 * hann1 + sinc * hann2
         even = (0, 2, 4, 6)
         odd = (1, 3, 5, 7)
-        polynomial = _moment_factor(h, u, even, (1.0, 0.0, 0.0, 0.0))
+        polynomial = _moment_factor(
+            h,
+            u,
+            even,
+            (1.0, 0.0, 0.0, 0.0),
+        )
         c = polynomial(u)
         c1 = polynomial.deriv(1)(u)
         c2 = polynomial.deriv(2)(u)
@@ -130,7 +143,12 @@ class Kernel(LowPass):
         """
         # This keeps the rounding of the transforms relative to the motion.
         centred = q - q[:1]
-        low, first, second = convolve(centred, self.value, self.first, self.second)
+        low, first, second = convolve(
+            centred,
+            self.value,
+            self.first,
+            self.second,
+        )
         return low + q[:1], first, second
 
     def sampled(self, stride: int) -> LowPass:
@@ -151,7 +169,12 @@ class Kernel(LowPass):
         offsets = np.arange(-(self.half // stride), self.half // stride + 1)
         value = self.value[self.half + stride * offsets]
         u = offsets / max(offsets[-1], 1)
-        factor = _moment_factor(value, u, (0, 2, 4, 6), (1.0, 0.0, 0.0, 0.0))
+        factor = _moment_factor(
+            value,
+            u,
+            (0, 2, 4, 6),
+            (1.0, 0.0, 0.0, 0.0),
+        )
         return LowPass(value * factor(u))
 
 
@@ -161,7 +184,11 @@ def _sinc_derivatives(w: float, t: Array) -> tuple[Array, Array, Array]:
     sine = np.sin(w * t)
     cosine = np.cos(w * t)
     value = np.where(t == 0.0, w, sine / safe)
-    first = np.where(t == 0.0, 0.0, (w * cosine - value) / safe)
+    first = np.where(
+        t == 0.0,
+        0.0,
+        (w * cosine - value) / safe,
+    )
     second = (-(w**2) * sine - 2.0 * first) / safe
     return value, first, np.where(t == 0.0, -(w**3) / 3.0, second)
 
@@ -200,7 +227,10 @@ def convolve(x: Array, *kernels: Array) -> list[Array]:
 
 
 def _moment_factor(
-    kernel: ArrayLike, u: ArrayLike, orders: Sequence[int], moments: Sequence[float]
+    kernel: ArrayLike,
+    u: ArrayLike,
+    orders: Sequence[int],
+    moments: Sequence[float],
 ) -> np.polynomial.Polynomial:
     """The even polynomial c(u) with sum kernel c(u) u^k = moment for each order k."""
     powers = 2 * np.arange(len(orders))

@@ -51,7 +51,13 @@ class MotionRecord(JsonRecord):
     distance: float
 
     def __post_init__(self) -> None:
-        rows = np.concatenate([self.centre[None], self.scale[None], *self.lines])
+        rows = np.concatenate(
+            [
+                self.centre[None],
+                self.scale[None],
+                *self.lines,
+            ]
+        )
         if not (self.lines and np.all(np.isfinite(rows))):
             raise ValueError("training_motion: not numbers for each joint")
         if not (np.all(self.scale > 0.0) and self.distance > 0.0):
@@ -62,7 +68,11 @@ class MotionRecord(JsonRecord):
         point. None where the filters leave none."""
         tree = _tree(self.lines, self.distance)
         near = [
-            _near(tree, (x - self.centre) / self.scale, self.distance)
+            _near(
+                tree,
+                (x - self.centre) / self.scale,
+                self.distance,
+            )
             for x in _paths(runs)
         ]
         if not near:
@@ -125,7 +135,10 @@ def _paths(runs: FilteredRuns) -> Iterator[Array]:
 
 
 def _record(
-    centre: Array, scale: Array, paths: Callable[[], Iterable[Array]], distance: float
+    centre: Array,
+    scale: Array,
+    paths: Callable[[], Iterable[Array]],
+    distance: float,
 ) -> MotionRecord | None:
     """Paths (in units of the scale), thinned until the record is small enough."""
     while distance <= 4.0 * DISTANCE:
@@ -178,10 +191,18 @@ def _tree(lines: Iterable[Array], distance: float) -> Any:
     return scipy.spatial.cKDTree(np.concatenate(points))
 
 
-def _near(tree: Any, rows: Array, reach: float) -> NDArray[np.bool_]:
+def _near(
+    tree: Any,
+    rows: Array,
+    reach: float,
+) -> NDArray[np.bool_]:
     """(M,) whether rows (M, d) are less than ``reach`` from some point in every
     coordinate."""
-    distance, _ = tree.query(rows, p=np.inf, distance_upper_bound=reach)
+    distance, _ = tree.query(
+        rows,
+        p=np.inf,
+        distance_upper_bound=reach,
+    )
     return np.isfinite(distance)
 
 

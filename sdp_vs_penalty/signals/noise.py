@@ -92,7 +92,12 @@ class Noise:
         """(M, n) how much of a row's information standing still has left, from 0 to 1."""
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
-    def whiten(self, values: Array, joint: int, pieces: Pieces) -> Array:
+    def whiten(
+        self,
+        values: Array,
+        joint: int,
+        pieces: Pieces,
+    ) -> Array:
         """Whiten columns of a joint by its noise model: noise becomes white, of unit variance.
 
         Parameters
@@ -157,7 +162,14 @@ def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
     )
     suspect = np.zeros_like(runs.keep)
     return Noise(
-        floor, ar, sigma, degrees, RESIDUAL, suspect, np.ones_like(residual), runs.held
+        floor,
+        ar,
+        sigma,
+        degrees,
+        RESIDUAL,
+        suspect,
+        np.ones_like(residual),
+        runs.held,
     )
 
 
@@ -219,7 +231,11 @@ class _RepeatedRows:
     differences say something new, over all.
     """
 
-    def __init__(self, runs: SegmentedRuns, repeats: tuple[Repeat, ...]) -> None:
+    def __init__(
+        self,
+        runs: SegmentedRuns,
+        repeats: tuple[Repeat, ...],
+    ) -> None:
         self.runs = runs
         self.n_rows = len(runs.t)
         self.difference = differences(runs, repeats)
@@ -282,7 +298,13 @@ class _RepeatedRows:
         drift, ever slower or faster; columns of unit norm."""
         t = self.runs.t[self.index]
         dq = self.runs.dq[self.index, j]
-        laws = np.column_stack([np.ones_like(t), smooth_sign(dq), dq])
+        laws = np.column_stack(
+            [
+                np.ones_like(t),
+                smooth_sign(dq),
+                dq,
+            ]
+        )
         since = t - t.mean()
         growing = np.column_stack([laws, since[:, None] * laws])
         drift = self._gap[:, None] * growing
@@ -294,7 +316,9 @@ class _RepeatedRows:
 
 
 def _carried(
-    suspect: NDArray[np.bool_], runs: SegmentedRuns, shown: SegmentedRuns
+    suspect: NDArray[np.bool_],
+    runs: SegmentedRuns,
+    shown: SegmentedRuns,
 ) -> NDArray[np.bool_]:
     """(M, n) whether the rows of windows ``shown`` are within a row of what is suspect
     in ``runs``."""
@@ -414,7 +438,11 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     kernel = Kernel(runs.cutoff, dt).value
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
     gain = np.abs(np.fft.rfft(kernel, size))
-    passed = np.interp(frequency, np.fft.rfftfreq(size, dt), gain**2)
+    passed = np.interp(
+        frequency,
+        np.fft.rfftfreq(size, dt),
+        gain**2,
+    )
     has_negative = (frequency > 0.0) & (frequency < 0.5 / dt)
     weight = np.where(has_negative, 2.0, 1.0)
     return np.asarray(np.sqrt(noise.spectrum @ (weight * passed) / np.sum(weight)))

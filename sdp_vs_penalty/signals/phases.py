@@ -97,12 +97,21 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
         t = track[0]
         period = repeat_period(*track)
         length = float(t[-1] - t[0]) if period is None else period
-        clock = MotionClock(k, float(t[0]), length, period is not None)
+        clock = MotionClock(
+            k,
+            float(t[0]),
+            length,
+            period is not None,
+        )
         for other, there in zip(clocks, tracks, strict=False):
             both = clock.periodic and other.periodic
             if both and abs(other.length - length) > ALIKE * length:
                 continue
-            lag = repeat_lag(there, track, *([0.6 * length] if both else []))
+            lag = repeat_lag(
+                there,
+                track,
+                *([0.6 * length] if both else []),
+            )
             if lag is not None:
                 clock = replace(other, start=other.start + lag)
                 break
@@ -123,7 +132,11 @@ class PhaseFolds:
     count: int
     guard: float = 0.0
 
-    def fold(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
+    def fold(
+        self,
+        run: int,
+        t: ArrayLike,
+    ) -> NDArray[np.intp]:
         """Index of the fold that tests on given instants.
 
         Parameters
@@ -143,7 +156,11 @@ class PhaseFolds:
         slot = np.floor(phase * self.count).astype(np.intp)
         return np.clip(slot, 0, self.count - 1)
 
-    def cell(self, run: int, t: ArrayLike) -> NDArray[np.intp]:
+    def cell(
+        self,
+        run: int,
+        t: ArrayLike,
+    ) -> NDArray[np.intp]:
         """Index of the cell in which given instants lie, between two borders of folds or guards.
 
         Parameters
@@ -229,7 +246,13 @@ class PhaseFolds:
         clocks = {clock.motion: clock for clock in reversed(self.clocks)}
         for motion, clock in sorted(clocks.items()):
             edges = np.linspace(0.0, clock.length, self.count + 1)
-            marks = np.concatenate([edges, edges - self.guard, edges + self.guard])
+            marks = np.concatenate(
+                [
+                    edges,
+                    edges - self.guard,
+                    edges + self.guard,
+                ]
+            )
             marks = marks % clock.length if clock.periodic else marks
             marks = marks[(marks > 0.0) & (marks < clock.length)]
             out[motion] = first, clock, np.unique([0.0, *marks, clock.length])
@@ -256,7 +279,9 @@ class PhaseFolds:
 
 
 def phase_folds(
-    measurements: Measurements, settings: Preprocessing, count: int
+    measurements: Measurements,
+    settings: Preprocessing,
+    count: int,
 ) -> PhaseFolds:
     """Folds of runs, guarded by the reach of the filters; ``settings`` must be
     resolved.
@@ -274,7 +299,11 @@ def filter_reach(run: Measurements, settings: Preprocessing) -> float:
 
 
 def phase_windows(
-    clock: MotionClock, span: float, share: float, pause: float, shortest: float
+    clock: MotionClock,
+    span: float,
+    share: float,
+    pause: float,
+    shortest: float,
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]] | None:
     """One run split in two: windows [s from its start] for training, and windows for
     testing.
@@ -292,7 +321,11 @@ def phase_windows(
     length = float(clock.length if clock.periodic else span)
     for n_parts in range(5, 0, -1):
         part = length / n_parts
-        tested = max((1.0 - share) * part, 0.2 * part + 2.0 * pause, shortest)
+        tested = max(
+            (1.0 - share) * part,
+            0.2 * part + 2.0 * pause,
+            shortest,
+        )
         trained = part - tested - 2.0 * pause
         most_trained = 0.6 if n_parts > 1 else 0.5
         if trained >= max(shortest, most_trained * part - 1e-9):

@@ -93,7 +93,9 @@ class Preprocessing:
             )
 
     def resolve(
-        self, measurements: Measurements, lowest_cutoff: float | None = None
+        self,
+        measurements: Measurements,
+        lowest_cutoff: float | None = None,
     ) -> Preprocessing:
         """The same settings with every number filled in for these measurements. least :
         where the states' cut-off begins [Hz]; by default ten times the motion's highest
@@ -187,7 +189,11 @@ class RunFilter:
         rows_per_sample = rate * self.column.cutoff * self.dt
         return stride * max(1, int(1.0 / (rows_per_sample * stride)))
 
-    def around(self, part: Stretch, at: NDArray[np.int64]) -> tuple[Motion, Motion]:
+    def around(
+        self,
+        part: Stretch,
+        at: NDArray[np.int64],
+    ) -> tuple[Motion, Motion]:
         """Compute the motion as far around samples as the low-passes of columns look.
 
         Parameters
@@ -215,20 +221,37 @@ class RunFilter:
 
         first = at[0] - reach
         last = at[-1] + reach
-        fine = self.motion(part, first, last, on_grid(longest - reach, self.stride))
+        fine = self.motion(
+            part,
+            first,
+            last,
+            on_grid(longest - reach, self.stride),
+        )
         q, dq, ddq = on_grid(longest - smooth_reach, self.smooth_stride)
         first = at[0] - smooth_reach
         last = at[-1] + smooth_reach
-        clock = part.clock(np.arange(first, last + 1, self.smooth_stride))
+        clock = part.clock(
+            np.arange(
+                first,
+                last + 1,
+                self.smooth_stride,
+            )
+        )
         return fine, Motion(clock, q, dq, ddq)
 
     def _states(
-        self, part: Stretch, q: Array, first: int, last: int
+        self,
+        part: Stretch,
+        q: Array,
+        first: int,
+        last: int,
     ) -> tuple[Array, Array, Array]:
         """Positions of a log and their rates, low-passed, from sample ``first`` to
         ``last``."""
         positions = part.resampled(
-            q, first - self.state.half, last + 1 + self.state.half
+            q,
+            first - self.state.half,
+            last + 1 + self.state.half,
         )
         return self.state.states(positions)
 
@@ -245,7 +268,13 @@ class RunFilter:
             at_samples = self._states(part, part.q, first, last)
             states = [x[:: self.stride] for x in at_samples]
         q, dq, ddq = states
-        clock = part.clock(np.arange(first, last + 1, self.stride))
+        clock = part.clock(
+            np.arange(
+                first,
+                last + 1,
+                self.stride,
+            )
+        )
         warm = part.temperature
         if warm is not None:  # slow: it needs no filter
             warm = part.resampled(warm, first, last + 1)[:: self.stride]
@@ -253,7 +282,12 @@ class RunFilter:
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
         if part.qmot is not None:
-            _, _, acceleration = self._states(part, part.qmot, first, last)
+            _, _, acceleration = self._states(
+                part,
+                part.qmot,
+                first,
+                last,
+            )
             motors = acceleration[:: self.stride]
         motion = Motion(
             clock,
@@ -267,7 +301,12 @@ class RunFilter:
         )
         return replace(motion, within=Sampling(self.stride, self.dt))
 
-    def _command(self, part: Stretch, first: int, last: int) -> tuple[Command, Array]:
+    def _command(
+        self,
+        part: Stretch,
+        first: int,
+        last: int,
+    ) -> tuple[Command, Array]:
         """What the drives were told, from a longest delay before sample ``first`` on,
         and the integral of the positions from there to ``last``: filtered as the
         positions are."""
@@ -277,7 +316,12 @@ class RunFilter:
         n_before = int(1.2 * LATEST / self.dt)
         begin = first - stride * -(-n_before // stride)
         of_command, of_motion = part.integrals
-        q, dq, ddq = self._states(part, part.qcmd, begin, last)
+        q, dq, ddq = self._states(
+            part,
+            part.qcmd,
+            begin,
+            last,
+        )
         integral = self._states(part, of_command, begin, last)[0]
         path = self._states(part, of_motion, first, last)[0]
         command = Command(
@@ -289,7 +333,11 @@ class RunFilter:
         )
         return command, path[::stride]
 
-    def torque(self, part: Stretch, at: NDArray[np.int64]) -> Array:
+    def torque(
+        self,
+        part: Stretch,
+        at: NDArray[np.int64],
+    ) -> Array:
         """Low-passed torque (len(at), n) at samples of the log, in order."""
         begin = at[0] - self.column.half
         end = at[-1] + self.column.half + 1

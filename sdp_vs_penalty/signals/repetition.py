@@ -99,7 +99,11 @@ def _first_period(track: Track) -> float | None:
     return None
 
 
-def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
+def repeat_lag(
+    a: Track,
+    b: Track,
+    slip: float = 5.0,
+) -> float | None:
     """Find the difference of clocks after which one track repeats another.
 
     Parameters
@@ -134,7 +138,11 @@ def repeat_lag(a: Track, b: Track, slip: float = 5.0) -> float | None:
 
 
 def _valleys(
-    a: Track, b: Track, scale: Array, step: float, lags: NDArray[np.int64]
+    a: Track,
+    b: Track,
+    scale: Array,
+    step: float,
+    lags: NDArray[np.int64],
 ) -> list[tuple[float, float]]:
     """Mean square of the difference b(t_b0 + k step + lag) - a(t_a0 + k step), each
     joint in units of its scale (n,), where it has a minimum that reaches the ground,
@@ -195,7 +203,12 @@ def _correlation(x: Array, y: Array) -> Array:
     return np.asarray(scipy.fft.irfft(spectrum, length))
 
 
-def _alike(a: Track, b: Track, scale: Array, lag: float) -> bool:
+def _alike(
+    a: Track,
+    b: Track,
+    scale: Array,
+    lag: float,
+) -> bool:
     """Whether b repeats a after a lag [s] of the instants since each began."""
     (t_a, q_a), (t_b, q_b) = a, b
     at = t_a - t_a[0] + lag + t_b[0]
@@ -262,7 +275,12 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
         What comes back, and where.
     """
     out = []
-    starts = np.cumsum([0, *(len(s.t) for s in segments)])
+    starts = np.cumsum(
+        [
+            0,
+            *(len(s.t) for s in segments),
+        ]
+    )
     for k, a in enumerate(segments):
         for m, b in enumerate(segments[k:], k):
             if m == k:
@@ -275,12 +293,21 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
             if len(rows) >= _FEWEST_ROWS:
                 place = np.searchsorted(b.t, later)
                 place = np.clip(place, 0, len(b.t) - 1)
-                out.append(Repeat(starts[k] + rows, m, later, starts[m] + place))
+                out.append(
+                    Repeat(
+                        starts[k] + rows,
+                        m,
+                        later,
+                        starts[m] + place,
+                    )
+                )
     return tuple(out)
 
 
 def _same_positions(
-    a: Filtered, b: Filtered, shift: float
+    a: Filtered,
+    b: Filtered,
+    shift: float,
 ) -> tuple[NDArray[np.intp], Array]:
     """The rows of a at which b has the same positions ``shift`` seconds later, and
     these instants; none where there are too few."""
@@ -418,7 +445,12 @@ def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
     list of NDArray
         Numbers of the differences, piece by piece.
     """
-    rows = np.concatenate([np.arange(0), *(r.rows for r in repeats)])
+    rows = np.concatenate(
+        [
+            np.arange(0),
+            *(r.rows for r in repeats),
+        ]
+    )
     ends = np.cumsum([len(r.rows) for r in repeats])[:-1]
     gaps = np.flatnonzero(np.diff(rows) != 1) + 1
     return np.split(np.arange(len(rows)), np.union1d(ends, gaps))

@@ -128,7 +128,13 @@ def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """
-    padded = np.concatenate([[0], flags.astype(np.int8), [0]])
+    padded = np.concatenate(
+        [
+            [0],
+            flags.astype(np.int8),
+            [0],
+        ]
+    )
     return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
@@ -161,14 +167,26 @@ class Stretch:
         logged."""
 
         integral = partial(
-            scipy.integrate.cumulative_trapezoid, x=self.t, axis=0, initial=0.0
+            scipy.integrate.cumulative_trapezoid,
+            x=self.t,
+            axis=0,
+            initial=0.0,
         )
         of_position = integral(self.q) if self.sum is None else self.sum
         return integral(self.qcmd), of_position
 
-    def resampled(self, values: Array, start: int, stop: int) -> Array:
+    def resampled(
+        self,
+        values: Array,
+        start: int,
+        stop: int,
+    ) -> Array:
         """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
-        return interpolated(self.clock(np.arange(start, stop)), self.t, values)
+        return interpolated(
+            self.clock(np.arange(start, stop)),
+            self.t,
+            values,
+        )
 
 
 def interpolated(at: Array, t: Array, values: Array) -> Array:
@@ -182,7 +200,11 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
         end = int(np.searchsorted(t, instants[-1])) + 1
         samples = slice(max(begin, 0), end)
         for row, known in zip(out, values[samples].T, strict=True):
-            row[start : start + PART] = np.interp(instants, t[samples], known)
+            row[start : start + PART] = np.interp(
+                instants,
+                t[samples],
+                known,
+            )
     return out.T
 
 
@@ -214,5 +236,7 @@ def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
 def no_motion(run: Measurements) -> InputError:
     """For a run in which no joint moves."""
     return InputError(
-        "the robot does not move in this run", "record a motion", run.names[0]
+        "the robot does not move in this run",
+        "record a motion",
+        run.names[0],
     )

@@ -270,7 +270,9 @@ class SegmentedRuns:
                     [s.low_pass @ friction_laws(s.motion, j) for s in self.segments]
                 )
                 std, no_law = unexplained_standstill_torque(
-                    self.residual[keep, j], laws[keep], share[keep]
+                    self.residual[keep, j],
+                    laws[keep],
+                    share[keep],
                 )
                 held[:, j] = std * share
                 stuck[:, j] = no_law & (share > STILL)
@@ -280,7 +282,11 @@ class SegmentedRuns:
     def keep(self) -> NDArray[np.bool_]:
         """(M, n) which rows count for which joint."""
         moves = np.concatenate([s.keep for s in self.segments])
-        keep = np.repeat(moves[:, None], self.n, axis=1)
+        keep = np.repeat(
+            moves[:, None],
+            self.n,
+            axis=1,
+        )
         return keep & ~self.masked if self.masked.size else keep
 
     @cached_property
@@ -318,7 +324,11 @@ class SegmentedRuns:
             attached=model,
         )
 
-    def blocks(self, effect: Effect, keep: bool = True) -> list[Block]:
+    def blocks(
+        self,
+        effect: Effect,
+        keep: bool = True,
+    ) -> list[Block]:
         """The effect's columns on the rows: blocks of (M, k); keep : them for who asks
         again."""
         column_blocks = self.columns.of(effect, keep)
@@ -357,7 +367,11 @@ def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedR
     )
 
 
-def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
+def _segment(
+    index: int,
+    part: Stretch,
+    filters: RunFilter,
+) -> Segment | None:
     """One stretch filtered; None where it is too short, or nothing in it counts."""
     state = filters.state
     column = filters.column
@@ -372,7 +386,11 @@ def _segment(index: int, part: Stretch, filters: RunFilter) -> Segment | None:
     if count < 2 * half + 1 + 2 * step:
         return None
     grid = state.half + stride * np.arange(count)
-    motion = filters.motion(part, state.half, part.count - state.half - 1)
+    motion = filters.motion(
+        part,
+        state.half,
+        part.count - state.half - 1,
+    )
     rows = np.arange(half, count - half, step)
     dense = np.arange(half, count - half, dense_step)
     low_pass = Decimator(filters.coarse, rows)
@@ -431,7 +449,9 @@ def window_subsample(
 
 
 def subsample_sentence(
-    part: Measurements, measurements: Measurements, what: str
+    part: Measurements,
+    measurements: Measurements,
+    what: str,
 ) -> str | None:
     """That ``what`` rests on windows only, and on how many; None where it rests on all."""
     if part is measurements:

@@ -66,13 +66,24 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     length = min(part.count, c.SAMPLES)
     n_pieces = -(-part.count // length)
     starts = np.linspace(0, part.count - length, n_pieces).astype(int)
-    pieces = [part.resampled(values, k, k + length) for k in starts]
+    pieces = [
+        part.resampled(
+            values,
+            k,
+            k + length,
+        )
+        for k in starts
+    ]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
     return np.asarray(np.mean(spectra, axis=0)), frequency
 
 
-def periodograms(x: Array, length: int, degree: int = 0) -> Array:
+def periodograms(
+    x: Array,
+    length: int,
+    degree: int = 0,
+) -> Array:
     """Compute the periodograms of overlapping windows, of unit mean for white noise.
 
     Each window goes without its course, a polynomial: what leaks of it would hide that
@@ -105,7 +116,10 @@ def periodograms(x: Array, length: int, degree: int = 0) -> Array:
 
 
 def unbent_cutoff(
-    runs: Sequence[Measurements], cutoff: float, band: float, highest: float
+    runs: Sequence[Measurements],
+    cutoff: float,
+    band: float,
+    highest: float,
 ) -> float:
     """Choose the cut-off of a state filter that leaves the least error in acceleration.
 
@@ -140,7 +154,11 @@ def unbent_cutoff(
         return cutoff
     is_noisy = noise.max(axis=0) > c.NOISY**2
     error = (bent + noise).mean(axis=0)
-    error = np.where(is_noisy & (candidates > cutoff), np.inf, error)
+    error = np.where(
+        is_noisy & (candidates > cutoff),
+        np.inf,
+        error,
+    )
     return float(candidates[np.argmin(error)])
 
 
@@ -165,7 +183,11 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     errors = []
     for power in powers.T:
         noise = float(power[frequency > c.LAST / part.dt].mean())
-        smooth = np.convolve(power, np.ones(width) / width, mode="same")
+        smooth = np.convolve(
+            power,
+            np.ones(width) / width,
+            mode="same",
+        )
         is_noise = smooth < c.ABOVE * noise
         end_of_motion = min(frequency[is_noise], default=np.inf)
         motion = np.where(frequency < end_of_motion, power, 0.0) * transfer
@@ -224,7 +246,11 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     dt = parts[0].dt
     length = 2 * round(1.0 / cutoff / dt)  # as far as the low-pass reaches
     windows = [
-        periodograms(p.resampled(p.tau, 0, min(p.count, c.SAMPLES)), length, degree=3)
+        periodograms(
+            p.resampled(p.tau, 0, min(p.count, c.SAMPLES)),
+            length,
+            degree=3,
+        )
         for p in parts
         if p.count >= length and p.dt == dt
     ]
@@ -240,7 +266,11 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     rounding = (64.0 * np.finfo(float).eps * largest) ** 2
     quiet = np.maximum(_mean_by_quantile(joined, c.QUIET), rounding)
     loud = np.maximum(_mean_by_quantile(joined, 1.0 - c.QUIET), quiet)
-    spectrum, deviation = _autoregression(quiet, 2.0 * np.pi * frequency * dt, band)
+    spectrum, deviation = _autoregression(
+        quiet,
+        2.0 * np.pi * frequency * dt,
+        band,
+    )
     swings = np.sqrt(loud / quiet)[band].mean(axis=0).max()
     return TorqueNoise(
         frequency,
@@ -259,7 +289,9 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
 
 
 def _autoregression(
-    powers: Array, angle: Array, band: NDArray[np.bool_]
+    powers: Array,
+    angle: Array,
+    band: NDArray[np.bool_],
 ) -> tuple[Array, float]:
     """Fit c / (1 + a^2 - 2 a cos(w)) to powers (F, n) at angles w (F,), within a band.
 

@@ -28,7 +28,9 @@ SLOW = 0.1
 
 
 def standstill_leakage(
-    stretch: Stretch, kernels: Sequence[Kernel], rows: NDArray[np.int64]
+    stretch: Stretch,
+    kernels: Sequence[Kernel],
+    rows: NDArray[np.int64],
 ) -> Array:
     """Measure how much of a standstill reaches filtered rows.
 
@@ -100,7 +102,11 @@ def is_still(q: Array) -> NDArray[np.bool_]:
 
 def _spread(positions: Array, half: int) -> Array:
     """How far positions (n, N) spread within ``half`` samples of each (n, N)."""
-    near = np.pad(positions, ((0, 0), (half, half)), mode="symmetric")
+    near = np.pad(
+        positions,
+        ((0, 0), (half, half)),
+        mode="symmetric",
+    )
     width = 2 * half + 1
     return sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
 
@@ -108,13 +114,21 @@ def _spread(positions: Array, half: int) -> Array:
 def _way(positions: Array, steps: int) -> Array:
     """How far positions (n, N) are from those so many samples before or after, the
     farther one (n, N)."""
-    ends = np.pad(positions, ((0, 0), (steps, steps)), mode="edge")
+    ends = np.pad(
+        positions,
+        ((0, 0), (steps, steps)),
+        mode="edge",
+    )
     before = np.abs(ends[:, : -2 * steps] - positions)
     after = np.abs(ends[:, 2 * steps :] - positions)
     return np.maximum(before, after)
 
 
-def sliding(extreme: np.ufunc, x: NDArray[Any], width: int) -> NDArray[Any]:
+def sliding(
+    extreme: np.ufunc,
+    x: NDArray[Any],
+    width: int,
+) -> NDArray[Any]:
     """Find the largest or smallest of neighbours, from those of 1, 2, 4, ...
 
     SciPy's images do the same, but their import takes longer.
@@ -181,11 +195,20 @@ def friction_laws(motion: Motion, joint: int) -> Array:
     start = float(np.sign(dq[0]))
     travels = PreslidingHysteresis.shapes["d"].grid
     memory = [dahl(path, travel, start) for travel in travels]
-    return np.column_stack([*memory, motion.sign(joint), dq, np.ones(len(dq))])
+    return np.column_stack(
+        [
+            *memory,
+            motion.sign(joint),
+            dq,
+            np.ones(len(dq)),
+        ]
+    )
 
 
 def unexplained_standstill_torque(
-    left: Array, laws: Array, share: Array
+    left: Array,
+    laws: Array,
+    share: Array,
 ) -> tuple[float, bool]:
     """Estimate what standing still adds to rows, beyond laws of friction.
 

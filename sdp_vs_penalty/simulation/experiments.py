@@ -96,7 +96,11 @@ class Sensor:
             else np.hstack([ones, -np.asarray(self.torque_ar, float)])
         )
 
-    def noise(self, count: int, rng: np.random.Generator) -> Array:
+    def noise(
+        self,
+        count: int,
+        rng: np.random.Generator,
+    ) -> Array:
         """Samples of the torque noise at ``rate``.
 
         Parameters
@@ -139,7 +143,11 @@ class Sensor:
         return np.arange(int(np.ceil(duration * self.rate)) + 1) / self.rate
 
     def log(
-        self, duration: float, q: Array, torque: Array, rng: np.random.Generator
+        self,
+        duration: float,
+        q: Array,
+        torque: Array,
+        rng: np.random.Generator,
     ) -> tuple[Array, Array, Array]:
         """What is logged: the log's clock reads whatever value was last.
 
@@ -166,13 +174,17 @@ class Sensor:
         )
         if self.log_step is not None:
             steps = rng.normal(
-                self.log_step, self.log_jitter, int(1.2 * duration / self.log_step) + 10
+                self.log_step,
+                self.log_jitter,
+                int(1.2 * duration / self.log_step) + 10,
             )
             times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
             times = np.concatenate([[0.0], times[times > 0.0]])
             times = times[times <= duration]
         held = np.clip(
-            np.floor(times * self.rate + 1e-9).astype(np.intp), 0, len(q) - 1
+            np.floor(times * self.rate + 1e-9).astype(np.intp),
+            0,
+            len(q) - 1,
         )
         return (
             times,
@@ -205,7 +217,11 @@ def innovation_share(poles: Array) -> float:
 
 def _counted(values: Array, step: ArrayLike) -> Array:
     unit = nonzero_or_one(np.asarray(step, float))
-    return np.where(np.asarray(step) > 0.0, np.round(values / unit) * unit, values)
+    return np.where(
+        np.asarray(step) > 0.0,
+        np.round(values / unit) * unit,
+        values,
+    )
 
 
 def simulate(
@@ -282,7 +298,10 @@ class Experiment:
         """
         links = self.links.ravel()
         rigid = self.problem.robot.inverse_dynamics(
-            links, motion.q, motion.dq, motion.ddq
+            links,
+            motion.q,
+            motion.dq,
+            motion.ddq,
         )
         return (
             rigid
@@ -304,7 +323,11 @@ class Experiment:
             One run.
         """
         return simulate(
-            self.trajectory, self.torque, self.sensor, seed, name="exciting trajectory"
+            self.trajectory,
+            self.torque,
+            self.sensor,
+            seed,
+            name="exciting trajectory",
         )
 
     def validation_runs(self, seed: int = 0) -> list[Measurements]:
@@ -416,8 +439,18 @@ def _assumed(problem: Problem) -> Experiment:
     )
     size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
     # A motor whose links weigh nothing rubs all the same, and is measured with noise.
-    size = np.where(size > 1e-6 * size.max(), size, 0.01 * size.max())
-    phi = np.column_stack([2.0 * 0.02 * size, none + 10.0, none])
+    size = np.where(
+        size > 1e-6 * size.max(),
+        size,
+        0.01 * size.max(),
+    )
+    phi = np.column_stack(
+        [
+            2.0 * 0.02 * size,
+            none + 10.0,
+            none,
+        ]
+    )
     return replace(
         bare,
         friction=phi,

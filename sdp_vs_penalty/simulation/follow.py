@@ -61,10 +61,19 @@ class Ahead(JsonRecord):
     naive: Array
 
     @classmethod
-    def of(cls, seconds: float, error: Array, naive: Array) -> Self:
+    def of(
+        cls,
+        seconds: float,
+        error: Array,
+        naive: Array,
+    ) -> Self:
         """From errors (K, n) of K windows so many seconds ahead, and those of standing
         still."""
-        band = np.quantile(np.abs(error), [0.05, 0.95], axis=0)
+        band = np.quantile(
+            np.abs(error),
+            [0.05, 0.95],
+            axis=0,
+        )
         return cls(
             seconds,
             _rms(error),
@@ -241,7 +250,12 @@ class Following(Record):
             if free.loop is not None:
                 row.append(f"{free.loop[j]:.3g} {'N' if unit == 'm' else 'N m'}")
             rows.append(row)
-        heads = ["joint", "unit", *columns, *["loop"] * (free.loop is not None)]
+        heads = [
+            "joint",
+            "unit",
+            *columns,
+            *["loop"] * (free.loop is not None),
+        ]
         return Table(heads, rows, words=(0, 1))
 
     _table = table
@@ -457,7 +471,11 @@ class _Ride:
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
     def added(
-        self, state: State, k: NDArray[np.intp], share: float, h: float
+        self,
+        state: State,
+        k: NDArray[np.intp],
+        share: float,
+        h: float,
     ) -> tuple[Array, Array]:
         """M(q) (w^2 e + 2 w de/dt), critically damped: (W, n) at the middle of a step
         of h [s], between samples k and k + 1, and (W, n, n) its fall with the velocity
@@ -473,7 +491,11 @@ class _Ride:
         M = mass.mass(states.q[k])
         return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
 
-    def step(self, state: State, k: NDArray[np.intp]) -> State:
+    def step(
+        self,
+        state: State,
+        k: NDArray[np.intp],
+    ) -> State:
         """From sample k (W,) of the course to the next. InputError where a servo has no
         command."""
         course = self.course
@@ -482,7 +504,9 @@ class _Ride:
             if self.servo is not None:
                 if course.command is None:
                     raise InputError(
-                        "this run holds no commands", "log qcmd1..qcmdn", course.name
+                        "this run holds no commands",
+                        "log qcmd1..qcmdn",
+                        course.name,
                     )
                 state = self.servo.step(state, course.command, h)
                 continue
@@ -508,7 +532,9 @@ class _Ride:
 
 
 def _windows(
-    ride: _Ride, horizon: float, most_windows: int
+    ride: _Ride,
+    horizon: float,
+    most_windows: int,
 ) -> tuple[Array, Array, Array, Array]:
     """Errors (W, n) of windows all over the course: of velocity after one step, of
     position at the horizon; and both at constant velocity."""
@@ -553,7 +579,10 @@ def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
 
 
 def _free_run(
-    estimate: Estimate, drawn: Array, measured: _Ride, most_steps: int | None
+    estimate: Estimate,
+    drawn: Array,
+    measured: _Ride,
+    most_steps: int | None,
 ) -> FreeRun:
     ride = replace(measured, plant=Plant(estimate.model, drawn))
     course = ride.course

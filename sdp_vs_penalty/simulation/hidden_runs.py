@@ -185,7 +185,10 @@ def simulate(
 
 
 def true_world(
-    problem: Problem, setup: Experiment, seed: int, without: Sequence[str] = ()
+    problem: Problem,
+    setup: Experiment,
+    seed: int,
+    without: Sequence[str] = (),
 ) -> World:
     """The true robot: the experiment's links, random viscous and Coulomb friction and
     offsets of the size of friction there.
@@ -308,9 +311,18 @@ def hidden_runs(
         for x in drawn
     ]
     inside = np.arange(
-        _BLEND, _BLEND + DURATION, 1.0 / 200.0
+        _BLEND,
+        _BLEND + DURATION,
+        1.0 / 200.0,
     )  # coarse enough to be sized quickly
-    coarse = [_motion(x, inside, k) for k, x in enumerate(trajectories)]
+    coarse = [
+        _motion(
+            x,
+            inside,
+            k,
+        )
+        for k, x in enumerate(trajectories)
+    ]
     hidden = []
     for name, joints in effects:
         if name not in MAKERS:
@@ -389,7 +401,11 @@ def _measure(
         return world.torque(motion) + sum(torques(world, motion, hidden))
 
     full_run = measured(
-        trajectory, torque, setup.sensor, [seed, 3, k], name=f"run{k + 1}"
+        trajectory,
+        torque,
+        setup.sensor,
+        [seed, 3, k],
+        name=f"run{k + 1}",
     )
     run = full_run.window(_BLEND, _BLEND + DURATION)
     clock = run.t + _start(k)

@@ -34,7 +34,12 @@ def solver(name: str) -> Solver:
         Where it is unknown or not installed; it says what installs it.
     """
     chosen: Solver = load_class(
-        "solver", __name__, __path__, Solver, name, solver_types
+        "solver",
+        __name__,
+        __path__,
+        Solver,
+        name,
+        solver_types,
     )()
     if chosen.absent:
         raise InputError(f"solver {name} cannot be used here", chosen.absent)

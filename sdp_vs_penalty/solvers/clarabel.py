@@ -26,7 +26,11 @@ class Clarabel(Solver):
         **dict.fromkeys(("DualInfeasible", "AlmostDualInfeasible"), "unbounded"),
     }
 
-    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        options: Mapping[str, Any],
+    ) -> Solution:
         import clarabel
 
         settings = clarabel.DefaultSettings()
@@ -54,7 +58,12 @@ class Clarabel(Solver):
         if np.max(np.abs(problem.b), initial=0.0) >= 1e20:
             return Solution.none(problem, "data beyond 1e20")
         solver = clarabel.DefaultSolver(
-            problem.P, problem.q, problem.A, problem.b, cones, settings
+            problem.P,
+            problem.q,
+            problem.A,
+            problem.b,
+            cones,
+            settings,
         )
         result = solver.solve()
         x = np.array(result.x)

@@ -214,7 +214,12 @@ def cbf_text(problem: ConicProblem) -> str:
         and DCOORD; 17 digits a number.
     """
     m = len(problem.q)
-    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
+    starts = np.cumsum(
+        [
+            0,
+            *(c.rows for c in problem.cones),
+        ]
+    )
     lines = ["VER", "3", ""]
     lines += ["OBJSENSE", "MIN", ""]
     lines += ["VAR", f"{m} 1", f"F {m}", ""]
@@ -260,7 +265,13 @@ def cbf_text(problem: ConicProblem) -> str:
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
     at = matrices[problem.b[matrices] != 0.0]
     constants = problem.b[at] * factor[at]
-    lines += _section("DCOORD", number[block[at]], j[at], i[at], constants)
+    lines += _section(
+        "DCOORD",
+        number[block[at]],
+        j[at],
+        i[at],
+        constants,
+    )
     return "\n".join(lines) + "\n"
 
 

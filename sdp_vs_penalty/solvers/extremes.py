@@ -52,7 +52,11 @@ class Slice:
     """
 
     def __init__(
-        self, constraints: ConstraintSet, equalities: Array, theta: Array, bound: Array
+        self,
+        constraints: ConstraintSet,
+        equalities: Array,
+        theta: Array,
+        bound: Array,
     ) -> None:
         self.solver = solver("clarabel")
         rows = equalities / np.linalg.norm(
@@ -82,7 +86,14 @@ class Slice:
         r = np.linalg.qr(posed.toarray(), mode="r")
         self.basis = scipy.linalg.solve_triangular(r, free.T, trans="T").T
         self.reduced = ConstraintSet(
-            tuple(_reduced(c, self.basis, self.interior) for c in constraints.convex)
+            tuple(
+                _reduced(
+                    c,
+                    self.basis,
+                    self.interior,
+                )
+                for c in constraints.convex
+            )
         )
         self.sdp = _posed(self.reduced.convex)
         # Free has orthonormal columns.
@@ -159,17 +170,27 @@ class Slice:
         )
         evidence = dual_evidence(fit)
         return solution.x, lower_bound(
-            objective, self.reduced.entries, evidence, self.limit
+            objective,
+            self.reduced.entries,
+            evidence,
+            self.limit,
         )
 
 
 def _interior(
-    constraints: ConstraintSet, free: Array, theta: Array, bound: Array
+    constraints: ConstraintSet,
+    free: Array,
+    theta: Array,
+    bound: Array,
 ) -> Array:
     """The point of the slice through theta with the largest scaled margin."""
     reduced = [_reduced(c, free, theta) for c in constraints.convex]
     reach = np.abs(free.T) @ (bound + np.abs(theta))
-    problem = largest_margin(reduced, np.zeros(free.shape[1]), reach)
+    problem = largest_margin(
+        reduced,
+        np.zeros(free.shape[1]),
+        reach,
+    )
     solution = solver("clarabel").solve(problem.conic, 1e-9)
     point = theta + free @ problem.theta(solution)
     margin = constraints.margin(point)
@@ -185,10 +206,17 @@ def _interior(
 
 def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
     """The constraint in x with theta = origin + free x."""
-    coefficients = np.tensordot(free[c.indices].T, c.coefficients, axes=(1, 0))
+    coefficients = np.tensordot(
+        free[c.indices].T,
+        c.coefficients,
+        axes=(1, 0),
+    )
     columns = np.arange(free.shape[1])
     return replace(
-        c, indices=columns, constant=c.value(origin), coefficients=coefficients
+        c,
+        indices=columns,
+        constant=c.value(origin),
+        coefficients=coefficients,
     )
 
 
@@ -202,5 +230,9 @@ def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
         np.zeros(k),
     )
     return SdpProblem(
-        conic_problem(groups, None, np.zeros(k)), np.zeros(k), np.ones(k), 1.0, placed
+        conic_problem(groups, None, np.zeros(k)),
+        np.zeros(k),
+        np.ones(k),
+        1.0,
+        placed,
     )

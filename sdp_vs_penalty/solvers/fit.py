@@ -67,7 +67,10 @@ class Fit:
         entries = self.constraints.entries
         bound = self.bound
         lower = rigorous_bounds.lower_bound(
-            objective, entries, dual_evidence(self, polished=False), bound
+            objective,
+            entries,
+            dual_evidence(self, polished=False),
+            bound,
         )
         if objective.least_squares.gap(self.upper, lower, self.theta) <= 0.5 * TIGHT:
             return lower
@@ -84,7 +87,11 @@ class Fit:
     @cached_property
     def gap(self) -> float:
         """From the lower bound to the objective, relative to the loss."""
-        return self.objective.least_squares.gap(self.upper, self.lower, self.theta)
+        return self.objective.least_squares.gap(
+            self.upper,
+            self.lower,
+            self.theta,
+        )
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
@@ -125,13 +132,19 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     ridge = _RIDGE * np.trace(gram) + float(not gram.any())
     gram[np.diag_indices_from(gram)] += ridge
     cholesky, failed = scipy.linalg.lapack.dpotrf(
-        gram, lower=1, clean=0
+        gram,
+        lower=1,
+        clean=0,
     )  # SciPy's own calls of it take as long again
     if failed:
         raise np.linalg.LinAlgError
 
     def push(slope: Array) -> Array:
-        step, _ = scipy.linalg.lapack.dpotrs(cholesky, slope, lower=1)
+        step, _ = scipy.linalg.lapack.dpotrs(
+            cholesky,
+            slope,
+            lower=1,
+        )
         return data.R @ (bound * step)
 
     evidence = DualEvidence(
@@ -153,7 +166,10 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
 
 
 def _polished(
-    e: DualEvidence, objective: Objective, constraints: ConstraintSet, bound: Array
+    e: DualEvidence,
+    objective: Objective,
+    constraints: ConstraintSet,
+    bound: Array,
 ) -> DualEvidence:
     """What data cannot take up of a leftover slope goes into the multipliers of each
     link's 4x4 matrix, which can hold any of it; projecting them back onto the cone
@@ -176,7 +192,11 @@ def _polished(
 
     # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near
     # depends on units.
-    terms = zip(entries.groups, entries.split(entries.at(bound)[1]), strict=True)
+    terms = zip(
+        entries.groups,
+        entries.split(entries.at(bound)[1]),
+        strict=True,
+    )
     sizes = [
         unit_diagonal_factors(x) if g.cone == "psd" else np.ones_like(g.constant)
         for g, x in terms
@@ -194,7 +214,12 @@ def _polished(
                 strict=True,
             )
         ]
-        flat = np.concatenate([np.zeros(0), *(s.ravel() for s in dual)])
+        flat = np.concatenate(
+            [
+                np.zeros(0),
+                *(s.ravel() for s in dual),
+            ]
+        )
         y = e.y
         for _ in range(2):
             leftover_slope = slope - entries.adjoint(flat, p) + pull @ y
@@ -237,7 +262,11 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
     """(g, 10, 4, 4) from a slope e of the last demand on each link (its minimum
     thickness: the one that is active) to E with <T F_i T, E> = e_i; zeros of the
     others."""
-    flat = (group.coefficients * t[:, None]).reshape(-1, 10, 16)
+    flat = (group.coefficients * t[:, None]).reshape(
+        -1,
+        10,
+        16,
+    )
     out = np.swapaxes(np.linalg.pinv(flat), 1, 2).reshape(
         -1,
         10,

@@ -202,9 +202,18 @@ def least_squares_sdp(
         float(np.sqrt(max(offset, 1e-12 * data.tau_squared, least_loss))) or 1.0
     )
     finer = loss_scale / torque if fine else 1.0
-    scale = np.where(is_seen, np.minimum(bound, finer * unit), unit)
+    scale = np.where(
+        is_seen,
+        np.minimum(bound, finer * unit),
+        unit,
+    )
     # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
-    residual = np.hstack([rows * (scale / unit) / loss_scale, -np.eye(r)])
+    residual = np.hstack(
+        [
+            rows * (scale / unit) / loss_scale,
+            -np.eye(r),
+        ]
+    )
     scaled_constraints, placed = scaled(
         constraints,
         centre,
@@ -241,7 +250,11 @@ def least_squares_sdp(
             axis2=2,
         )
         offset += entropy.weight * float(left - np.sum(np.log(sizes)))
-    conic = conic_problem(groups, scipy.sparse.diags(quadratic).tocsc(), linear)
+    conic = conic_problem(
+        groups,
+        scipy.sparse.diags(quadratic).tocsc(),
+        linear,
+    )
     return SdpProblem(
         conic,
         centre,
@@ -255,7 +268,9 @@ def least_squares_sdp(
 
 
 def largest_margin(
-    constraints: Sequence[Constraint], reference: Array, scale: Array
+    constraints: Sequence[Constraint],
+    reference: Array,
+    scale: Array,
 ) -> SdpProblem:
     """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone.
 
@@ -284,7 +299,9 @@ def largest_margin(
     )
     top = -np.eye(p + 1)[p:]
     conic = conic_problem(
-        [*groups, plain_rows("nonnegative", top, np.ones(1))], None, top[0]
+        [*groups, plain_rows("nonnegative", top, np.ones(1))],
+        None,
+        top[0],
     )
     return SdpProblem(
         conic,
@@ -458,7 +475,10 @@ def scaled(
 
 
 def _log_det(
-    entropy: Entropy, centre: Array, theta_scale: Array, width: int
+    entropy: Entropy,
+    centre: Array,
+    theta_scale: Array,
+    width: int,
 ) -> tuple[list[ConeGroup], NDArray[np.intp], ConeGroup]:
     """Groups that say sum t <= log det P for each link, the places of all t in x, and
     the links.
@@ -481,7 +501,12 @@ def _log_det(
     blocks[:, z[diagonal], last, last] = 1.0
     constant[:, :4, :4] = links.values(centre) * twice
     new = width + np.arange(14 * n).reshape(n, 14)
-    indices = np.column_stack([links.indices, new[:, :10]])
+    indices = np.column_stack(
+        [
+            links.indices,
+            new[:, :10],
+        ]
+    )
     logs = new[:, 10:].ravel()
     matrices = ConeGroup(
         "psd",
@@ -491,7 +516,12 @@ def _log_det(
         svec(blocks),
     )
     # exp(t) <= Z_dd
-    pairs = np.column_stack([logs, new[:, diagonal].ravel()])
+    pairs = np.column_stack(
+        [
+            logs,
+            new[:, diagonal].ravel(),
+        ]
+    )
     one = np.tile(np.eye(3)[1], (4 * n, 1))
     both = np.tile(np.eye(3)[::2], (4 * n, 1, 1))
     return (
@@ -528,7 +558,9 @@ def unit_diagonal_factors(values: Array) -> Array:
 
 
 def moving_scale(
-    constraints: Sequence[Constraint], reference: Array, bound: Array
+    constraints: Sequence[Constraint],
+    reference: Array,
+    bound: Array,
 ) -> Array:
     """Units of theta that move no matrix far in its size at the reference.
 
@@ -568,7 +600,9 @@ def _whitening(values: Array) -> Array:
     size = _sizes(values)
     eigenvalues, vectors = np.linalg.eigh(values * unit_diagonal_factors(values))
     root = np.where(
-        eigenvalues[:, -1:] > 0.0, np.sqrt(np.maximum(eigenvalues, 1e-6)), 1.0
+        eigenvalues[:, -1:] > 0.0,
+        np.sqrt(np.maximum(eigenvalues, 1e-6)),
+        1.0,
     )
     return np.asarray(
         (vectors / root[:, None]) @ np.swapaxes(vectors, 1, 2) * size[:, None]
@@ -597,7 +631,10 @@ def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
     hence two thirds of the time.
     """
     q, r, pivots = scipy.linalg.qr(
-        matrix, mode="economic", pivoting=True, check_finite=False
+        matrix,
+        mode="economic",
+        pivoting=True,
+        check_finite=False,
     )
     diagonal = np.abs(np.diagonal(r))
     rank = 0

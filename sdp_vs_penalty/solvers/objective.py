@@ -56,7 +56,11 @@ class Entropy:
         float
             Infinite outside of its domain.
         """
-        matrices = self.entries.at(theta)[0].reshape(-1, 4, 4)
+        matrices = self.entries.at(theta)[0].reshape(
+            -1,
+            4,
+            4,
+        )
         roots = self._roots
         ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
         if (
@@ -94,7 +98,11 @@ class Objective:
     linear: Array | float = 0.0
 
     @classmethod
-    def without_data(cls, p: int, linear: Array | float = 0.0) -> Objective:
+    def without_data(
+        cls,
+        p: int,
+        linear: Array | float = 0.0,
+    ) -> Objective:
         """A linear objective alone; zero is what infeasibility is proved of.
 
         Parameters

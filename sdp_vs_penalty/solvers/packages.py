@@ -39,7 +39,11 @@ class Cvxopt(Solver):
         "dual infeasible": "unbounded",
     }
 
-    def run(self, problem: ConicProblem, settings: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        settings: Mapping[str, Any],
+    ) -> Solution:
         import cvxopt
         from cvxopt import solvers
 
@@ -76,7 +80,10 @@ class Cvxopt(Solver):
         )
         x = flat(result["x"], len(problem.q))
         return self.make_solution(
-            x, np.concatenate(z), result["status"], result["iterations"]
+            x,
+            np.concatenate(z),
+            result["status"],
+            result["iterations"],
         )
 
 
@@ -103,7 +110,11 @@ class Qics(Solver):
         | dict.fromkeys(("dinfeas", "near_dinfeas"), "unbounded")
     )
 
-    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        options: Mapping[str, Any],
+    ) -> Solution:
         import qics
 
         answer = {
@@ -162,7 +173,13 @@ class Qics(Solver):
         """It compiles its code for each cone on first use: a tiny problem that has them
         all."""
         rows = np.eye(2)
-        square = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 1.0]])
+        square = np.array(
+            [
+                [1.0, 0.0],
+                [0.0, 0.0],
+                [0.0, 1.0],
+            ]
+        )
         cones = (Cone("nonnegative", 2), Cone("soc", 3), Cone("psd", 2), Cone("exp", 3))
         below = [[0, 0], [1, 0], [0, 1]], square, [[1, 0], [0, 0], [0, 1]]
         A = scipy.sparse.csc_matrix(-np.vstack([rows, *below]))
@@ -202,7 +219,11 @@ class Scs(Solver):
         "unbounded": "unbounded",
     }
 
-    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        options: Mapping[str, Any],
+    ) -> Solution:
         import scs
 
         rows = [np.zeros(0, np.intp)]
@@ -236,7 +257,11 @@ class Scs(Solver):
         # The first word of its status; what follows says that it is inaccurate.
         word, _, more = info["status"].partition(" ")
         solution = self.make_solution(
-            np.array(result["x"]), z, word, info["iter"], more
+            np.array(result["x"]),
+            z,
+            word,
+            info["iter"],
+            more,
         )
         return (
             replace(solution, claims="inaccurate")
@@ -261,7 +286,11 @@ class Sdpa(Solver):
     }
     status_meaning = SDPA_CLAIMS
 
-    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        options: Mapping[str, Any],
+    ) -> Solution:
         import sdpap
 
         dims = sizes(problem.cones)
@@ -277,10 +306,18 @@ class Sdpa(Solver):
             "numThreads": 1,
         }
         x, y, info, _, more = sdpap.solve(
-            -problem.A, -problem.b, problem.q, free, cones, settings
+            -problem.A,
+            -problem.b,
+            problem.q,
+            free,
+            cones,
+            settings,
         )
         x = np.asarray(x.todense()).ravel()
         z = np.asarray(y.todense()).ravel()
         return self.make_solution(
-            x, z, str(info.get("phasevalue")), more.get("iteration", 0)
+            x,
+            z,
+            str(info.get("phasevalue")),
+            more.get("iteration", 0),
         )

@@ -97,7 +97,10 @@ class _InteriorPoint:
     ``rows`` (2, rows) are views of it."""
 
     def __init__(
-        self, cones: SmallCones, data: LeastSquares, start: Array | Iterate
+        self,
+        cones: SmallCones,
+        data: LeastSquares,
+        start: Array | Iterate,
     ) -> None:
         """Raises LinAlgError where the start is not strictly inside."""
         self.cones = cones
@@ -190,7 +193,11 @@ class _InteriorPoint:
         self.inverse = self.turned[0] @ self.roots[0]
         self.evaluate()
         ratios = self.products[: cones.rows]
-        np.divide(self.rows[1], self.rows[0], out=ratios)
+        np.divide(
+            self.rows[1],
+            self.rows[0],
+            out=ratios,
+        )
         inverse = self.inverse[:, :, :, None, None]
         Z = self.mats[1][:, None, None]
         np.multiply(inverse, Z, out=self.kronecker)
@@ -212,7 +219,11 @@ class _InteriorPoint:
         self.set_target(0.0)
         towards_target = cones.adjoint @ self.target - self.gradient
         both = np.array([towards_target, self.leftover])
-        solutions, _ = scipy.linalg.lapack.dpotrs(self.cholesky, both.T, lower=1)
+        solutions, _ = scipy.linalg.lapack.dpotrs(
+            self.cholesky,
+            both.T,
+            lower=1,
+        )
         self.step, self.correction = solutions.T
         products = float(self.both[0] @ self.both[1])
         gap = products - ORDER * float(cones.weight.sum())
@@ -235,13 +246,27 @@ class _InteriorPoint:
         weight = np.maximum(self.weight, mu)
         np.multiply(weight, self.inverse, out=self.target_mats)
 
-    def scaled(self, change: Array, by: Array, mats: Array, row: Array) -> Array:
+    def scaled(
+        self,
+        change: Array,
+        by: Array,
+        mats: Array,
+        row: Array,
+    ) -> Array:
         """sym(S^-1 . change . by) of the matrices and change * by / s of the rows."""
         out = np.empty_like(self.target)
         rows, blocks = self._views(out[None])
-        np.divide(change * row, self.rows[0], out=rows[0])
+        np.divide(
+            change * row,
+            self.rows[0],
+            out=rows[0],
+        )
         product = self.inverse @ mats @ by
-        np.add(product, np.swapaxes(product, -1, -2), out=blocks[0])
+        np.add(
+            product,
+            np.swapaxes(product, -1, -2),
+            out=blocks[0],
+        )
         blocks *= 0.5
         return out
 

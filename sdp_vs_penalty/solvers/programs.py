@@ -47,7 +47,11 @@ class Program(Solver):
         """
 
     @abstractmethod
-    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+    def ended(
+        self,
+        text: str,
+        code: int,
+    ) -> tuple[str, str, int]:
         """What the program says of its answer.
 
         Parameters
@@ -63,7 +67,11 @@ class Program(Solver):
             What it claims, its own words, and how many iterations it made.
         """
 
-    def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
+    def read(
+        self,
+        folder: Path,
+        problem: ConicProblem,
+    ) -> tuple[Array, Array]:
         """x and z of the file "solution" in the format of CSDP, which DSDP shares: matrix
         1 is Z, matrix 2 X.
 
@@ -106,7 +114,11 @@ class Program(Solver):
             z[row] = value / factor[row]
         return x, z
 
-    def answer(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array] | None:
+    def answer(
+        self,
+        folder: Path,
+        problem: ConicProblem,
+    ) -> tuple[Array, Array] | None:
         """x and z that the program has written.
 
         Parameters
@@ -128,7 +140,11 @@ class Program(Solver):
         has_all = len(x) == len(problem.q) and len(z) == len(problem.b)
         return (x, z) if has_all else None
 
-    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        options: Mapping[str, Any],
+    ) -> Solution:
         command = self.command(options)
         program = command[0]
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
@@ -166,7 +182,11 @@ class Program(Solver):
         )
 
 
-def _write_parameters(folder: Path, name: str, options: Mapping[str, Any]) -> None:
+def _write_parameters(
+    folder: Path,
+    name: str,
+    options: Mapping[str, Any],
+) -> None:
     """The file of options of a program that takes them from one."""
     template = Path(__file__).with_name(name)
     if template.is_file():
@@ -197,9 +217,15 @@ class Csdp(Program):
     def command(self, options: Mapping[str, Any]) -> list[str]:
         return ["csdp", "problem.dat-s", "solution"]
 
-    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+    def ended(
+        self,
+        text: str,
+        code: int,
+    ) -> tuple[str, str, int]:
         words = re.findall(
-            r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*", text, re.M
+            r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*",
+            text,
+            re.M,
         )
         line = (s for s in text.splitlines() if words and s.startswith(words[-1]))
         iterations = len(re.findall(r"^Iter:", text, re.M)) - 1
@@ -237,7 +263,11 @@ class Dsdp(Program):
         ]
         return ["dsdp5", "problem.dat-s", "-save", "solution", *words]
 
-    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+    def ended(
+        self,
+        text: str,
+        code: int,
+    ) -> tuple[str, str, int]:
         status = next(
             (p for p in reversed(self.status_meaning) if p in text), f"exit code {code}"
         )
@@ -274,7 +304,11 @@ class SdpaProgram(Program):
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
         return ["sdpa", *files, "-numThreads", "1"]
 
-    def ended(self, text: str, code: int) -> tuple[str, str, int]:
+    def ended(
+        self,
+        text: str,
+        code: int,
+    ) -> tuple[str, str, int]:
         phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
         steps = re.search(r"Iteration\s*=\s*(\d+)", text)
         status = phase.group(1) if phase else f"exit code {code}"
@@ -284,7 +318,11 @@ class SdpaProgram(Program):
             int(steps.group(1)) if steps else 0,
         )
 
-    def read(self, folder: Path, problem: ConicProblem) -> tuple[Array, Array]:
+    def read(
+        self,
+        folder: Path,
+        problem: ConicProblem,
+    ) -> tuple[Array, Array]:
         """x and z of the file "answer".
 
         Parameters

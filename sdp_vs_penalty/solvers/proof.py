@@ -42,7 +42,9 @@ Proof = dict[str, Any]
 
 
 def optimum_proof(
-    fit: Fit, parameters: Sequence[str] = (), made_of: Mapping[str, str] | None = None
+    fit: Fit,
+    parameters: Sequence[str] = (),
+    made_of: Mapping[str, str] | None = None,
 ) -> Proof:
     """The proof that the least objective lies between a lower bound and that of the
     fit's theta.
@@ -265,7 +267,9 @@ def difference(proof: Proof, recomputed: Proof) -> str:
             if a != b:
                 return f"{kind} {k} is {a} in the proof, {b} of the model"
     for (what, x, _), (_, y, size) in zip(
-        _facts(proof), _facts(recomputed), strict=True
+        _facts(proof),
+        _facts(recomputed),
+        strict=True,
     ):
         if x.shape != y.shape or np.any(np.abs(x - y) > TIGHT * size):
             return f"the proof has another {what}"
@@ -285,7 +289,10 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
         return np.abs(x) + safe_depth(1) / TIGHT * np.abs(x).max(initial=0.0)
 
     rows = np.column_stack(
-        [_array(p["R"]).reshape(-1, len(p["bound"])), _array(p["rho"])]
+        [
+            _array(p["R"]).reshape(-1, len(p["bound"])),
+            _array(p["rho"]),
+        ]
     )
     gram = rows.T @ rows
     gram[-1, -1] += float(Fraction(p["floor"])) ** 2
@@ -301,7 +308,10 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
             log_det = _array([e["log_det"]])
             inverse = _array(e["inverse"])
             # Of a logarithm the error is a relative one of the determinant.
-            parts += [(weight, itself(weight)), (log_det, np.ones(1))]
+            parts += [
+                (weight, itself(weight)),
+                (log_det, np.ones(1)),
+            ]
             parts += [(inverse, squares(inverse.reshape(4, 4)).ravel())]
         numbers, size = map(np.concatenate, zip(*parts, strict=True))
         yield f"entropy of {_title(c)}", numbers, size
@@ -335,7 +345,10 @@ def _proof(
     proved = []
     duals = _duals(constraints, evidence)
     for c, name, dual in zip(
-        constraints.convex, problem["constraints"], duals, strict=True
+        constraints.convex,
+        problem["constraints"],
+        duals,
+        strict=True,
     ):
         roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
         pulls = [
@@ -393,7 +406,9 @@ def _gram(factor: NDArray[np.floating]) -> list[str]:
 
 
 def _polished(
-    exact: dict[str, Any], evidence: DualEvidence, bound: Array
+    exact: dict[str, Any],
+    evidence: DualEvidence,
+    bound: Array,
 ) -> list[Fraction]:
     """y, shifted until nothing is left of the slope wherever the data determine theta."""
     for _ in range(CORRECTIONS):

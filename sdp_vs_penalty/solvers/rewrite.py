@@ -80,7 +80,9 @@ def unchanged(problem: ConicProblem) -> Rewritten:
 
 
 def suited(
-    problem: ConicProblem, kinds: Collection[str], order: Sequence[str] = ()
+    problem: ConicProblem,
+    kinds: Collection[str],
+    order: Sequence[str] = (),
 ) -> Rewritten:
     """A problem as a solver can take it.
 
@@ -216,7 +218,12 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
         Where an equality has no such variable.
     """
     are_equalities = [np.full(c.rows, c.kind == "zero") for c in problem.cones]
-    equal = np.concatenate([np.zeros(0, bool), *are_equalities])
+    equal = np.concatenate(
+        [
+            np.zeros(0, bool),
+            *are_equalities,
+        ]
+    )
     if not equal.any():
         return unchanged(problem)
     A = scipy.sparse.csr_matrix(problem.A)
@@ -287,13 +294,22 @@ def arrows(problem: ConicProblem) -> Rewritten:
         diagonal = j * (j + 1) // 2 + j
         border = j[1:] * (j[1:] + 1) // 2
         rows = np.concatenate([diagonal, border])
-        columns = np.concatenate([np.zeros(d, int), j[1:]])
+        columns = np.concatenate(
+            [
+                np.zeros(d, int),
+                j[1:],
+            ]
+        )
         values = np.repeat([1.0, np.sqrt(2.0)], [d, d - 1])
         shape = (d * (d + 1) // 2, d)
         maps.append(scipy.sparse.csr_matrix((values, (rows, columns)), shape))
         cones.append(Cone("psd", d))
     change = scipy.sparse.block_diag(maps, format="csr")
-    return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
+    return _mapped(
+        replace(problem, cones=tuple(cones)),
+        change,
+        change.T,
+    )
 
 
 def _mapped(
@@ -303,7 +319,9 @@ def _mapped(
 ) -> Rewritten:
     """Other rows, and their multipliers brought home."""
     mapped = replace(
-        problem, A=scipy.sparse.csc_matrix(change @ problem.A), b=change @ problem.b
+        problem,
+        A=scipy.sparse.csc_matrix(change @ problem.A),
+        b=change @ problem.b,
     )
     return Rewritten(mapped, lambda x, z: (x, home @ z))
 
@@ -323,7 +341,12 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
     Rewritten
         The other problem, with the way back from its solutions.
     """
-    starts = np.cumsum([0, *(c.rows for c in problem.cones)])
+    starts = np.cumsum(
+        [
+            0,
+            *(c.rows for c in problem.cones),
+        ]
+    )
     order = [np.zeros(0, np.intp)]
     cones = []
     for kind in kinds:
@@ -336,7 +359,11 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
             cones += [problem.cones[k] for k in mine]
     same = scipy.sparse.identity(len(problem.b), format="csr")
     change = same[np.concatenate(order)]
-    return _mapped(replace(problem, cones=tuple(cones)), change, change.T)
+    return _mapped(
+        replace(problem, cones=tuple(cones)),
+        change,
+        change.T,
+    )
 
 
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:

@@ -136,7 +136,10 @@ def factor(matrices: Array) -> Array:
 
 
 def _against(
-    entries: StackedCones, dual: Extended, sizes: Array, p: int
+    entries: StackedCones,
+    dual: Extended,
+    sizes: Array,
+    p: int,
 ) -> tuple[Extended, Extended]:
     """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of
     absolute values; dual, sizes (e,)."""
@@ -151,7 +154,9 @@ def _against(
 
 
 def _entropy_tangent(
-    entropy: Entropy, slopes: Array, p: int
+    entropy: Entropy,
+    slopes: Array,
+    p: int,
 ) -> tuple[Extended, Extended]:
     """The same of -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T
     exactly."""
@@ -234,14 +239,21 @@ def lower_bound(
     )
     slope = signs[:, None] * slope
     constant = signs * constant
-    linear = np.array([objective.linear, np.abs(objective.linear)])
+    linear = np.array(
+        [
+            objective.linear,
+            np.abs(objective.linear),
+        ]
+    )
     slope += linear.reshape(2, -1)
     operations = len(evidence.y) + len(constraints.constant)
     if objective.entropy is not None:
         operations += len(objective.entropy.entries.constant)
         try:
             tangent = _entropy_tangent(
-                objective.entropy, evidence.entropy_slopes, len(bound)
+                objective.entropy,
+                evidence.entropy_slopes,
+                len(bound),
             )
         except np.linalg.LinAlgError:
             return -np.inf
@@ -284,7 +296,9 @@ CORRECTIONS = 3
 
 
 def proves_infeasible(
-    constraints: ConstraintSet, multipliers: Array, bound: Array
+    constraints: ConstraintSet,
+    multipliers: Array,
+    bound: Array,
 ) -> bool:
     """Whether multipliers prove that no |theta_k| <= bound_k satisfies all
     constraints.

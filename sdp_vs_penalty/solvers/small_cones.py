@@ -64,7 +64,10 @@ class SmallCones:
     """
 
     def __init__(
-        self, entropy: Entropy | None, constraints: ConstraintSet, p: int
+        self,
+        entropy: Entropy | None,
+        constraints: ConstraintSet,
+        p: int,
     ) -> None:
         """Raises NotApplicableError for cones of an order above four."""
         has_entropy = entropy is not None and entropy.weight > 0.0
@@ -77,7 +80,12 @@ class SmallCones:
         self.rows = sum(part.n_slacks for part in parts if part.turn == 0)
         self.constant = image @ cones.constant
         added = [np.tile(part.ones, len(part.begins)) for part in parts]
-        self.constant += np.concatenate([np.zeros(0), *added])
+        self.constant += np.concatenate(
+            [
+                np.zeros(0),
+                *added,
+            ]
+        )
         self.home = image[:, : len(constraints.entries.constant)].T.tocsr()
         n_blocks = (image.shape[0] - self.rows) // ORDER**2
         self.weight = np.zeros(n_blocks)
@@ -144,12 +152,18 @@ class SmallCones:
         """
         links = np.count_nonzero(self.weight)
         end = self.rows + links * ORDER**2
-        slopes = flat[self.rows : end].reshape(-1, ORDER, ORDER)
+        slopes = flat[self.rows : end].reshape(
+            -1,
+            ORDER,
+            ORDER,
+        )
         return self.home @ flat, slopes / self.weight[0] if links else None
 
 
 def _parts(
-    constraints: ConstraintSet, links: Sequence[Constraint], groups: Sequence[ConeGroup]
+    constraints: ConstraintSet,
+    links: Sequence[Constraint],
+    groups: Sequence[ConeGroup],
 ) -> list[_Part]:
     """Rows, the entropy's links, other blocks; without constraints that others, or a
     link's log det, imply."""

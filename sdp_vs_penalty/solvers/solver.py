@@ -91,7 +91,11 @@ class Solver(ABC):
     finest: ClassVar[float] = 1e-10
 
     @abstractmethod
-    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        options: Mapping[str, Any],
+    ) -> Solution:
         """Ask the solver; every subclass defines this.
 
         Parameters
@@ -185,7 +189,12 @@ class Solver(ABC):
             ) from error
 
     def make_solution(
-        self, x: Array, z: Array, status: str, iterations: float, more: str = ""
+        self,
+        x: Array,
+        z: Array,
+        status: str,
+        iterations: float,
+        more: str = "",
     ) -> Solution:
         """A solver's answer with what its status claims.
 

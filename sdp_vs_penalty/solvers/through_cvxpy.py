@@ -42,8 +42,15 @@ class ThroughCvxpy(Solver):
         import cvxpy as cp
 
         x = cp.Variable(2)
-        square = cp.reshape(cp.hstack([x, x]), (2, 2), order="F")
-        cones = [square + square.T >> 0, cp.SOC(x[0], x[1:])]
+        square = cp.reshape(
+            cp.hstack([x, x]),
+            (2, 2),
+            order="F",
+        )
+        cones = [
+            square + square.T >> 0,
+            cp.SOC(x[0], x[1:]),
+        ]
         cp.Problem(cp.Minimize(cp.sum_squares(x)), cones).get_problem_data("CLARABEL")
 
     @property
@@ -58,7 +65,11 @@ class ThroughCvxpy(Solver):
             "" if there else f"no licence in {', '.join(self.licences)}"
         )
 
-    def run(self, problem: ConicProblem, options: Mapping[str, Any]) -> Solution:
+    def run(
+        self,
+        problem: ConicProblem,
+        options: Mapping[str, Any],
+    ) -> Solution:
         import cvxpy as cp
 
         x = cp.Variable(len(problem.q))
@@ -102,12 +113,20 @@ def _membership(cone: Cone, slack: Any) -> Any:
     import cvxpy as cp
 
     if cone.kind == "psd":
-        matrix = cp.reshape(slack, (cone.size, cone.size), order="F")
+        matrix = cp.reshape(
+            slack,
+            (cone.size, cone.size),
+            order="F",
+        )
         return 0.5 * (matrix + matrix.T) >> 0
     if cone.kind == "soc":
         return cp.SOC(slack[0], slack[1:])
     if cone.kind == "exp":
-        return cp.ExpCone(slack[0], slack[1], slack[2])
+        return cp.ExpCone(
+            slack[0],
+            slack[1],
+            slack[2],
+        )
     return slack == 0 if cone.kind == "zero" else slack >= 0
 
 

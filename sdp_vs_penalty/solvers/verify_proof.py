@@ -250,7 +250,11 @@ def check(proof):
     need(type(proof) is dict, "it is no JSON object")
     form = proof.get("format")
     need(form == FORMAT, f"its format is {repr(form)[:60]}, not {FORMAT!r}")
-    p = typed(proof, OPTIMUM if proof.get("kind") == "optimum" else PROOF, {})
+    p = typed(
+        proof,
+        OPTIMUM if proof.get("kind") == "optimum" else PROOF,
+        {},
+    )
     text = json.dumps(
         {name: proof[name] for name in proof if name != "sha256"}, sort_keys=True
     )

@@ -47,7 +47,11 @@ def explanations(report: Report) -> list[Issue]:
 
 @pytest.mark.parametrize("joint", [1, 2])
 def test_a_sign_of_one_run_is_claimed_of_that_run(joint, two_link, runs):
-    bad, good = judged(two_link, scaled(runs[0], joint, -1.0), runs[1])
+    bad, good = judged(
+        two_link,
+        scaled(runs[0], joint, -1.0),
+        runs[1],
+    )
     (issue,) = explanations(bad)
     assert issue.kind == "torque sign"
     assert issue.figures["joints"] == [joint]
@@ -63,7 +67,11 @@ def test_the_run_is_repaired_where_its_sign_is_wrong(two_link, runs):
 
 
 def test_an_order_of_one_run_is_claimed_of_that_run(two_link, runs):
-    good, bad = judged(two_link, runs[0], swapped(runs[1]))
+    good, bad = judged(
+        two_link,
+        runs[0],
+        swapped(runs[1]),
+    )
     (issue,) = explanations(bad)
     assert issue.kind == "torque order"
     assert "in second only" in issue.what
@@ -71,7 +79,11 @@ def test_an_order_of_one_run_is_claimed_of_that_run(two_link, runs):
 
 
 def test_a_gain_of_one_run_has_no_other_cause(two_link, runs):
-    bad, good = judged(two_link, scaled(runs[0], 2, 1.15), runs[1])
+    bad, good = judged(
+        two_link,
+        scaled(runs[0], 2, 1.15),
+        runs[1],
+    )
     (issue,) = explanations(bad)
     assert issue.kind == "torque gain"
     assert issue.figures["size"] == pytest.approx(0.15, abs=0.02)
@@ -82,7 +94,11 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
     q = runs[0].q.copy()
     q[:, 1] += np.radians(4.0)
     moved = replace(runs[0], q=q, dq=None)
-    bad, good = judged(two_link, moved, replace(runs[1], dq=None))
+    bad, good = judged(
+        two_link,
+        moved,
+        replace(runs[1], dq=None),
+    )
     issues = [*explanations(bad), *explanations(good)]
     (issue,) = issues
     assert issue.kind == "encoder offset"
@@ -98,15 +114,39 @@ def test_a_load_of_one_run_is_named_in_kilograms(two_link, runs):
     dq = np.gradient(run.q, run.t, axis=0)
     ddq = np.gradient(dq, run.t, axis=0)
     robot = two_link.robot
-    loaded = robot.inverse_dynamics(links.ravel(), run.q, dq, ddq)
-    empty = robot.inverse_dynamics(two_link.nominal_links.ravel(), run.q, dq, ddq)
-    reports = judged(two_link, replace(run, tau=run.tau + loaded - empty), runs[1])
+    loaded = robot.inverse_dynamics(
+        links.ravel(),
+        run.q,
+        dq,
+        ddq,
+    )
+    empty = robot.inverse_dynamics(
+        two_link.nominal_links.ravel(),
+        run.q,
+        dq,
+        ddq,
+    )
+    reports = judged(
+        two_link,
+        replace(run, tau=run.tau + loaded - empty),
+        runs[1],
+    )
     issues = [issue for report in reports for issue in explanations(report)]
     assert [issue.kind for issue in issues] == ["another load"]
 
 
 def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
-    reports = judged(two_link, *(scaled(run, 2, -1.0) for run in runs))
+    reports = judged(
+        two_link,
+        *(
+            scaled(
+                run,
+                2,
+                -1.0,
+            )
+            for run in runs
+        ),
+    )
     for report in reports:
         (issue,) = explanations(report)
         assert issue.kind == "torque sign"
@@ -126,14 +166,28 @@ def test_a_sign_that_is_wrong_in_two_of_three_runs_is_right_in_the_third(
 
 def late(run: Measurements, seconds: float) -> Measurements:
     """The run whose torques come so much later than its positions."""
-    tau = np.stack([np.interp(run.t - seconds, run.t, x) for x in run.tau.T], axis=1)
+    tau = np.stack(
+        [
+            np.interp(
+                run.t - seconds,
+                run.t,
+                x,
+            )
+            for x in run.tau.T
+        ],
+        axis=1,
+    )
     return replace(run, tau=tau)
 
 
 @pytest.mark.parametrize("place", [0, 2])
 @pytest.mark.parametrize(("joint", "factor"), [(1, 0.5), (2, 0.5), (2, 2.0)])
 def test_a_gain_in_one_of_three_runs_is_claimed_of_that_run(
-    place, joint, factor, two_link, three_runs
+    place,
+    joint,
+    factor,
+    two_link,
+    three_runs,
 ):
     """Its joints contradict each other: no arm of its own explains the run either."""
     log = [*three_runs]
@@ -162,7 +216,11 @@ def test_three_runs_of_one_arm_have_no_differences(two_link, three_runs):
 def test_of_a_clipped_channel_nothing_else_is_said(two_link, runs):
     tau = runs[0].tau.copy()
     limit = 0.4 * np.abs(tau[:, 1]).max()
-    tau[:, 1] = np.clip(tau[:, 1], -limit, limit)
+    tau[:, 1] = np.clip(
+        tau[:, 1],
+        -limit,
+        limit,
+    )
     (report,) = judged(two_link, replace(runs[0], tau=tau))
     kinds = {(f.kind, *f.figures["joints"]) for f in report.errors_and_warnings}
     assert kinds == {("saturation", 2)}

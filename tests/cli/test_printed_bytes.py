@@ -94,7 +94,10 @@ def numbered(count: int) -> list[object]:
     """Seeds of names, the second half of them for CI alone."""
     first = range(count // 2)
     others = range(count // 2, count)
-    return [*first, *(pytest.param(k, marks=pytest.mark.long) for k in others)]
+    return [
+        *first,
+        *(pytest.param(k, marks=pytest.mark.long) for k in others),
+    ]
 
 
 @pytest.mark.parametrize("number", numbered(8))
@@ -124,7 +127,11 @@ def test_every_printed_byte_is_clean(number, home, tmp_path, monkeypatch, capsys
 
 @pytest.mark.parametrize("number", numbered(4))
 def test_names_inside_of_files_are_clean(
-    number, home, tmp_path, monkeypatch, capsysbinary
+    number,
+    home,
+    tmp_path,
+    monkeypatch,
+    capsysbinary,
 ):
     """Names of columns, arrays, links and joints."""
     monkeypatch.chdir(tmp_path)
@@ -132,7 +139,10 @@ def test_names_inside_of_files_are_clean(
         columns = dict(arrays)
     for name in hostile_names(25, of_files=False, seed=number):
         (tmp_path / "arm.urdf").write_text(urdf(name), "utf-8")
-        extra = {**columns, name.replace("/", ""): columns["t"]}
+        extra = {
+            **columns,
+            name.replace("/", ""): columns["t"],
+        }
         np.savez(tmp_path / "named.npz", **extra)
         model = json.loads((home / "model.json").read_text())
         model["robot"]["name"] = name
@@ -162,7 +172,11 @@ def test_a_shell_reads_the_words_that_were_meant(tmp_path):
     lines = [command_line(["printf", "%s|", name, "end"]) for name in names]
     assert all(line.isprintable() for line in lines)
     script = "".join(f"{line}\nprintf '\\0'\n" for line in lines)
-    done = subprocess.run(["bash", "-c", script], capture_output=True, cwd=tmp_path)
+    done = subprocess.run(
+        ["bash", "-c", script],
+        capture_output=True,
+        cwd=tmp_path,
+    )
     read = done.stdout.split(b"\0")[:-1]
     assert read == [os.fsencode(name) + b"|end|" for name in names]
     assert not [*tmp_path.iterdir()]

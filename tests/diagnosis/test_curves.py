@@ -59,7 +59,12 @@ def diagnosed(law: Callable[[TrueMotion], Array]) -> Made:
         runs.append(log_run(world, motion, rng, [hidden.torque(world, motion)]).run)
     data = concatenate(runs[:2])
     estimate = identify(load_problem(urdf_of("scara")), data, "ols")
-    return Made(estimate, data, runs[2], diagnose(estimate, data, runs[2]))
+    return Made(
+        estimate,
+        data,
+        runs[2],
+        diagnose(estimate, data, runs[2]),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +112,10 @@ def test_the_curve_has_the_variables_the_law_and_the_size_of_the_truth(made):
     ],
 )
 def test_a_curve_stands_instead_of_terms_that_are_worth_less(
-    worth, size, beside, least
+    worth,
+    size,
+    beside,
+    least,
 ):
     terms: Any = [SimpleNamespace(form=SimpleNamespace(n_coefficients=1, constants=2))]
     law = size and SimpleNamespace(size=size)
@@ -156,13 +164,21 @@ def test_the_added_curve_takes_the_error_to_the_noise(made):
     curve = made.found.curves[0]
     state = np.zeros((2, len(curve.filled_x), made.estimate.robot.n))
     state[:, :, JOINT] = curve.filled_x.T
-    there = Motion(np.arange(state.shape[1]) / 100.0, *state, state[0])
+    there = Motion(
+        np.arange(state.shape[1]) / 100.0,
+        *state,
+        state[0],
+    )
     assert np.all(effect.outside(there))
     np.testing.assert_allclose(
-        effect.column(there, JOINT), curve.filled_torque, atol=1e-4
+        effect.column(there, JOINT),
+        curve.filled_torque,
+        atol=1e-4,
     )
     np.testing.assert_allclose(
-        curve.filled_torque, SIZE * np.prod(curve.filled_x, axis=1), atol=0.02
+        curve.filled_torque,
+        SIZE * np.prod(curve.filled_x, axis=1),
+        atol=0.02,
     )
     (written,) = parse_effects(effect.text, made.estimate.robot)
     restored = effect_from_dict(
@@ -209,12 +225,16 @@ def test_a_fold_beside_which_a_joint_turned_one_way_knows_nothing_of_what_differ
         lambda m: np.sign(np.sin(5.0 * m.q[:, JOINT])) * np.sign(m.dq[:, JOINT])
     )
     rows = diagnosis_rows(
-        made.data, made.estimate, made.estimate.preprocessing.resolve(made.data)
+        made.data,
+        made.estimate,
+        made.estimate.preprocessing.resolve(made.data),
     )
     dq = rows.dq[:, JOINT]
     fold = (dq > -0.02 * dq.max()).astype(int)
     (curve,) = measure_curves(
-        Search(whiten_rows(rows, made.estimate), Library()), [JOINT], fold
+        Search(whiten_rows(rows, made.estimate), Library()),
+        [JOINT],
+        fold,
     )
     motion = rows.segments[0].motion
     assert curve.fitted.basis.of[1] == f"sign(dq{JOINT + 1})"

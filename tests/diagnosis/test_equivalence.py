@@ -31,12 +31,20 @@ def problem(tmp_path_factory: pytest.TempPathFactory) -> Problem:
 def diagnosed(problem: Problem, arm: PointMassArm) -> Diagnosis:
     train = arm.run(1)
     model = identify(problem, train, "ols", effects=EFFECTS, check=False)
-    return diagnose(model, train, arm.run(51, periods=2), check=False)
+    return diagnose(
+        model,
+        train,
+        arm.run(51, periods=2),
+        check=False,
+    )
 
 
 def set_of(finding: Finding) -> set[str]:
     """The names of a finding and of what is not told from it."""
-    return {finding.effect, *(r.split(":")[0] for r in finding.indistinguishable_from)}
+    return {
+        finding.effect,
+        *(r.split(":")[0] for r in finding.indistinguishable_from),
+    }
 
 
 def confident(found: Diagnosis) -> set[str]:
@@ -61,10 +69,20 @@ def test_a_payload_elsewhere_is_no_confident_gain(problem):
     def loaded(x: float) -> PointMassArm:
         return PointMassArm(masses=(*MASSES, (2, (x, 0.0, 0.0), 1.0)))
 
-    model = identify(problem, loaded(0.25).run(1), "ols", effects=EFFECTS, check=False)
+    model = identify(
+        problem,
+        loaded(0.25).run(1),
+        "ols",
+        effects=EFFECTS,
+        check=False,
+    )
     moved = loaded(0.31)
     found = diagnose(
-        model, moved.run(5), moved.run(6, periods=2), frozen=True, check=False
+        model,
+        moved.run(5),
+        moved.run(6, periods=2),
+        frozen=True,
+        check=False,
     )
     assert not any("gain" in text for text in confident(found))
     assert any("payload" in set_of(f) for f in found.effects)

@@ -30,12 +30,23 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
     white = rng.normal(size=(M, 2))
     white[:, 0] += size * np.sin(0.1 * np.arange(M))
     level = np.array([0.7, 1.4])
-    Q = np.linalg.qr(rng.normal(size=(2 * M, 7)))[0].reshape(2, M, 7)
-    fit = SimpleNamespace(residual=(white / level).T, level=level, basis=Q)
+    Q = np.linalg.qr(rng.normal(size=(2 * M, 7)))[0].reshape(
+        2,
+        M,
+        7,
+    )
+    fit = SimpleNamespace(
+        residual=(white / level).T,
+        level=level,
+        basis=Q,
+    )
     keep = np.ones((M, 2), bool)
     none = np.zeros((M, 2))
     rows = SimpleNamespace(
-        keep=keep, still=none.copy(), slow=none.copy(), torque=10.0 * FLOOR * white
+        keep=keep,
+        still=none.copy(),
+        slow=none.copy(),
+        torque=10.0 * FLOOR * white,
     )
     rows.steps = none.copy()
     noise = SimpleNamespace(
@@ -163,7 +174,9 @@ DOUBTS = [(change, set(doubts)) for change, doubts, *_ in CASES["doubts"]]
 
 @pytest.mark.parametrize(("change", "doubts"), DOUBTS)
 def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
-    change, doubts, monkeypatch
+    change,
+    doubts,
+    monkeypatch,
 ):
     usual = {
         "rivals": (),
@@ -183,38 +196,63 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
     case = SimpleNamespace(**{**usual, "replaced": False, **change})
 
     def term() -> Any:
-        effect = SimpleNamespace(parameters=[0], joints=(0,), resembles=())
+        effect = SimpleNamespace(
+            parameters=[0],
+            joints=(0,),
+            resembles=(),
+        )
         effect.plausible = (
             None if case.plausible is None else np.array([case.plausible])
         )
         effect.looks_like = lambda size, seen: case.looks_like
         form = SimpleNamespace(effect=effect)
         return SimpleNamespace(
-            form=form, joints={0}, evidence=case.J, rivals=case.rivals, key=("made", 0)
+            form=form,
+            joints={0},
+            evidence=case.J,
+            rivals=case.rivals,
+            key=("made", 0),
         )
 
     own = term()
     other = term()
-    block = SimpleNamespace(joint=0, parameters=[0], columns=np.ones((5, 1)))
-    rows = SimpleNamespace(n=2, t=np.zeros(5), torque=np.full((5, 2), 2.0))
+    block = SimpleNamespace(
+        joint=0,
+        parameters=[0],
+        columns=np.ones((5, 1)),
+    )
+    rows = SimpleNamespace(
+        n=2,
+        t=np.zeros(5),
+        torque=np.full((5, 2), 2.0),
+    )
     rows.blocks = lambda effect: [block]
     rows.seen = lambda joint: None
     fit = lambda others, _: SimpleNamespace(  # noqa: E731
         energy=lambda _: case.beside if others else 10.0
     )
     search = SimpleNamespace(
-        terms=[own, other], score=SimpleNamespace(fit=fit), fit=None
+        terms=[own, other],
+        score=SimpleNamespace(fit=fit),
+        fit=None,
     )
     search.data = SimpleNamespace(rows=rows, known=case.known)
     curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
     left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
     beta = 1.0 if case.plausible else case.beta
-    errors = np.array([[1.0, 1.0], [case.after, case.elsewhere]])
+    errors = np.array(
+        [
+            [1.0, 1.0],
+            [case.after, case.elsewhere],
+        ]
+    )
     monkeypatch.setattr(
         "sdp_vs_penalty.diagnosis.confidence.size_of", lambda *_: (1.0, case.std)
     )
     size: Any = SimpleNamespace(
-        beta=np.array([beta]), covariance=None, covariance_given_constants=None
+        beta=np.array([beta]),
+        covariance=None,
+        covariance_given_constants=None,
     )
     judged = Judged(search, left, own, size, errors, curves)
     assert set(reasons_for_doubt(judged)) == doubts

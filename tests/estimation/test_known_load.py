@@ -30,7 +30,10 @@ def arm() -> Problem:
 
 
 def measured(
-    arm: Problem, seed: int, load: float, gain: np.ndarray = GAIN
+    arm: Problem,
+    seed: int,
+    load: float,
+    gain: np.ndarray = GAIN,
 ) -> Measurements:
     """Torque channels that read ``gain`` times the truth, with ``load`` times LOAD on
     the flange."""
@@ -46,7 +49,10 @@ def measured(
     )
     noise = np.random.default_rng(seed).normal(size=tau.shape)
     return Measurements(
-        t, q, gain * (tau + 0.02 * tau.std(axis=0) * noise), names=(f"run {seed}",)
+        t,
+        q,
+        gain * (tau + 0.02 * tau.std(axis=0) * noise),
+        names=(f"run {seed}",),
     )
 
 
@@ -54,13 +60,21 @@ def test_a_known_load_gives_gains_links_and_the_mass_of_another_load(arm, tmp_pa
     bare = measured(arm, 1, 0.0)
     loaded = measured(arm, 2, 1.0)
     other = measured(arm, 3, 0.6)  # 0.9 kg
-    estimate = identify(arm, bare, "ols", known_loads=[(loaded, 1.5)])
+    estimate = identify(
+        arm,
+        bare,
+        "ols",
+        known_loads=[(loaded, 1.5)],
+    )
     gain = np.array(estimate.details["gains"]["gain"])
     std = np.array(estimate.details["gains"]["std"])
     assert np.all(np.abs(gain - GAIN) < 4.0 * std)
     assert np.all(std < 0.1 * GAIN)
     twice = identify(
-        arm, bare, "ols", known_loads=[(loaded, 1.5), (measured(arm, 4, 2.0), 3.0)]
+        arm,
+        bare,
+        "ols",
+        known_loads=[(loaded, 1.5), (measured(arm, 4, 2.0), 3.0)],
     )
     both = np.array(twice.details["gains"]["gain"])
     finer = np.array(twice.details["gains"]["std"])
@@ -94,7 +108,11 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     """All gains 1 % too high make a load 1 % heavier; the stated spread is that of
     independent ones."""
     loaded = measured(arm, 3, 1.0, np.ones(3))
-    estimate = identify(arm, measured(arm, 1, 0.0, np.ones(3)), "ols")
+    estimate = identify(
+        arm,
+        measured(arm, 1, 0.0, np.ones(3)),
+        "ols",
+    )
     plain = add(estimate, "payload", loaded, gain_uncertainty=0.0)
     wide = add(estimate, "payload", loaded, gain_uncertainty=0.01)
     k = len(estimate.theta)
@@ -108,14 +126,20 @@ def test_gains_known_to_a_per_cent_widen_the_intervals(arm, tmp_path):
     friction = [
         i for i, p in enumerate(estimate.model.parameters) if p.name.startswith("f_")
     ]
-    np.testing.assert_allclose(together[friction], estimate.theta[friction], rtol=1e-6)
+    np.testing.assert_allclose(
+        together[friction],
+        estimate.theta[friction],
+        rtol=1e-6,
+    )
     # The parameters that are kept know it as well, and so does whoever reads the file.
     assert np.all(wide.uncertainty.std[friction] > plain.uncertainty.std[friction])
     wide.save(tmp_path / "wide.json")
     again = load_estimate(tmp_path / "wide.json")
     np.testing.assert_array_equal(again.covariance, wide.covariance)
     np.testing.assert_allclose(
-        np.sqrt(np.diagonal(wide.covariance)), wide.uncertainty.std, rtol=1e-9
+        np.sqrt(np.diagonal(wide.covariance)),
+        wide.uncertainty.std,
+        rtol=1e-9,
     )
 
 
@@ -128,7 +152,10 @@ def test_the_load_of_the_real_ur10e():
     for first, second in (("14", "15"), ("15", "14")):
         loads = [(runs[f"19_{first}harm50secLoad"], 2.805)]
         estimate = identify(
-            "ur10e", runs[f"19_{first}harm50sec"], "ols", known_loads=loads
+            "ur10e",
+            runs[f"19_{first}harm50sec"],
+            "ols",
+            known_loads=loads,
         )
         found = add(estimate, "payload", runs[f"19_{second}harm50secLoad"])
         mass = found.uncertainty.standard[len(estimate.theta)]

@@ -14,7 +14,10 @@ def thinned(run: Measurements, rate: float) -> Measurements:
     """A run at a lower rate, its clock from zero."""
     step = round(1.0 / (rate * float(np.median(np.diff(run.t)))))
     return Measurements(
-        run.t[::step] - run.t[0], run.q[::step], run.tau[::step], names=run.names
+        run.t[::step] - run.t[0],
+        run.q[::step],
+        run.tau[::step],
+        names=run.names,
     )
 
 
@@ -34,18 +37,38 @@ class SimulatedPicks:
         """The motion, its load changed at these instants [s], bare at first."""
         t = self.bare.t
         is_loaded = np.searchsorted(changes, t, side="right") % 2 == 1
-        tau = np.where(is_loaded[:, None], self.loaded.tau, self.bare.tau)
+        tau = np.where(
+            is_loaded[:, None],
+            self.loaded.tau,
+            self.bare.tau,
+        )
         return replace(self.bare, tau=tau)
 
 
 def simulated_picks(
-    problem: Problem, mass: float, seed: int, rate: float = 200.0
+    problem: Problem,
+    mass: float,
+    seed: int,
+    rate: float = 200.0,
 ) -> SimulatedPicks:
     """Of a problem's arm, with friction and noise of the simulator's own."""
     clean = hidden_runs(problem, [], seed=seed)
-    small = hidden_runs(problem, [("payload", [])], "strong", seed, 1, clean.world)
+    small = hidden_runs(
+        problem,
+        [("payload", [])],
+        "strong",
+        seed,
+        1,
+        clean.world,
+    )
     level = LEVELS["strong"] * mass / small.truth["effects"][0]["size"]
-    heavy = hidden_runs(problem, [("payload", [])], level, seed, world=clean.world)
+    heavy = hidden_runs(
+        problem,
+        [("payload", [])],
+        level,
+        seed,
+        world=clean.world,
+    )
     (truth,) = heavy.truth["effects"]
     frame = problem.robot.tree[-1].link_frame  # the truth is in the joint's frame
     com = np.linalg.solve(frame, [*truth["com"], 1.0])[:3]

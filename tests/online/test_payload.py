@@ -40,7 +40,9 @@ def estimator(arm: SimulatedPicks, noise: ResidualNoise) -> PayloadEstimator:
 
 
 def payload_at(
-    estimator: PayloadEstimator, run: Measurements, instant: float
+    estimator: PayloadEstimator,
+    run: Measurements,
+    instant: float,
 ) -> Payload:
     play(estimator, run.window(0.0, instant))
     assert estimator.payload is not None
@@ -111,7 +113,16 @@ def test_late_and_missing_samples_change_little(arm, noise):
     rows = np.flatnonzero(rng.random(len(run.t)) > 0.1)
     late = run.t + 0.1 / RATE * rng.random(len(run.t))
     q, tau = [
-        np.column_stack([np.interp(late, run.t, x) for x in signal.T])
+        np.column_stack(
+            [
+                np.interp(
+                    late,
+                    run.t,
+                    x,
+                )
+                for x in signal.T
+            ]
+        )
         for signal in (run.q, run.tau)
     ]
     loose = Measurements(late[rows], q[rows], tau[rows])
@@ -126,7 +137,11 @@ def test_late_and_missing_samples_change_little(arm, noise):
 def test_a_gap_starts_the_filters_anew(arm, estimator):
     run = arm.stream(4.0)
     lost = (run.t > 6.0) & (run.t < 7.0)
-    rest = Measurements(run.t[~lost], run.q[~lost], run.tau[~lost])
+    rest = Measurements(
+        run.t[~lost],
+        run.q[~lost],
+        run.tau[~lost],
+    )
     assert [x.kind for x in play(estimator, rest)] == ["picked up"]
 
 
@@ -140,14 +155,27 @@ BAD = {
 @pytest.mark.parametrize("what", BAD)
 def test_a_sample_that_cannot_be_used_is_refused(arm, estimator, what):
     run = arm.bare
-    estimator.update(run.t[0], run.q[0], run.tau[0])
+    estimator.update(
+        run.t[0],
+        run.q[0],
+        run.tau[0],
+    )
     with pytest.raises(InputError, match=what):
-        BAD[what](estimator, run.t[0], run.q[0], run.tau[0])
+        BAD[what](
+            estimator,
+            run.t[0],
+            run.q[0],
+            run.tau[0],
+        )
 
 
 def test_a_calibration_that_is_too_short_is_refused(arm):
     with pytest.raises(InputError, match="too short"):
-        PayloadEstimator.calibrated(arm.estimate, arm.bare.window(0.0, 0.5), RATE)
+        PayloadEstimator.calibrated(
+            arm.estimate,
+            arm.bare.window(0.0, 0.5),
+            RATE,
+        )
 
 
 def test_an_update_keeps_no_memory(arm, estimator):
@@ -155,7 +183,14 @@ def test_an_update_keeps_no_memory(arm, estimator):
     import tracemalloc
 
     run = arm.stream(4.0)
-    rows = list(zip(run.t.tolist(), run.q, run.tau, strict=True))
+    rows = list(
+        zip(
+            run.t.tolist(),
+            run.q,
+            run.tau,
+            strict=True,
+        )
+    )
     for row in rows[:1600]:
         estimator.update(*row)
     tracemalloc.start()
@@ -169,7 +204,12 @@ def test_an_update_keeps_no_memory(arm, estimator):
     assert peak - before < 16384
 
 
-def with_ball(path, mass: float, com: np.ndarray, radius: float) -> None:
+def with_ball(
+    path,
+    mass: float,
+    com: np.ndarray,
+    radius: float,
+) -> None:
     """Hang a ball on the last body of a MuJoCo file."""
     tree = ElementTree.parse(path)
     *_, last = tree.getroot().iter("body")
@@ -195,7 +235,9 @@ def exact() -> Estimate:
 
 
 def mujoco_torque(
-    path, estimate: Estimate, states: tuple[np.ndarray, np.ndarray, np.ndarray]
+    path,
+    estimate: Estimate,
+    states: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> np.ndarray:
     from dynamics_files import by_mujoco
 
@@ -216,7 +258,10 @@ def test_torques_of_mujoco_are_weighed_as_well(exact: Estimate, tmp_path):
     with_ball(path, mass, com, 0.05)
     added = mujoco_torque(path, exact, states) - bare
     noise = ResidualNoise(
-        0.01 * np.abs(bare).max(axis=0), 0.1, 1.0, np.abs(states[2]).max(axis=0)
+        0.01 * np.abs(bare).max(axis=0),
+        0.1,
+        1.0,
+        np.abs(states[2]).max(axis=0),
     )
     own = exact.predict(*states, t)
     rng = np.random.default_rng(0)
@@ -242,7 +287,9 @@ def ur10e(ur10e_runs) -> Callable[[], PayloadEstimator]:
     run = ur10e_runs["19_14harm50sec"]
     estimate = identify("ur10e", run, known_loads=loads, check=False)
     noise = PayloadEstimator.calibrated(
-        estimate, ur10e_runs["12-50sec_12harm"], 100.0
+        estimate,
+        ur10e_runs["12-50sec_12harm"],
+        100.0,
     ).noise
     return lambda: PayloadEstimator(estimate, noise, 100.0)
 

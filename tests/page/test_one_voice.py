@@ -39,7 +39,11 @@ CASES = [
         for name, make in LONGER.items()
     ),
     *(
-        pytest.param(make, id=name, marks=[pytest.mark.long, pytest.mark.real_data])
+        pytest.param(
+            make,
+            id=name,
+            marks=[pytest.mark.long, pytest.mark.real_data],
+        )
         for name, make in REAL.items()
     ),
 ]
@@ -90,7 +94,9 @@ def test_page_and_terminal_refuse_the_same_runs(story):
 
 def test_page_and_terminal_name_the_same_issues(story):
     for checked, run in zip(
-        story.json("check.json")["runs"], story.session.runs, strict=True
+        story.json("check.json")["runs"],
+        story.session.runs,
+        strict=True,
     ):
         named = [
             (issue["kind"], issue["where"])
@@ -228,7 +234,11 @@ def test_an_extended_model_is_the_same_on_the_page(extended):
     sure = [f.text for f in extended.session.findings.sure]
     if len(sure) != 1:
         pytest.skip("the page adds several findings one by one")
-    extended.screen.do(extended.session.start, extended.session.add, sure)
+    extended.screen.do(
+        extended.session.start,
+        extended.session.add,
+        sure,
+    )
     written = extended.json("both.json")["models"][1]["facts"]
     shown = extended.session.current.comparison["facts"]
     assert texts(shown) == texts(written)

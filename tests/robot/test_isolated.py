@@ -214,7 +214,11 @@ def test_the_buffer_of_a_gltf_is_read(tmp_path):
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
     (tmp_path / "corners.bin").write_bytes(corners.tobytes())
     (tmp_path / "part.gltf").write_text(gltf("corners.bin"))
-    mesh = read_mesh(tmp_path / "part.gltf", np.full(3, 2.0), triangles=True)
+    mesh = read_mesh(
+        tmp_path / "part.gltf",
+        np.full(3, 2.0),
+        triangles=True,
+    )
     assert mesh.vertices.tolist() == (2.0 * corners).tolist()
     assert mesh.triangles.shape == (1, 3)
 

@@ -20,7 +20,10 @@ class Clock(Transformation):
     name = "clock_rate"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         yield replace(now, reversed=not now.reversed)
@@ -50,7 +53,17 @@ class Clock(Transformation):
                 " fit the weight."
             )
             remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
-            number = FaultSize.factor(x, repair.with_rate, (min(_RATES), max(_RATES)))
+            number = FaultSize.factor(
+                x,
+                repair.with_rate,
+                (min(_RATES), max(_RATES)),
+            )
             yield Fault(
-                "clock rate", "warning", (), what, remedy, number, place="column t"
+                "clock rate",
+                "warning",
+                (),
+                what,
+                remedy,
+                number,
+                place="column t",
             )

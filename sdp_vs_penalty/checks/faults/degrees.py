@@ -18,7 +18,10 @@ class Degrees(Transformation):
     name = "degrees"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
@@ -35,7 +38,11 @@ class Degrees(Transformation):
         joints = tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())
         if not joints:
             return
-        without = repair.times("scale", joints, float(np.degrees(1.0)))
+        without = repair.times(
+            "scale",
+            joints,
+            float(np.degrees(1.0)),
+        )
         logged = without.positions(log.data.motion.q)[:, joints]
         is_all = joints == tuple(log.revolute)
         channels = ", ".join(f"q{j + 1}" for j in joints)

@@ -26,7 +26,10 @@ class Delay(Transformation):
     name = "delay"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for name, times in _LATE.items():
@@ -52,7 +55,10 @@ def _milliseconds(x: float) -> str:
 
 
 def _number(
-    repair: LogTransform, name: str, joints: tuple[int, ...], x: float
+    repair: LogTransform,
+    name: str,
+    joints: tuple[int, ...],
+    x: float,
 ) -> FaultSize:
     return FaultSize(
         value=x,
@@ -70,7 +76,10 @@ def _place(log: Likelihood, joints: tuple[int, ...]) -> str:
 
 
 def _delay(
-    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], x: float
+    log: Likelihood,
+    repair: LogTransform,
+    joints: tuple[int, ...],
+    x: float,
 ) -> Fault:
     """Torques of some joints so much later than the motion [s]."""
     is_all = len(joints) == log.n
@@ -90,7 +99,10 @@ def _delay(
 
 
 def _filter(
-    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], x: float
+    log: Likelihood,
+    repair: LogTransform,
+    joints: tuple[int, ...],
+    x: float,
 ) -> Fault:
     """Torques of some joints behind a low-pass of that time constant [s]."""
     is_all = len(joints) == log.n

@@ -26,7 +26,10 @@ class Beside(Transformation):
     name = "events"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         yield from _laws(log, now, score)
@@ -49,7 +52,11 @@ class Beside(Transformation):
                 yield _step(log, repair, event, event.at)
 
 
-def _laws(log: Likelihood, now: LogTransform, score: ArmFit) -> Iterator[LogTransform]:
+def _laws(
+    log: Likelihood,
+    now: LogTransform,
+    score: ArmFit,
+) -> Iterator[LogTransform]:
     """Of each joint that is poorly explained the law that explains most."""
     order = list(now.order)
     names = [*log.data.laws]
@@ -63,7 +70,9 @@ def _laws(log: Likelihood, now: LogTransform, score: ArmFit) -> Iterator[LogTran
 
 
 def _likeliest_step(
-    log: Likelihood, now: LogTransform, score: ArmFit
+    log: Likelihood,
+    now: LogTransform,
+    score: ArmFit,
 ) -> Iterator[LogTransform]:
     """The step that explains most, of all joints and moments."""
     motion = log.data.motion
@@ -130,7 +139,12 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
     )
 
 
-def _step(log: Likelihood, repair: LogTransform, event: LogEvent, t: float) -> Fault:
+def _step(
+    log: Likelihood,
+    repair: LogTransform,
+    event: LogEvent,
+    t: float,
+) -> Fault:
     """A step at t [s]; its prior counts the moments that a low-passed torque tells
     apart."""
     size = _size(log, repair, event)

@@ -28,7 +28,12 @@ def _length(log: Likelihood) -> float:
     return 0.3 * float(log.problem.robot.link_reach().sum())
 
 
-def _shifted(log: Likelihood, now: LogTransform, j: int, x: float) -> LogTransform:
+def _shifted(
+    log: Likelihood,
+    now: LogTransform,
+    j: int,
+    x: float,
+) -> LogTransform:
     """An angle in (-pi, pi]; a length as it is."""
     wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in log.revolute else x
     return now.with_entries("zero", (j,), wrapped)
@@ -85,7 +90,12 @@ class FaultSize:
         return [x for x in by_distance[:1] if abs(x - self.value) < reach]
 
     @classmethod
-    def factor(cls, x: float, at: At, snaps: tuple[float, ...]) -> "FaultSize":
+    def factor(
+        cls,
+        x: float,
+        at: At,
+        snaps: tuple[float, ...],
+    ) -> "FaultSize":
         """The natural logarithm of a factor x, which ``at`` and snaps count in."""
         logs = tuple(float(np.log(s)) for s in snaps)
         text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
@@ -167,7 +177,10 @@ class Transformation(ABC):
 
     @abstractmethod
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Repairs that differ from ``now``, whose score is given, by one more thing of
         this kind."""

@@ -34,7 +34,10 @@ class Gain(Transformation):
     name = "gain"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         if len(log.joints) < 2:
@@ -46,7 +49,10 @@ class Gain(Transformation):
         ]
         ones = np.ones(len(repairs_by_factor))
         steps = log.screen.first_order_steps(
-            now, repairs_by_factor, ones, _DIFFERENCE * ones
+            now,
+            repairs_by_factor,
+            ones,
+            _DIFFERENCE * ones,
         )[0]
         nearest = np.clip(1.0 + steps, *_FIRST_ORDER).tolist()
         for repair_by, factor in zip(repairs_by_factor, nearest, strict=True):

@@ -33,7 +33,10 @@ class Mounting(Transformation):
     name = "mounting"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         gravity = np.array(now.gravity)
@@ -50,7 +53,10 @@ class Mounting(Transformation):
                 _turned(now, gravity, gravity + size * x) for x in perpendicular
             ]
             angles, _ = log.screen.first_order_steps(
-                now, by_angle, np.zeros(2), np.full(2, _DIFFERENCE)
+                now,
+                by_angle,
+                np.zeros(2),
+                np.full(2, _DIFFERENCE),
             )
             angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
             turned = gravity + size * angles @ perpendicular
@@ -75,7 +81,11 @@ class Mounting(Transformation):
             remedy = f"{remedy}, or correct the problem's gravity"
         elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
             of = FaultSize(
-                angle, _turned(repair, assumed, g), c.CALIBRATED, 0.5, _degrees
+                angle,
+                _turned(repair, assumed, g),
+                c.CALIBRATED,
+                0.5,
+                _degrees,
             )
         measured_text = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
         assumed_text = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
@@ -85,7 +95,10 @@ class Mounting(Transformation):
         )
         zero = _as_zero_of_joint_1(log, assumed, g)
         equal = f" Exactly as good on this arm: {zero[0]}." if zero else ""
-        figures = {"angle_degrees": float(np.degrees(angle)), "vector": [x, y, z]}
+        figures = {
+            "angle_degrees": float(np.degrees(angle)),
+            "vector": [x, y, z],
+        }
         yield Fault(
             kind=kind,
             severity="warning",
@@ -105,7 +118,9 @@ def _earthly(size: float) -> bool:
 
 
 def _turned(
-    repair: LogTransform, assumed: Array, g: Array
+    repair: LogTransform,
+    assumed: Array,
+    g: Array,
 ) -> Callable[[float], LogTransform]:
     """The repair with gravity turned by an angle from the assumed vector towards g."""
     size = float(np.linalg.norm(assumed))
@@ -119,7 +134,11 @@ def _under(repair: LogTransform, g: Array) -> LogTransform:
     return replace(repair, gravity=tuple(g.tolist()))
 
 
-def _as_zero_of_joint_1(log: Likelihood, assumed: Array, g: Array) -> tuple[str, ...]:
+def _as_zero_of_joint_1(
+    log: Likelihood,
+    assumed: Array,
+    g: Array,
+) -> tuple[str, ...]:
     """In words the zero of the first joint that makes the same torques as a gravity g
     instead of the assumed one; empty where none does.
 

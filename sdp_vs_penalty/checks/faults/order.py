@@ -17,7 +17,10 @@ class Exchange(Transformation):
     name = "order"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for a, b in combinations(log.joints, 2):
@@ -49,12 +52,17 @@ class _Channels:
 POSITIONS = _Channels("position order", "the positions", "q and dq", ("order",))
 TORQUES = _Channels("torque order", "the torques", "tau", ("tau_order",))
 BOTH = _Channels(
-    "joint order", "positions and torques", "q, dq and tau", ("order", "tau_order")
+    "joint order",
+    "positions and torques",
+    "q, dq and tau",
+    ("order", "tau_order"),
 )
 
 
 def _swapped(
-    log: Likelihood, repair: LogTransform, channels: _Channels
+    log: Likelihood,
+    repair: LogTransform,
+    channels: _Channels,
 ) -> Iterator[Fault]:
     """Joints whose channels are not their own."""
     order = getattr(repair, channels.entries[0])

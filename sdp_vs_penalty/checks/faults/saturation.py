@@ -30,7 +30,10 @@ class Saturation(Transformation):
     name = "saturation"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for j in log.joints:
@@ -50,7 +53,11 @@ def _saturated(log: Likelihood, repair: LogTransform, j: int) -> Fault:
     unit = log.problem.robot.torque_units[j]
 
     def with_bend(value: float) -> LogTransform:
-        return repair.with_entries("bend", (j,), float(np.clip(value, 0.0, _SHARPEST)))
+        return repair.with_entries(
+            "bend",
+            (j,),
+            float(np.clip(value, 0.0, _SHARPEST)),
+        )
 
     return Fault(
         kind="saturation",

@@ -24,7 +24,10 @@ class Sign(Transformation):
     name = "sign"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         all_turned = now.times("gain", range(log.n), -1.0)
@@ -82,7 +85,9 @@ def _joint_sign(log: Likelihood, repair: LogTransform, j: int) -> Fault:
 
 
 def _torque_sign(
-    log: Likelihood, repair: LogTransform, turned: tuple[int, ...]
+    log: Likelihood,
+    repair: LogTransform,
+    turned: tuple[int, ...],
 ) -> Fault:
     """Several torques at once: a convention that differs is one mistake, of any
     pattern."""
@@ -104,7 +109,9 @@ def _torque_sign(
 
 
 def _likeliest_patterns(
-    log: Likelihood, now: LogTransform, score: ArmFit
+    log: Likelihood,
+    now: LogTransform,
+    score: ArmFit,
 ) -> list[LogTransform]:
     """Several torques that count the other way at once, the likeliest few, friction that
     takes power included: joint by joint none of them may look better.

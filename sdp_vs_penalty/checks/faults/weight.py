@@ -26,7 +26,10 @@ class Weight(Transformation):
     name = "weight"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         if not any(now.gravity):
@@ -56,7 +59,10 @@ def _rms(x: Array) -> Array:
 
 
 def _gravity_removed(
-    log: Likelihood, repair: LogTransform, joints: tuple[int, ...], x: float
+    log: Likelihood,
+    repair: LogTransform,
+    joints: tuple[int, ...],
+    x: float,
 ) -> Fault:
     """A share x of the weight missing from some torques."""
     torques = f"the torque of {joints_text(joints)}"

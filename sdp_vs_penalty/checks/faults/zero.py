@@ -30,16 +30,27 @@ class Place(Transformation):
     name = "zero"
 
     def proposals(
-        self, log: Likelihood, now: LogTransform, score: ArmFit
+        self,
+        log: Likelihood,
+        now: LogTransform,
+        score: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
-        places = [*_distances(log, now), *_zeros(log, now, bool(score.poor.any()))]
+        places = [
+            *_distances(log, now),
+            *_zeros(log, now, bool(score.poor.any())),
+        ]
         if not places:
             return
         values = np.array([place.value for place in places])
         units = np.array([place.unit for place in places])
         ats = [place.at for place in places]
-        steps, spreads = log.screen.first_order_steps(now, ats, values, 0.01 * units)
+        steps, spreads = log.screen.first_order_steps(
+            now,
+            ats,
+            values,
+            0.01 * units,
+        )
         nearest = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
         # Of those without a finite spread nothing is seen.
         for k in np.flatnonzero(np.isfinite(spreads)).tolist():
@@ -77,7 +88,11 @@ def _distances(log: Likelihood, now: LogTransform) -> Iterator[_Number]:
             yield _Number(now.longer[j], at, _length(log))
 
 
-def _zeros(log: Likelihood, now: LogTransform, is_poor: bool) -> Iterator[_Number]:
+def _zeros(
+    log: Likelihood,
+    now: LogTransform,
+    is_poor: bool,
+) -> Iterator[_Number]:
     """Of each joint that moves; the zero of a first joint that turns is the mounting
     about its axis."""
     for j in log.joints:
@@ -86,7 +101,12 @@ def _zeros(log: Likelihood, now: LogTransform, is_poor: bool) -> Iterator[_Numbe
             continue
         at = partial(_shifted, log, now, j)
         unit = 1.0 if turns else _length(log)
-        yield _Number(now.zero[j], at, unit, QUARTERS if turns and is_poor else ())
+        yield _Number(
+            now.zero[j],
+            at,
+            unit,
+            QUARTERS if turns and is_poor else (),
+        )
 
 
 def _link_length(log: Likelihood, repair: LogTransform, j: int) -> Fault:

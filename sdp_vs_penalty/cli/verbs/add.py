@@ -96,7 +96,10 @@ def _say_sizes(effects: Any, model: Any) -> None:
 
 
 def _effects(
-    effect: str | None, findings: Path | None, confident: bool, only: str | None
+    effect: str | None,
+    findings: Path | None,
+    confident: bool,
+    only: str | None,
 ) -> Any:
     """What to add: the text, or the Diagnosis of a findings.json, all or some of it."""
     from sdp_vs_penalty.data.parsing import numbers

@@ -39,9 +39,17 @@ def verb(
     _refuse(files, fix, apply)
     robot, runs, reports, hold = _read_and_check(files, problem, gravity, hold)
     printing.checks(reports)
-    content = {"problem": robot.name, "runs": [r.to_dict() for r in reports]}
+    content = {
+        "problem": robot.name,
+        "runs": [r.to_dict() for r in reports],
+    }
     console.save_json(json_, content)
-    command = CheckCommand(problem=problem, runs=files, hold=hold, gravity=gravity)
+    command = CheckCommand(
+        problem=problem,
+        runs=files,
+        hold=hold,
+        gravity=gravity,
+    )
     meaningless = any(report.meaningless for report in reports)
     if fix is not None:
         copies = _write_copies(robot, files, runs, reports, fix, apply or [])
@@ -54,7 +62,11 @@ def verb(
         raise SystemExit(1)
 
 
-def _refuse(files: Sequence[Path], fix: Path | None, apply: list[str] | None) -> None:
+def _refuse(
+    files: Sequence[Path],
+    fix: Path | None,
+    apply: list[str] | None,
+) -> None:
     """InputError for options that do not belong together."""
     if fix is None:
         if apply:
@@ -72,7 +84,10 @@ def _refuse(files: Sequence[Path], fix: Path | None, apply: list[str] | None) ->
 
 
 def _read_and_check(
-    files: Sequence[Path], problem: str, gravity: str | None, hold: str | None
+    files: Sequence[Path],
+    problem: str,
+    gravity: str | None,
+    hold: str | None,
 ) -> tuple[Problem, list[Measurements], Sequence[Report], str | None]:
     """The robot, its runs, a report a run, and --hold with what stands still."""
     from sdp_vs_penalty.checks import check_runs
@@ -87,7 +102,9 @@ def _read_and_check(
 
     with console.progress("checking") as progress:
         robot, measured, hold = read_and_hold(
-            lambda held: problem_from_options(problem, gravity, hold=held), hold, read
+            lambda held: problem_from_options(problem, gravity, hold=held),
+            hold,
+            read,
         )
         runs = [run for run in measured if isinstance(run, Measurements)]
         progress(f"judging {len(runs)} runs" if len(runs) > 1 else files[0].name)
@@ -126,7 +143,11 @@ def _write_copies(
     return copies
 
 
-def _say_identify(files: Sequence[Path], problem: str, options: Sequence[str]) -> None:
+def _say_identify(
+    files: Sequence[Path],
+    problem: str,
+    options: Sequence[str],
+) -> None:
     """The command that identifies from all runs but those for testing."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import for_testing

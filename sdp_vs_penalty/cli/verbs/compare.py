@@ -34,7 +34,10 @@ def verb(
     results = compare(estimates, runs, noise_from=runs_given.judged_recordings)
     oldest = next(iter(estimates.values()))
     failures = where_it_fails(
-        estimate, runs, oldest.preprocessing, noise=results[0].noise
+        estimate,
+        runs,
+        oldest.preprocessing,
+        noise=results[0].noise,
     )
     for result in results:
         printing.verdict(result.verdict, result.name)

@@ -42,7 +42,11 @@ def verb(
                 load_measurements(*data, joints=of.robot.n, names=of.robot.joint_names)
             ],
         )
-        how: dict[str, Any] = {"effects": effects, "folds": folds, "seed": seed}
+        how: dict[str, Any] = {
+            "effects": effects,
+            "folds": folds,
+            "seed": seed,
+        }
         how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler)}
         result = cross_validate(robot, runs, method, progress=progress, **how)
     console.say(result.verdict, style="bold")
@@ -53,7 +57,11 @@ def verb(
     ]
     judged: list[Any] = [*result.folds, result]
     rows = [
-        [name, number(f.relative_error_percent), *map(number, f.rmse)]
+        [
+            name,
+            number(f.relative_error_percent),
+            *map(number, f.rmse),
+        ]
         for name, f in zip([*names, "all"], judged, strict=True)
     ]
     units = ", ".join(dict.fromkeys(map(plain_unit, robot.robot.torque_units)))

@@ -55,7 +55,11 @@ def verb(
             without_check=runs.NO_CHECK,
             check_command=CheckCommand.of(estimate.problem, data),
         )
-    words = ["--data", *runs.words(data, window), *["--frozen"] * frozen]
+    words = [
+        "--data",
+        *runs.words(data, window),
+        *["--frozen"] * frozen,
+    ]
     words += _written(
         {
             "--test": test,
@@ -86,7 +90,11 @@ def _what_to_add(result: Diagnosis, json_: Path | None) -> list[str]:
     if json_ is None:
         return [",".join(f.text for f in result.sure)] if result.sure else []
     # Curves were measured beside all findings.
-    return ["--from", str(json_), *["--confident"] * (not result.curves)]
+    return [
+        "--from",
+        str(json_),
+        *["--confident"] * (not result.curves),
+    ]
 
 
 def _free_name(model: Path) -> Path:

@@ -48,7 +48,14 @@ def verb(
     }
     how["seed"] = seed
     if separate is not None:
-        return _separate(Path(problem), separate, out, urdf, level=level, **how)
+        return _separate(
+            Path(problem),
+            separate,
+            out,
+            urdf,
+            level=level,
+            **how,
+        )
     if payload:
         return _payload(Path(problem), joints, out, **how)
     from sdp_vs_penalty.cli.runs import problem_from_options
@@ -71,7 +78,12 @@ def verb(
 _LOOK = "look at the motion before it is run."
 
 
-def _payload(model: Path, joints: str | None, out: Path, **settings: Any) -> None:
+def _payload(
+    model: Path,
+    joints: str | None,
+    out: Path,
+    **settings: Any,
+) -> None:
     """The run that weighs a load, and how well it does."""
     import numpy as np
 
@@ -129,7 +141,11 @@ def _separate(
     shapes = None if urdf is None else self_collision(urdf, estimate.robot.n)
     with console.progress("separating") as progress:
         separation = separate(
-            estimate, effects, free=shapes, progress=progress, **settings
+            estimate,
+            effects,
+            free=shapes,
+            progress=progress,
+            **settings,
         )
     ros = out.with_suffix(".yaml")
     save_trajectory(separation.trajectory, out)

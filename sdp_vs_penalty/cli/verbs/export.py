@@ -39,7 +39,12 @@ def verb(
     loses, judged = _judged_as_exported(estimate, out, data, window)
     verdict = None if judged is None else judged[0]
     left_out = write_model(
-        estimate, out, urdf, force=force, flange=(x, y, z), judged=verdict
+        estimate,
+        out,
+        urdf,
+        force=force,
+        flange=(x, y, z),
+        judged=verdict,
     )
     if loses:
         _say_what_is_lost(left_out, judged)
@@ -55,7 +60,10 @@ def verb(
 
 
 def _judged_as_exported(
-    estimate: Estimate, out: Path, data: list[Path] | None, window: str | None
+    estimate: Estimate,
+    out: Path,
+    data: list[Path] | None,
+    window: str | None,
 ) -> tuple[bool, tuple[Verdict, str] | None]:
     """Whether a file of this name holds less than the model; then the verdict on what
     it holds, and what is lost in words, where there are runs to judge it on."""

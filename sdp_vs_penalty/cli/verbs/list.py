@@ -10,7 +10,11 @@ Kind = StrEnum(
 )
 
 
-def verb(what: Kind, name: str | None = None, json_: Path | None = None) -> None:
+def verb(
+    what: Kind,
+    name: str | None = None,
+    json_: Path | None = None,
+) -> None:
     """List the names that the other verbs take, or say all about one of them.
 
     Example: sdp-vs-penalty list effects presliding_hysteresis
@@ -32,7 +36,13 @@ def verb(what: Kind, name: str | None = None, json_: Path | None = None) -> None
         return
     columns = [headings.index(heading) for heading in _SHORT.get(what, headings)]
     shown = [[row[k] for k in columns] for row in (headings, *rows)]
-    console.table(Table(shown[0], shown[1:], words=range(len(columns))))
+    console.table(
+        Table(
+            shown[0],
+            shown[1:],
+            words=range(len(columns)),
+        )
+    )
     if len(columns) < len(headings):
         console.say(
             f"All about one of them: sdp-vs-penalty list {what.value} {rows[0][0]}"

@@ -82,7 +82,13 @@ def _follow(
 
     with console.progress("reading the measurements") as progress:
         estimate = load_estimate(model)
-        following = follow(estimate, runs, drive=drive, seed=seed, progress=progress)  # type: ignore[arg-type]
+        following = follow(
+            estimate,
+            runs,
+            drive=drive,  # type: ignore[arg-type]
+            seed=seed,
+            progress=progress,
+        )
     console.say(following.verdict, style="bold")
     console.say("Forward simulation against the measured motion (RMS)", style="italic")
     console.table(following.table())

@@ -61,12 +61,22 @@ def read(path: Path, choice: Choice) -> Measurements:
     names = None if choice.joints is None else list(choice.joints)
     with understood(path, "ROS bag or MCAP file", "name a bag's folder or .mcap file"):
         pieces = parse_isolated(
-            run_in_parts, path, names, choice.topic, prepare=message_types, seconds=60.0
+            run_in_parts,
+            path,
+            names,
+            choice.topic,
+            prepare=message_types,
+            seconds=60.0,
         )
         try:
             places = next(pieces)["places"].astype(int).tolist()
             run = gathered(
-                Measurements.of(part["t"], part, (path.name,)) for part in pieces
+                Measurements.of(
+                    part["t"],
+                    part,
+                    (path.name,),
+                )
+                for part in pieces
             )
             return replace(run, joint_names=tuple((names or [])[k] for k in places))
         except ImportError as error:
@@ -86,7 +96,9 @@ def message_types() -> Any:
 
 
 def run_in_parts(
-    path: str, joints: list[str] | None, topic: str | None
+    path: str,
+    joints: list[str] | None,
+    topic: str | None,
 ) -> Iterator[dict[str, Array]]:
     """The run of a bag in consecutive parts, by the names of its channels."""
     from rosbags.highlevel import AnyReader
@@ -123,7 +135,9 @@ def _stay_inside(path: Path) -> None:
         if Path(name).name != name:
             what = f"{name!r} is not a file of this folder"
             raise InputError(
-                what, "keep a bag's files in one folder", path / "metadata.yaml"
+                what,
+                "keep a bag's files in one folder",
+                path / "metadata.yaml",
             )
 
 
@@ -171,7 +185,11 @@ def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
     return replace(run, joint_names=called)
 
 
-def _which_topic(path: Path, topic: str | None, topics: Sequence[str]) -> InputError:
+def _which_topic(
+    path: Path,
+    topic: str | None,
+    topics: Sequence[str],
+) -> InputError:
     """The error of a topic that is not there, or several that hold all joints."""
     subject = f"topic {topic!r}" if topic else "one topic"
     what = f"{subject} with {_TYPE} is needed"
@@ -180,7 +198,9 @@ def _which_topic(path: Path, topic: str | None, topics: Sequence[str]) -> InputE
 
 
 def _streams(
-    path: Path, reader: Any, connections: Sequence[Any]
+    path: Path,
+    reader: Any,
+    connections: Sequence[Any],
 ) -> tuple[list[_Stream], Array]:
     """The messages by topic, joints and fields, and the clocks of the first one [ns]."""
     streams = dict[tuple[Any, ...], _Stream]()
@@ -214,11 +234,18 @@ def _clocks_of(message: Any, recorded: int) -> Array:
     """(2,) the header's stamp and the recorder's, whole [ns]: they are taken apart
     before they become floating-point numbers of seconds."""
     stamp = message.header.stamp
-    return np.array([int(stamp.sec) * 10**9 + int(stamp.nanosec), int(recorded)])
+    return np.array(
+        [
+            int(stamp.sec) * 10**9 + int(stamp.nanosec),
+            int(recorded),
+        ]
+    )
 
 
 def _choose_joints(
-    path: Path, streams: Sequence[_Stream], choice: Choice
+    path: Path,
+    streams: Sequence[_Stream],
+    choice: Choice,
 ) -> tuple[dict[str, str], _Stream]:
     """The joints to take, as the bag calls them and as the robot does, and the stream
     whose rows are kept.
@@ -245,7 +272,10 @@ def _choose_joints(
 
 
 def _leading_stream(
-    path: Path, placed: Sequence[_Stream], joints: set[str], topic: str | None
+    path: Path,
+    placed: Sequence[_Stream],
+    joints: set[str],
+    topic: str | None,
 ) -> _Stream:
     """The stream whose rows are kept: of the topic that says most of the joints,
     position and effort, the one with most joints; InputError where two topics say all.
@@ -272,7 +302,9 @@ def _leading_stream(
 
 
 def _channels_of(
-    streams: Sequence[_Stream], topic: str, joints: set[str]
+    streams: Sequence[_Stream],
+    topic: str,
+    joints: set[str],
 ) -> set[tuple[str, str]]:
     """The positions and efforts of these joints that a topic says, as (joint, field)."""
     channels = set[tuple[str, str]]()
@@ -304,11 +336,25 @@ class _Merge:
         lies on the disk."""
         rows = np.flatnonzero(self.is_kept)
         return concatenate_chunks(
-            np.column_stack([self._column(joint, field_name, part) for joint in joints])
+            np.column_stack(
+                [
+                    self._column(
+                        joint,
+                        field_name,
+                        part,
+                    )
+                    for joint in joints
+                ]
+            )
             for _, part in iter_chunks(rows)
         )
 
-    def _column(self, joint: str, field_name: str, part: NDArray[np.intp]) -> Array:
+    def _column(
+        self,
+        joint: str,
+        field_name: str,
+        part: NDArray[np.intp],
+    ) -> Array:
         """One field of one joint in some of the leading stream's rows."""
         source = self.sources[joint, field_name]
         if source is None:
@@ -317,7 +363,10 @@ class _Merge:
 
 
 def _merge(
-    streams: Sequence[_Stream], leading: _Stream, joints: Sequence[str], clock: int
+    streams: Sequence[_Stream],
+    leading: _Stream,
+    joints: Sequence[str],
+    clock: int,
 ) -> _Merge:
     """What belongs to each message of the leading stream: within half a period, but for
     a joint that never moves, which says it at any time; clock : the stamp's column."""
@@ -328,7 +377,11 @@ def _merge(
         for joint in joints
         for field_name in _FIELDS
     }
-    merge = _Merge(sources, {id(leading): np.arange(len(t))}, np.ones(len(t), bool))
+    merge = _Merge(
+        sources,
+        {id(leading): np.arange(len(t))},
+        np.ones(len(t), bool),
+    )
     for (joint, field_name), source in sources.items():
         if source is None or source is leading:
             continue
@@ -374,7 +427,10 @@ def _merged(
 
 
 def _source_of(
-    streams: Sequence[_Stream], leading: _Stream, joint: str, what: str
+    streams: Sequence[_Stream],
+    leading: _Stream,
+    joint: str,
+    what: str,
 ) -> _Stream | None:
     """The stream that says this of the joint: the leading one, one of its topic, another
     one; None where none does."""
@@ -412,7 +468,11 @@ def _say_what_is_skipped(
         warnings.warn(f"{path}: {' and '.join(reasons)} left out", Remark, stacklevel=2)
 
 
-def _weightless(path: Path, streams: Sequence[_Stream], what: str) -> InputError:
+def _weightless(
+    path: Path,
+    streams: Sequence[_Stream],
+    what: str,
+) -> InputError:
     """The error of a bag in which nobody says positions, or efforts."""
     topics = ", ".join(sorted({s.topic for s in streams}))
     problem = f"no message of {topics} has {what} of every joint"

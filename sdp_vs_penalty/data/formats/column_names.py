@@ -126,7 +126,9 @@ def split_tokens(name: str) -> list[str]:
         Words and numbers in their order.
     """
     with_blanks = re.sub(
-        r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})", " ", name.strip()
+        r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})",
+        " ",
+        name.strip(),
     )
     decomposed = unicodedata.normalize("NFKD", with_blanks.lower())
     without_accents = re.sub(r"[\u0300-\u036f]", "", decomposed)

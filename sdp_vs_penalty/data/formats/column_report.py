@@ -122,7 +122,15 @@ def describe_columns(
     }
     report = ColumnReport(
         place,
-        tuple(_row(name, meanings.get(name, ""), table, scale) for name in names),
+        tuple(
+            _row(
+                name,
+                meanings.get(name, ""),
+                table,
+                scale,
+            )
+            for name in names
+        ),
         missing=_missing(pairs),
         problem=problem,
     )
@@ -155,7 +163,10 @@ def _pairs(
 
 
 def _row(
-    name: str, meaning: str, table: CellTable, scale: Mapping[str, float]
+    name: str,
+    meaning: str,
+    table: CellTable,
+    scale: Mapping[str, float],
 ) -> ColumnRow:
     """The row of one column."""
     factor = scale.get(meaning, 1.0) if meaning else 1.0
@@ -163,7 +174,14 @@ def _row(
     if factor != 1.0:
         unit = unit_of_factor(factor, group_of(meaning)) or f"{factor:.6g}"
     cells = tuple(table.cells.get(name, ())[:_N_CELLS])
-    return ColumnRow(name, meaning, table.kinds[name], factor, unit, cells)
+    return ColumnRow(
+        name,
+        meaning,
+        table.kinds[name],
+        factor,
+        unit,
+        cells,
+    )
 
 
 def _missing(pairs: Mapping[str, str]) -> tuple[str, ...]:

@@ -102,7 +102,9 @@ def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _columns_by_joint(
-    style: str, names: Sequence[str], readings: Mapping[str, Reading]
+    style: str,
+    names: Sequence[str],
+    readings: Mapping[str, Reading],
 ) -> dict[Hashable, str]:
     """Columns of one set by their joint, in the joints' order; empty where two columns
     name one joint, where numbers have gaps, or where the style needs another count."""
@@ -247,4 +249,10 @@ def _partner_of(
         key=lambda s: (s.other_words != positions.other_words, s.preference),
     )
     columns = {key: best.columns[key] for key in positions.columns}
-    return ColumnSet(best.quantity, best.rank, best.style, best.other_words, columns)
+    return ColumnSet(
+        best.quantity,
+        best.rank,
+        best.style,
+        best.other_words,
+        columns,
+    )

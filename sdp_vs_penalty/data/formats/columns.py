@@ -73,7 +73,11 @@ class Choice:
 
 
 @contextmanager
-def understood(path: str | Path, kind: str, remedy: str) -> Iterator[None]:
+def understood(
+    path: str | Path,
+    kind: str,
+    remedy: str,
+) -> Iterator[None]:
     """While a library reads a file, turn its failures into InputError.
 
     Parameters
@@ -286,7 +290,11 @@ class Header:
         if degrees:
             run = unwrapped(run, self.path, degrees)
         if self.recognition is not None and not self.recognition.is_identity:
-            sentence = self.recognition.sentence(self.path, self.names, self.rate)
+            sentence = self.recognition.sentence(
+                self.path,
+                self.names,
+                self.rate,
+            )
             rows = rows_shown(run, self.recognition)
             warnings.warn(ColumnsRemark(sentence, rows), stacklevel=2)
         return run
@@ -312,7 +320,11 @@ class Header:
         warnings.warn(warning, Remark, stacklevel=3)
         return replace(run, t=run.t + shift)
 
-    def _in_si(self, name: str, columns: Mapping[str, Array]) -> Array:
+    def _in_si(
+        self,
+        name: str,
+        columns: Mapping[str, Array],
+    ) -> Array:
         """A column of the file in SI units."""
         return self.factors.get(name, 1.0) * np.asarray(columns[name], float)
 
@@ -326,7 +338,9 @@ class Header:
         raise InputError(what, "give q, dq and tau a column a joint", self.what)
 
     def _clock(
-        self, columns: Mapping[str, Array], groups_read: Mapping[str, Sequence[Array]]
+        self,
+        columns: Mapping[str, Array],
+        groups_read: Mapping[str, Sequence[Array]],
     ) -> Array:
         """(N,) s: of one column, the sum of a stamp's two parts, or of the rate."""
         clock = self.groups.get("t", ())
@@ -357,7 +371,12 @@ class Header:
         )
         return InputError(lacking, remedy, self.what)
 
-    def _block(self, group: str, parts: Sequence[Array], count: int) -> Array:
+    def _block(
+        self,
+        group: str,
+        parts: Sequence[Array],
+        count: int,
+    ) -> Array:
         """(N, n) the channels of a group, from columns or one block either way up."""
         block = parts[0]
         if block.ndim > 2:
@@ -441,7 +460,9 @@ def rows_shown(run: Measurements, recognition: Recognition) -> tuple[str, ...]:
 
 
 def _require_columns(
-    rename: Mapping[str, str], names: Sequence[str], what: str
+    rename: Mapping[str, str],
+    names: Sequence[str],
+    what: str,
 ) -> None:
     """InputError for a chosen name that the file does not have."""
     for our_name, their_name in rename.items():
@@ -473,7 +494,9 @@ def _groups(
 
 
 def _clock_of(
-    rename: Mapping[str, str], names: Sequence[str], choice: Choice
+    rename: Mapping[str, str],
+    names: Sequence[str],
+    choice: Choice,
 ) -> str | None:
     """The file's clock; None without."""
     if "t" in rename:
@@ -507,7 +530,9 @@ def _lacking(
 
 
 def _unused_columns(
-    groups: Mapping[str, Sequence[str]], names: Sequence[str], what: str
+    groups: Mapping[str, Sequence[str]],
+    names: Sequence[str],
+    what: str,
 ) -> list[str]:
     """The columns that are not read; InputError for one that is and comes twice."""
     count = Counter(names)
@@ -532,7 +557,9 @@ def _say_unused(path: Path, names: Sequence[str]) -> None:
 
 
 def _factors(
-    rename: Mapping[str, str], recognition: Recognition | None, clock: Sequence[str]
+    rename: Mapping[str, str],
+    recognition: Recognition | None,
+    clock: Sequence[str],
 ) -> dict[str, float]:
     """What columns are multiplied by, by the file's names."""
     scale = recognition.scale if recognition else {}
@@ -578,7 +605,11 @@ def _rate_of(groups_read: Mapping[str, Sequence[Array]]) -> float | None:
     return rate_from_velocities(positions, velocities)
 
 
-def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
+def _columns(
+    named: Mapping[str, str],
+    group: str,
+    what: str,
+) -> list[str]:
     """The file's columns of a group: one that is called so, or q1, q2, ..., one a
     joint."""
     if group in named:
@@ -594,10 +625,17 @@ def _columns(named: Mapping[str, str], group: str, what: str) -> list[str]:
     raise InputError(lacking, "give each joint a column", what)
 
 
-def _rename_command(path: Path, names: Sequence[str], missing: Sequence[str]) -> str:
+def _rename_command(
+    path: Path,
+    names: Sequence[str],
+    missing: Sequence[str],
+) -> str:
     """What names the columns that are missing, by the file's names where they fit."""
     pairs = propose_columns(names, missing)
-    words = ["--rename", ",".join(f"{group}={name}" for group, name in pairs.items())]
+    words = [
+        "--rename",
+        ",".join(f"{group}={name}" for group, name in pairs.items()),
+    ]
     scale = _scale_of_proposal(pairs, names)
     if scale:
         words += ["--scale", scale_words(scale, dict.fromkeys(scale, ""))]
@@ -687,7 +725,11 @@ def _numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
     return families
 
 
-def real_numbers(path: str | Path, name: str, array: Any) -> Array:
+def real_numbers(
+    path: str | Path,
+    name: str,
+    array: Any,
+) -> Array:
     """Convert an array to floating-point numbers.
 
     Parameters
@@ -773,7 +815,11 @@ def brief_names(names: Sequence[str]) -> str:
     return ", ".join(sorted(name[:40] for name in shown)) or "none"
 
 
-def _brief_family(head: str, tail: str, numbers: Sequence[int]) -> list[str]:
+def _brief_family(
+    head: str,
+    tail: str,
+    numbers: Sequence[int],
+) -> list[str]:
     """Names that differ by their numbers, as one where these have no gap."""
     if not numbers:
         return [f"{head}{tail}"]

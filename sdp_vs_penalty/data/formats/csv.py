@@ -59,12 +59,20 @@ def read(path: Path, choice: Choice) -> Measurements:
     names = list(table.names)
     if not table.has_header and names[0] == "#1" and not choice.rename:
         names = names_without_header(
-            path, len(names), choice, lambda: read_columns(path)
+            path,
+            len(names),
+            choice,
+            lambda: read_columns(path),
         )
     form = find_long_form(table)
     if form is not None:
         return read_long(table, form, choice)
-    header = Header.of(path, names, choice, table=_cell_table(table, names))
+    header = Header.of(
+        path,
+        names,
+        choice,
+        table=_cell_table(table, names),
+    )
     chosen = sorted(names.index(name) for name in header.columns)
     _refuse_texts(table, names, chosen)
     run = _run_of_columns(table, header, names, chosen)
@@ -74,7 +82,10 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def _run_of_columns(
-    table: TextTable, header: Header, names: Sequence[str], chosen: Sequence[int]
+    table: TextTable,
+    header: Header,
+    names: Sequence[str],
+    chosen: Sequence[int],
 ) -> Measurements:
     """The run of the chosen columns; of a sparse table what is nearest in time."""
     called = [names[k] for k in chosen]
@@ -200,7 +211,9 @@ def numbers(path: Path, width: int) -> Array:
 
 
 def _refuse_texts(
-    table: TextTable, names: Sequence[str], chosen: Sequence[int]
+    table: TextTable,
+    names: Sequence[str],
+    chosen: Sequence[int],
 ) -> None:
     """InputError naming a chosen column that never holds a number, once."""
     for k in chosen:
@@ -212,7 +225,10 @@ def _refuse_texts(
 
 
 def _sparse_columns(
-    table: TextTable, header: Header, chosen: Sequence[int], called: Sequence[str]
+    table: TextTable,
+    header: Header,
+    chosen: Sequence[int],
+    called: Sequence[str],
 ) -> dict[str, Array] | None:
     """The columns of a table in which some have rows of their own, as topics of
     different times have: what is nearest in time comes together. None where no more

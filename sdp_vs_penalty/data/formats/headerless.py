@@ -70,16 +70,24 @@ def _no_header(
     if layout is None:
         remedy += "name columns by their numbers with `convert --rename t=#1,q1=#2`"
         return InputError(problem, remedy, path)
-    words = ["--rename", ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))]
+    words = [
+        "--rename",
+        ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1)),
+    ]
     has_clock = layout[0] == "t"
     if not has_clock:
-        words += ["--rate", _rate_word(layout, list(read_columns().values()))]
+        words += [
+            "--rate",
+            _rate_word(layout, list(read_columns().values())),
+        ]
     groups = [name for name in ("t", "q", "dq", "tau") if f"{name}1" in layout]
     groups = ["t", *groups] if has_clock else groups
     shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
     command = formatting.convert_command(path, *words)
     return InputError(
-        problem, f"{remedy}where its columns are {shown}, `{command}`", path
+        problem,
+        f"{remedy}where its columns are {shown}, `{command}`",
+        path,
     )
 
 

@@ -162,7 +162,11 @@ def _quantity_of(path: Path) -> str | None:
     return None if reading_of_name is None else reading_of_name.quantity
 
 
-def read_joined(path: Path, files: Sequence[Path], choice: Choice) -> Measurements:
+def read_joined(
+    path: Path,
+    files: Sequence[Path],
+    choice: Choice,
+) -> Measurements:
     """Read one run from several files.
 
     Parameters

@@ -98,7 +98,11 @@ def read_columns(path: Path) -> dict[str, Array]:
     return columns
 
 
-def _parse_line(path: Path, number: int, line: str) -> dict[str, Any]:
+def _parse_line(
+    path: Path,
+    number: int,
+    line: str,
+) -> dict[str, Any]:
     """The numbers of one line by name; InputError for no JSON object."""
     remedy = "write one JSON object a line"
     try:
@@ -127,7 +131,11 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _block(path: Path, name: str, values: list[Any]) -> Array:
+def _block(
+    path: Path,
+    name: str,
+    values: list[Any],
+) -> Array:
     """(N,) or (N, n) numbers; InputError for lists of different lengths."""
     lengths = {len(value) if isinstance(value, list) else -1 for value in values}
     if len(lengths) > 1:

@@ -167,11 +167,20 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
     wide = _columns_of_labels(labels, channels, form)
     positions = [name for name in wide if _quantity_of(name) == "q"]
     leading = positions[0] if positions else next(iter(wide))
-    places, merged = merge_columns(np.sum(parts, axis=0), wide, [leading])
+    places, merged = merge_columns(
+        np.sum(parts, axis=0),
+        wide,
+        [leading],
+    )
     columns = {name: values[name][places] for name in stamps} | merged
     kinds = dict.fromkeys(columns, "number")
     shown = {name: [f"{x:.9g}" for x in block[:50]] for name, block in columns.items()}
-    header = Header.of(table.path, list(columns), choice, table=CellTable(kinds, shown))
+    header = Header.of(
+        table.path,
+        list(columns),
+        choice,
+        table=CellTable(kinds, shown),
+    )
     return header.read(columns)
 
 
@@ -200,12 +209,17 @@ def _unit_of(place: int, name: str) -> float:
 
 
 def _columns_of_labels(
-    labels: Sequence[Sequence[str]], channels: Mapping[str, Array], form: LongForm
+    labels: Sequence[Sequence[str]],
+    channels: Mapping[str, Array],
+    form: LongForm,
 ) -> dict[str, Array]:
     """(N,) a column for each label and channel, NaN in the rows of other labels."""
     rows = np.array(labels).T
     _, first_rows, places = np.unique(
-        rows, axis=0, return_index=True, return_inverse=True
+        rows,
+        axis=0,
+        return_index=True,
+        return_inverse=True,
     )
     in_order = np.argsort(first_rows)
     names = [rows[first_rows[k]].tolist() for k in in_order]
@@ -219,7 +233,11 @@ def _columns_of_labels(
         is_here = places.ravel() == k
         for channel, values in channels.items():
             words = [*name, channel] if form.channel is None else name
-            columns["/".join(words)] = np.where(is_here, values, np.nan)
+            columns["/".join(words)] = np.where(
+                is_here,
+                values,
+                np.nan,
+            )
     return columns
 
 

@@ -86,7 +86,9 @@ def read_columns(path: Path) -> dict[str, Array]:
             start = file.read(128)
         if start.startswith(b"MATLAB 7.3") or start.startswith(b"\x89HDF"):
             raise InputError(
-                "a version 7.3 file (HDF5)", "save it with save(..., '-v7')", path
+                "a version 7.3 file (HDF5)",
+                "save it with save(..., '-v7')",
+                path,
             )
         for part in parse_isolated(numeric_variables, path, prepare=load_scipy):
             arrays |= part

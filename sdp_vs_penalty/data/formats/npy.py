@@ -50,7 +50,9 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def run_of_columns(
-    path: Path, columns: Mapping[str, Array], choice: Choice
+    path: Path,
+    columns: Mapping[str, Array],
+    choice: Choice,
 ) -> Measurements:
     """Make a run of named columns, or of those of a table without names.
 

@@ -98,7 +98,9 @@ def _row_layout(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
 
 
 def _rows(
-    member: IO[bytes], shape: tuple[int, ...], dtype: np.dtype[Any]
+    member: IO[bytes],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
 ) -> Iterator[Array]:
     """The rows of an array, PART at a time. Raises ValueError where the file ends."""
     size = dtype.itemsize * math.prod(shape[1:])

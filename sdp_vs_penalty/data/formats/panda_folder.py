@@ -57,4 +57,11 @@ def read(folder: Path, choice: Choice) -> Measurements:
     q = columns["q"].reshape(len(t), -1)
     dq = columns["dq"].reshape(len(t), -1)
     tau = columns["tau"].reshape(len(t), -1)
-    return Measurements(t, q, tau, dq, None, (folder.name,))
+    return Measurements(
+        t,
+        q,
+        tau,
+        dq,
+        None,
+        (folder.name,),
+    )

@@ -103,7 +103,12 @@ def read_columns(path: Path) -> dict[str, Array]:
 def _header(path: Path, choice: Choice, file: Any) -> Header:
     """Which columns of the file are which channels."""
     table = _cell_table(file)
-    return Header.of(path, list(table.kinds), choice, table=table)
+    return Header.of(
+        path,
+        list(table.kinds),
+        choice,
+        table=table,
+    )
 
 
 def _cell_table(file: Any) -> CellTable:
@@ -115,7 +120,11 @@ def _cell_table(file: Any) -> CellTable:
     return CellTable(kinds, {name: _texts(first, name) for name in kinds})
 
 
-def _pieces(path: Path, header: Header, file: Any) -> Iterator[Measurements]:
+def _pieces(
+    path: Path,
+    header: Header,
+    file: Any,
+) -> Iterator[Measurements]:
     """The rows in consecutive pieces, at least one.
 
     Only chosen columns are read: a text that is stored once can come in every row.

@@ -124,7 +124,10 @@ class Recognition:
         )
 
     def command(
-        self, path: Path, names: Sequence[str], rate: float | None = None
+        self,
+        path: Path,
+        names: Sequence[str],
+        rate: float | None = None,
     ) -> str:
         """Format the command that reads the file alike.
 
@@ -152,7 +155,10 @@ class Recognition:
         return formatting.convert_command(path, *words)
 
     def sentence(
-        self, path: Path, names: Sequence[str], rate: float | None = None
+        self,
+        path: Path,
+        names: Sequence[str],
+        rate: float | None = None,
     ) -> str:
         """Say what was taken for what, in which unit and why, with the command that
         repeats it.
@@ -346,7 +352,11 @@ def _by_logger(
         if clock is None or not groups:
             continue
         called, keys = _joints_of_logger(
-            logger, list(groups["q"]), names, joints, table
+            logger,
+            list(groups["q"]),
+            names,
+            joints,
+            table,
         )
         rename = {"t": clock}
         for group, columns in groups.items():
@@ -394,7 +404,9 @@ def _joints_of_logger(
 
 
 def _units_of_logger(
-    logger: Mapping[str, Any], rename: Mapping[str, str], table: CellTable | None
+    logger: Mapping[str, Any],
+    rename: Mapping[str, str],
+    table: CellTable | None,
 ) -> tuple[dict[str, float], tuple[str, ...]]:
     """Factors by our names, and the units in words with the reason for each."""
     scale = dict[str, float]()
@@ -496,7 +508,12 @@ def _by_words(
     clock = find_clock(usable)
     if choice.rivals:
         raise _ambiguous(choice, clock)
-    called, keys, order = _joints_of_words(choice.sets["q"], names, joints, table)
+    called, keys, order = _joints_of_words(
+        choice.sets["q"],
+        names,
+        joints,
+        table,
+    )
     rename = {} if clock is None else {"t": clock}
     for quantity, columns in choice.sets.items():
         for k, key in enumerate(keys, start=1):
@@ -535,7 +552,9 @@ def _read_and_choose(
 
 
 def _one_joint_of_several(
-    readings: Mapping[str, Reading], choice: SetChoice, table: CellTable | None
+    readings: Mapping[str, Reading],
+    choice: SetChoice,
+    table: CellTable | None,
 ) -> SetChoice:
     """The sets of "A angle" to "F angle" where "A angle" was chosen alone, because "A"
     says nothing; a column of lists holds all joints by itself."""

@@ -85,7 +85,9 @@ def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
 
 
 def _pattern_of(
-    group: str, pairs: Mapping[str, str], names: Sequence[str]
+    group: str,
+    pairs: Mapping[str, str],
+    names: Sequence[str],
 ) -> str | None:
     """The pattern that stands for all pairs of a group; None without one."""
     first = next(iter(pairs.values()))
@@ -228,7 +230,11 @@ def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
     return unwrapped(in_si, run.names[0], degrees)
 
 
-def _factors(our_name: str, word: str, n_columns: int) -> np.ndarray:
+def _factors(
+    our_name: str,
+    word: str,
+    n_columns: int,
+) -> np.ndarray:
     """(n,) or (1,) what the columns of a group are multiplied by."""
     values = [UNITS.get(w.lower()) or _number(our_name, w) for w in word.split(":")]
     group = group_of(our_name)
@@ -237,7 +243,11 @@ def _factors(our_name: str, word: str, n_columns: int) -> np.ndarray:
         what = f"--scale {our_name}: the run has no such column"
         raise InputError(what, "name t, q, dq or tau")
     if our_name != group:
-        return np.where(np.arange(n_columns) == joint - 1, values[0], 1.0)
+        return np.where(
+            np.arange(n_columns) == joint - 1,
+            values[0],
+            1.0,
+        )
     if len(values) not in (1, n_columns):
         what = f"--scale {our_name}={word}: {len(values)} factors"
         raise InputError(what, f"give one, or {n_columns}")

@@ -119,7 +119,11 @@ def _values(table: TextTable, column: int, values: object) -> Array:
     return np.asarray(np.from_dlpack(values).view(np.float64))  # type: ignore[arg-type]
 
 
-def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
+def _parse_lists(
+    table: TextTable,
+    column: int,
+    cells: Sequence[str],
+) -> Array:
     """(N, n) numbers of cells like "[0.1, 0.2]"; InputError for one of another length."""
     words = [
         re.findall(r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf)", cell)
@@ -130,13 +134,17 @@ def _parse_lists(table: TextTable, column: int, cells: Sequence[str]) -> Array:
         what = f"column {table.names[column]} holds lists of different lengths"
         shown = ", ".join(map(str, sorted(lengths)[:4]))
         raise InputError(
-            f"{what} ({shown})", "give each row as many values", table.path
+            f"{what} ({shown})",
+            "give each row as many values",
+            table.path,
         )
     return np.array(words, float).reshape(len(cells), *lengths or (0,))
 
 
 def _read_carefully(
-    table: TextTable, chosen: Sequence[int], first: int
+    table: TextTable,
+    chosen: Sequence[int],
+    first: int,
 ) -> Iterator[list[Array]]:
     """The same from row ``first`` on, which names the row and column that is wrong.
 
@@ -172,7 +180,10 @@ def _say_rows_skipped(path: Path, n_empty: int, n_headers: int) -> None:
 
 
 def _parse_rows(
-    table: TextTable, chosen: Sequence[int], numbers: Sequence[int], rows: Sequence[str]
+    table: TextTable,
+    chosen: Sequence[int],
+    numbers: Sequence[int],
+    rows: Sequence[str],
 ) -> list[Array]:
     """The chosen columns of some rows; InputError naming the one that is wrong.
 
@@ -193,18 +204,33 @@ def _parse_rows(
         try:
             if set(separators) == {table.width - 1}:
                 values = np.loadtxt(
-                    rows, delimiter=delimiter, ndmin=2, comments=None, usecols=chosen
+                    rows,
+                    delimiter=delimiter,
+                    ndmin=2,
+                    comments=None,
+                    usecols=chosen,
                 )
                 return list(np.ascontiguousarray(values.T))
         except ValueError:
             pass  # the cells are looked at one by one
     cells = [split_cells(line, delimiter) for line in rows]
     _refuse_widths(table, numbers, cells)
-    return [_parse_column(table, k, numbers, [row[k] for row in cells]) for k in chosen]
+    return [
+        _parse_column(
+            table,
+            k,
+            numbers,
+            [row[k] for row in cells],
+        )
+        for k in chosen
+    ]
 
 
 def _parse_column(
-    table: TextTable, column: int, numbers: Sequence[int], cells: Sequence[str]
+    table: TextTable,
+    column: int,
+    numbers: Sequence[int],
+    cells: Sequence[str],
 ) -> Array:
     """One column of some rows as numbers; InputError naming the cell that is none.
 
@@ -229,7 +255,9 @@ def _parse_column(
 
 
 def _refuse_widths(
-    table: TextTable, numbers: Sequence[int], cells: Sequence[Sequence[str]]
+    table: TextTable,
+    numbers: Sequence[int],
+    cells: Sequence[Sequence[str]],
 ) -> None:
     """InputError naming a row that has more or fewer cells than others."""
     for number, row in zip(numbers, cells, strict=True):
@@ -299,7 +327,10 @@ def read_cells(
 
 
 def parse_with_gaps(
-    table: TextTable, column: int, numbers: Sequence[int], cells: Sequence[str]
+    table: TextTable,
+    column: int,
+    numbers: Sequence[int],
+    cells: Sequence[str],
 ) -> Array:
     """Parse a column of which cells are empty.
 
@@ -326,7 +357,12 @@ def parse_with_gaps(
     """
     filled = [k for k, cell in enumerate(cells) if cell]
     rows = [numbers[k] for k in filled]
-    values = _parse_column(table, column, rows, [cells[k] for k in filled])
+    values = _parse_column(
+        table,
+        column,
+        rows,
+        [cells[k] for k in filled],
+    )
     out = np.full((len(cells), *values.shape[1:]), np.nan)
     out[filled] = values
     return out

@@ -145,7 +145,11 @@ def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise InputError(what, "copy it again, or unpack it", path) from error
 
 
-def _rows_of(path: Path, text: str, first: int) -> list[str]:
+def _rows_of(
+    path: Path,
+    text: str,
+    first: int,
+) -> list[str]:
     """The rows of a piece that begins with row ``first``; InputError for no text."""
     lines = text.removesuffix("\n").split("\n")
     rows = _join_wrapped(lines) if '"' in text else lines
@@ -355,7 +359,9 @@ def _refuse_markup(path: Path, line: str) -> None:
 
 
 def _find_header(
-    comment: list[str], cells: Sequence[list[str]], number: partial[bool]
+    comment: list[str],
+    cells: Sequence[list[str]],
+    number: partial[bool],
 ) -> tuple[list[str], int]:
     """The columns' names, none without a header, and how many rows they take: of a
     comment none, of a row of units one more."""
@@ -379,7 +385,9 @@ def _find_header(
 
 
 def _has_two_levels(
-    head: Sequence[str], following: Sequence[Sequence[str]], number: partial[bool]
+    head: Sequence[str],
+    following: Sequence[Sequence[str]],
+    number: partial[bool],
 ) -> bool:
     """Whether the row below repeated names tells them apart, as pandas writes columns of
     two levels: q q tau tau above 0 1 0 1."""
@@ -410,7 +418,9 @@ def _n_separators_at_the_end(body: Sequence[Sequence[str]], width: int) -> int:
 
 
 def _kinds(
-    sample: Sequence[tuple[str, ...]], width: int, number: partial[bool]
+    sample: Sequence[tuple[str, ...]],
+    width: int,
+    number: partial[bool],
 ) -> tuple[str, ...]:
     """What each column holds, by the rows that have all cells."""
     full_rows = [row for row in sample if len(row) == width]
@@ -419,7 +429,9 @@ def _kinds(
 
 
 def _units_in_cells(
-    sample: Sequence[tuple[str, ...]], kinds: Sequence[str], number: partial[bool]
+    sample: Sequence[tuple[str, ...]],
+    kinds: Sequence[str],
+    number: partial[bool],
 ) -> dict[int, str]:
     """The unit behind the numbers of each column of texts that has one."""
     units = dict[int, str]()
@@ -488,7 +500,11 @@ def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
     return rows
 
 
-def _share_of_width(lines: Sequence[str], delimiter: str | None, width: int) -> float:
+def _share_of_width(
+    lines: Sequence[str],
+    delimiter: str | None,
+    width: int,
+) -> float:
     """The share of the other rows that have as many cells as the first one, or one
     more."""
     following = lines[1:]

@@ -19,7 +19,9 @@ _TOLERANCE = 0.25 * np.pi
 
 
 def unwrapped(
-    run: Measurements, path: str | Path, groups: Sequence[str] = POSITIONS
+    run: Measurements,
+    path: str | Path,
+    groups: Sequence[str] = POSITIONS,
 ) -> Measurements:
     """The run with angles that go on where they were cut at a full turn, their means
     within half a turn of zero.
@@ -53,7 +55,12 @@ def unwrapped(
     places = formatting.count(n_cuts, "place")
     warning = f"{path}: angles are cut at a full turn in {places}: they go on there"
     warnings.warn(warning, Remark, stacklevel=2)
-    mended = Measurements.of(run.t, blocks, run.names, run.run)
+    mended = Measurements.of(
+        run.t,
+        blocks,
+        run.names,
+        run.run,
+    )
     return replace(mended, joint_names=run.joint_names)
 
 
@@ -63,4 +70,9 @@ def _turns(angles: Array) -> Array:
     steps = np.where(np.isfinite(steps), steps, 0.0)
     n_turns = np.round(steps / (2.0 * np.pi))
     is_cut = np.abs(steps - 2.0 * np.pi * n_turns) < _TOLERANCE
-    return np.concatenate([[0.0], np.cumsum(np.where(is_cut, n_turns, 0.0))])
+    return np.concatenate(
+        [
+            [0.0],
+            np.cumsum(np.where(is_cut, n_turns, 0.0)),
+        ]
+    )

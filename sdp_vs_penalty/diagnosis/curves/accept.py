@@ -11,7 +11,9 @@ from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 
 
 def accept_curves(
-    search: Search, curves: Sequence[Measured], judge: HeldOutData
+    search: Search,
+    curves: Sequence[Measured],
+    judge: HeldOutData,
 ) -> tuple[Measured, ...]:
     """Those that lower their joint's held-out error by more than what is minor, raise no
     other's, and whose tables the test run does not leave for most of its rows.
@@ -22,7 +24,10 @@ def accept_curves(
         return ()
     terms = search.terms
     tables = {len(terms) + k: c for k, c in enumerate(curves)}
-    effects = [*(t.form.effect for t in terms), *(c.table for c in curves)]
+    effects = [
+        *(t.form.effect for t in terms),
+        *(c.table for c in curves),
+    ]
     by_fold = {k: c.by_fold for k, c in tables.items()}
     rows = search.data.rows
     held_out = judge.held_out_errors(rows, effects, search.data.estimate, by_fold)

@@ -55,7 +55,11 @@ class Axis:
             return np.column_stack([np.ones_like(x), x])
 
         # The last knot belongs to what lies below it.
-        inside = np.clip(x, self.low, self.high - 1e-9 * (self.high - self.low))
+        inside = np.clip(
+            x,
+            self.low,
+            self.high - 1e-9 * (self.high - self.low),
+        )
         step = (self.high - self.low) / (self.count - _DEGREE)
         knots = self.low + step * np.arange(-_DEGREE, self.count + 1)
         return np.asarray(
@@ -166,7 +170,11 @@ _PAIRS = (
 _MIXED_PAIRS = (("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq"))
 
 
-def pairs_of(j: int, robot: Robot, warm: bool = False) -> list[tuple[Variable, ...]]:
+def pairs_of(
+    j: int,
+    robot: Robot,
+    warm: bool = False,
+) -> list[tuple[Variable, ...]]:
     """Everything that a curve of joint j may run over, one variable first; warm : with
     temperatures."""
     others = [i for i in range(robot.n) if i != j]
@@ -193,7 +201,15 @@ def _coupled_variables(j: int, robot: Robot) -> list[Variable]:
             if len(at) == 2 and j in at:
                 one, other = at
                 ratio = ratios[f"c{other + 1}"] / ratios[f"c{one + 1}"]
-                out += [Variable(word, one, other, ratio) for word in ("q", "dq")]
+                out += [
+                    Variable(
+                        word,
+                        one,
+                        other,
+                        ratio,
+                    )
+                    for word in ("q", "dq")
+                ]
     return out
 
 
@@ -249,7 +265,11 @@ class Variables:
         """(M, size) filtered splines."""
         return self.of_law(basis, lambda x: basis.at(*x.T))
 
-    def of_law(self, basis: Basis, law: Callable[[Array], Array]) -> Array:
+    def of_law(
+        self,
+        basis: Basis,
+        law: Callable[[Array], Array],
+    ) -> Array:
         """(M, m) filtered columns of a law, which says them at points (P, v)."""
         return self._filtered(
             lambda m: law(np.column_stack([a.variable.along(m) for a in basis.axes]))
@@ -260,7 +280,11 @@ class Variables:
         motion has been."""
         return basis.points[self.met(basis, self.keep)]
 
-    def met(self, basis: Basis, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def met(
+        self,
+        basis: Basis,
+        which: NDArray[np.bool_],
+    ) -> NDArray[np.bool_]:
         """Of all points of a basis's grid, those near which some of the rows (M,) lie."""
         near = [np.ones((int(which.sum()), 1))]
         for axis in basis.axes:
@@ -315,10 +339,29 @@ class CurveColumns:
             )
             c = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
-            v = score.rows_worth_one(T, fit.residual - T @ c, inverse, freedom)
-        return cls(fit, joint, z, D, s, raw, count, v + count / COARSENING_ROWS)
+            v = score.rows_worth_one(
+                T,
+                fit.residual - T @ c,
+                inverse,
+                freedom,
+            )
+        return cls(
+            fit,
+            joint,
+            z,
+            D,
+            s,
+            raw,
+            count,
+            v + count / COARSENING_ROWS,
+        )
 
-    def score(self, drop: Array, freedom: Array, looked: int) -> Array:
+    def score(
+        self,
+        drop: Array,
+        freedom: Array,
+        looked: int,
+    ) -> Array:
         """The score of what takes ``drop`` (...) of the weighted squared error with so
         much freedom (...), of so many looked at."""
         fit = self.fit
@@ -333,7 +376,11 @@ class CurveColumns:
             gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1))
         )
 
-    def without_fold(self, fold: NDArray[np.intp], P: Array) -> Array:
+    def without_fold(
+        self,
+        fold: NDArray[np.intp],
+        P: Array,
+    ) -> Array:
         """(F, k) coefficients from the rows outside of each fold (M,), the fit's
         columns refitted there."""
         Q = self.fit.basis
@@ -352,7 +399,11 @@ class CurveColumns:
             G[r:, r:] = self.z[train].T @ self.z[train] + P
             training_target = y[:, train].ravel()
             # The fit's own parameters are held where they were.
-            theta = np.tensordot(Q, y, axes=((0, 1), (0, 1)))
+            theta = np.tensordot(
+                Q,
+                y,
+                axes=((0, 1), (0, 1)),
+            )
             pull = np.concatenate(
                 [
                     q.T @ training_target + held * theta,
@@ -398,7 +449,12 @@ class SplineFit:
         return np.asarray(self.projector @ self.c)
 
 
-def smoothed(basis: Basis, raw: Array, columns: CurveColumns, looked: int) -> SplineFit:
+def smoothed(
+    basis: Basis,
+    raw: Array,
+    columns: CurveColumns,
+    looked: int,
+) -> SplineFit:
     """The curve with the roughness that scores most."""
     gram = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(
         columns.raw
@@ -407,21 +463,37 @@ def smoothed(basis: Basis, raw: Array, columns: CurveColumns, looked: int) -> Sp
         columns.raw
     )
     # In a basis in which all but the data's part of D are diagonal, for any weight.
-    values, V = scipy.linalg.eigh(rough, columns.D + gram, check_finite=False)
+    values, V = scipy.linalg.eigh(
+        rough,
+        columns.D + gram,
+        check_finite=False,
+    )
     D = V.T @ columns.D @ V
     s = V.T @ columns.s
     weights = _WEIGHTS if rough.any() else np.ones(1)
     w = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
     c = w * s
     J = columns.score(
-        2.0 * c @ s - np.sum((c @ D) * c, axis=1), w @ np.diagonal(D), looked
+        2.0 * c @ s - np.sum((c @ D) * c, axis=1),
+        w @ np.diagonal(D),
+        looked,
     )
     best = int(np.argmax(J))
-    return SplineFit(basis, raw, columns, gram + weights[best] * rough, float(J[best]))
+    return SplineFit(
+        basis,
+        raw,
+        columns,
+        gram + weights[best] * rough,
+        float(J[best]),
+    )
 
 
 def band(
-    fit: SplineFit, grid: Array, seed: int, level: float = 0.95, draws: int = 300
+    fit: SplineFit,
+    grid: Array,
+    seed: int,
+    level: float = 0.95,
+    draws: int = 300,
 ) -> Array:
     """(P,) half width of the band that holds ``level`` of whole curves on grid (P, k):
     draws of the coefficients, normal with the covariance v (D + P)^-1 (Nychka, JASA

@@ -77,7 +77,12 @@ class Curve(JsonRecord):
         constants = np.vstack([self.points, filled])
         values = np.append(self.torque, self.filled_torque)
         return table_effect(
-            robot, self.joint - 1, self.of, constants, values, len(self.torque)
+            robot,
+            self.joint - 1,
+            self.of,
+            constants,
+            values,
+            len(self.torque),
         )
 
     def sentence(self, torque_units: Sequence[str]) -> str:

@@ -76,7 +76,12 @@ class Law:
         shape = (len(points), *constants.shape[1:])
         return np.stack([np.broadcast_to(g, shape) for g in terms], axis=-1)
 
-    def text(self, names: Sequence[str], amplitudes: Array, constants: Array) -> str:
+    def text(
+        self,
+        names: Sequence[str],
+        amplitudes: Array,
+        constants: Array,
+    ) -> str:
         """How it reads with these numbers; names : of the variables."""
         known = dict(zip("xy", names, strict=False)) | dict(
             zip("bc", map(_number, constants), strict=False)
@@ -105,7 +110,9 @@ def _of_one(axis: Axis) -> list[Law]:
 
     def scaled(g: Function, reads: str, starts: Array) -> Law:
         return Law(
-            lambda p, b: [g(p[0] / b[0])], (reads,), [(float(w),) for w in starts]
+            lambda p, b: [g(p[0] / b[0])],
+            (reads,),
+            [(float(w),) for w in starts],
         )
 
     if axis.is_sign:
@@ -121,7 +128,14 @@ def _of_one(axis: Axis) -> list[Law]:
         *map(plain, _PLAIN),
         plain("{x}", "{x}^2"),
         plain("{x}", "{x}^2", "{x}^3"),
-        *(scaled(g, reads, widths) for reads, g in _SCALED.items()),
+        *(
+            scaled(
+                g,
+                reads,
+                widths,
+            )
+            for reads, g in _SCALED.items()
+        ),
         scaled(np.exp, "exp({x} / {b})", np.concatenate([wide, -wide])),
         _wave(
             lambda p, b: b[0] * p[0],
@@ -167,7 +181,11 @@ def _of_two(first: Axis, second: Axis) -> list[Law]:
         )
         pairs = [(float(k), float(w)) for k, w in starts]
         out.append(
-            _wave(lambda p, b: b[0] * p[0] + b[1] * p[1], "{b} {x} + {c} {y}", pairs)
+            _wave(
+                lambda p, b: b[0] * p[0] + b[1] * p[1],
+                "{b} {x} + {c} {y}",
+                pairs,
+            )
         )
     return out
 
@@ -229,7 +247,9 @@ class LawFit:
 
 
 def recognised(
-    f: SplineFit, on_rows: Callable[[Law, Array], CurveColumns], looked: int
+    f: SplineFit,
+    on_rows: Callable[[Law, Array], CurveColumns],
+    looked: int,
 ) -> tuple[float, LawFit | None]:
     """The simplest law that scores about what the best does, and the curve, with its
     score; the curve's alone where none does. on_rows(law, constants) : the columns that
@@ -239,14 +259,25 @@ def recognised(
         return _normal(_in_splines(f.basis, law, constants), f.columns)
 
     def rated(fit: LawFit) -> float:
-        return float(f.columns.score(np.array(fit.chi2), np.array(fit.size), looked))
+        return float(
+            f.columns.score(
+                np.array(fit.chi2),
+                np.array(fit.size),
+                looked,
+            )
+        )
 
     fits = []
     for law, c in _scanned(f.basis):
         a, chi2 = _amplitudes(*_normal(c, f.columns))
         best = int(np.argmax(chi2))
         fits.append(
-            LawFit(law, a[best], np.array(law.starts[best], float), float(chi2[best]))
+            LawFit(
+                law,
+                a[best],
+                np.array(law.starts[best], float),
+                float(chi2[best]),
+            )
         )
     rough = sorted(fits, key=rated, reverse=True)[:MAX_CANDIDATES_REFINED]
     scored = []
@@ -254,15 +285,30 @@ def recognised(
         near = _refined(start, in_splines)
         columns = on_rows(near.law, near.constants)
         a, chi2 = _amplitudes(columns.D[None], columns.s[None])
-        exact = LawFit(near.law, a[0], near.constants, float(chi2[0]), columns)
+        exact = LawFit(
+            near.law,
+            a[0],
+            near.constants,
+            float(chi2[0]),
+            columns,
+        )
         scored.append((rated(exact), exact))
-    top = max([f.J, *(J for J, _ in scored)])
+    top = max(
+        [
+            f.J,
+            *(J for J, _ in scored),
+        ]
+    )
     equivalent = [
         (J, law)
         for J, law in scored
         if top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top < J
     ]
-    return min(equivalent, key=lambda r: (r[1].size, -r[0]), default=(f.J, None))
+    return min(
+        equivalent,
+        key=lambda r: (r[1].size, -r[0]),
+        default=(f.J, None),
+    )
 
 
 @lru_cache(maxsize=64)
@@ -283,7 +329,11 @@ def _onto(basis: Basis) -> tuple[Array, Array]:
 def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
     """(S, m, k) a law with S sets of constants (c, S) in the splines of a basis."""
     points, inverse = _onto(basis)
-    return np.tensordot(law.columns(points, constants), inverse, axes=(0, 1))
+    return np.tensordot(
+        law.columns(points, constants),
+        inverse,
+        axes=(0, 1),
+    )
 
 
 @lru_cache(maxsize=64)
@@ -309,7 +359,11 @@ def _normal(c: Array, f: CurveColumns) -> tuple[Array, Array]:
         return weighed @ c.transpose(0, 2, 1), c @ f.s
 
 
-def written(law: LawFit, f: SplineFit, torque_units: Sequence[str]) -> str:
+def written(
+    law: LawFit,
+    f: SplineFit,
+    torque_units: Sequence[str],
+) -> str:
     """The law as text with units."""
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
@@ -353,7 +407,11 @@ def _refined(
     options = {"xatol": 1e-4, "fatol": 1e-4 * start.chi2}
     bounds = list(zip(low, high, strict=True))
     solution = scipy.optimize.minimize(
-        left, start.constants, method="Nelder-Mead", bounds=bounds, options=options
+        left,
+        start.constants,
+        method="Nelder-Mead",
+        bounds=bounds,
+        options=options,
     ).x
     a, chi2 = _amplitudes(*normal(law, solution[:, None]))
     return (

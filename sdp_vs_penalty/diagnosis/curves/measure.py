@@ -103,7 +103,9 @@ def in_parts(search: Search) -> list[int]:
 
 
 def measure_curves(
-    search: Search, left: Sequence[int], fold: NDArray[np.intp] | None = None
+    search: Search,
+    left: Sequence[int],
+    fold: NDArray[np.intp] | None = None,
 ) -> list[Measured]:
     """Curves of the joints (from 0) on which something is ``left``, and of those whose
     terms may be parts of one function of the joint's position.
@@ -130,10 +132,28 @@ def measure_curves(
         worth = sum(t.evidence for t in search.score_jointly(of_joint, others))
         if alone is not None and _instead(worth, of_joint, alone, beside):
             _, fit, law = alone
-            out.append(_measured(search, fit, law, variables, fold, tuple(of_joint)))
+            out.append(
+                _measured(
+                    search,
+                    fit,
+                    law,
+                    variables,
+                    fold,
+                    tuple(of_joint),
+                )
+            )
         elif beside is not None:
             _, fit, law = beside
-            out.append(_measured(search, fit, law, variables, fold, ()))
+            out.append(
+                _measured(
+                    search,
+                    fit,
+                    law,
+                    variables,
+                    fold,
+                    (),
+                )
+            )
     return out
 
 
@@ -158,7 +178,10 @@ def _instead(
 
 
 def _best(
-    search: Search, terms: Sequence[ScoredEffect], joint: int, variables: Variables
+    search: Search,
+    terms: Sequence[ScoredEffect],
+    joint: int,
+    variables: Variables,
 ) -> _Rated | None:
     """The curve of a joint that scores most beside some terms, with its law."""
     measuring = _Measuring(search, terms, joint, variables)
@@ -190,7 +213,10 @@ class _Measuring:
             search.nuisances.with_law_misfits(terms), search.fit
         )
         self.gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
-        effects = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
+        effects = [
+            *data.estimate.model.effects,
+            *(t.form.effect for t in terms),
+        ]
         bases = [variables.basis(v) for v in self._new_variables(effects)]
         self.bases = [b for b in bases if b is not None]
         if not search.rules.curves_of_two:
@@ -213,9 +239,20 @@ class _Measuring:
     def _columns(self, raw: Array, robust: bool) -> CurveColumns:
         """Of what a curve's functions (M, k) make of the joint's torque."""
         white = self.data.white(raw, self.joint)
-        return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
+        return CurveColumns.of(
+            self.score,
+            self.fit,
+            white,
+            self.joint,
+            robust,
+        )
 
-    def _smoothed(self, basis: Basis, raw: Array, robust: bool) -> SplineFit:
+    def _smoothed(
+        self,
+        basis: Basis,
+        raw: Array,
+        robust: bool,
+    ) -> SplineFit:
         raw = self.gain * raw
         columns = self._columns(raw, robust)
         return smoothed(basis, raw, columns, len(self.bases))
@@ -224,11 +261,22 @@ class _Measuring:
         """Of those that score about as much as the best one, that of the fewest
         variables; None where none has enough evidence."""
         close = self._most_promising()
-        exact = [self._smoothed(b, self.variables.exact(b), True) for b in close]
+        exact = [
+            self._smoothed(
+                b,
+                self.variables.exact(b),
+                True,
+            )
+            for b in close
+        ]
         nearly = (1.0 - LAW_TOLERANCE) * max((f.J for f in exact), default=0.0)
         threshold = max(nearly - EVIDENCE_TO_DISTINGUISH, EVIDENCE_TO_ADD)
         equivalent = [f for f in exact if threshold < f.J]
-        return min(equivalent, key=lambda f: (len(f.basis.axes), -f.J), default=None)
+        return min(
+            equivalent,
+            key=lambda f: (len(f.basis.axes), -f.J),
+            default=None,
+        )
 
     def _most_promising(self) -> list[Basis]:
         """The best few of one variable and of two, by rough columns."""
@@ -276,7 +324,14 @@ def _measured(
         grid = law.law.columns(points, law.constants)
         columns = law.columns
         P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
-    table = table_effect(robot, f.joint, f.basis.of, points, values, measured)
+    table = table_effect(
+        robot,
+        f.joint,
+        f.basis.of,
+        points,
+        values,
+        measured,
+    )
     known = variables.met(f.basis, variables.keep)
     by_fold = []
     for k, c in enumerate(columns.without_fold(fold, P)):
@@ -299,7 +354,15 @@ def _measured(
                 n_measured,
             )
         )
-    return Measured(f, law, table, tuple(by_fold), variables, replaced, f.J)
+    return Measured(
+        f,
+        law,
+        table,
+        tuple(by_fold),
+        variables,
+        replaced,
+        f.J,
+    )
 
 
 def unmeasured(basis: Basis, points: Array) -> Array:

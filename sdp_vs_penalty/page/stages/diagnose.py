@@ -59,7 +59,12 @@ def findings(view: View) -> None:
         diagnose = partial(session.start, session.diagnose)
         draw.button(again, diagnose, "diagnose", "primary" if diagnosis is None else "")
         label = "Keep the model fixed (needed for payloads)"
-        draw.check(label, session.frozen, partial(setattr, session, "frozen"), "frozen")
+        draw.check(
+            label,
+            session.frozen,
+            partial(setattr, session, "frozen"),
+            "frozen",
+        )
     _by_hand(view)
     if diagnosis is None:
         draw.note(
@@ -73,7 +78,11 @@ def findings(view: View) -> None:
     _curves(view, diagnosis, words)
     sure = [f for f in diagnosis.sure if f.text not in session.added]
     if len(sure) > 1:
-        add = partial(session.start, session.add, [f.text for f in sure])
+        add = partial(
+            session.start,
+            session.add,
+            [f.text for f in sure],
+        )
         draw.button(f"Add all but the weak: {rating_counts(sure)}", add, "add-all")
     _others(words)
 
@@ -97,7 +106,12 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             _card(view, diagnosis, words.findings[k], k)
 
 
-def _card(view: View, diagnosis: Diagnosis, words: FindingWords, k: int) -> None:
+def _card(
+    view: View,
+    diagnosis: Diagnosis,
+    words: FindingWords,
+    k: int,
+) -> None:
     """The picture of a joint's error against its cause, then what the finding is and
     what adding it does."""
     session = view.session
@@ -137,7 +151,11 @@ def _adding(
         draw.tag("p", "Added to the model.", "chosen")
     else:
         draw.button(
-            "Add", partial(session.start, session.add, [text]), key, style, **more
+            "Add",
+            partial(session.start, session.add, [text]),
+            key,
+            style,
+            **more,
         )
 
 
@@ -231,5 +249,9 @@ def _diagnosed(session: Session) -> StageVerdict | None:
 
 
 DIAGNOSE = Stage(
-    "diagnose", "Diagnose", "Identify a model first.", (models, findings), _diagnosed
+    "diagnose",
+    "Diagnose",
+    "Identify a model first.",
+    (models, findings),
+    _diagnosed,
 )

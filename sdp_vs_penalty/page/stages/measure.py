@@ -47,7 +47,11 @@ def robot(view: View) -> None:
     with draw.tag("div", style="pick"):
         turn = partial(session.start, session.mount)
         draw.text_field(
-            draw.option_help(gravity), now, turn, "gravity", str(gravity.metavar)
+            draw.option_help(gravity),
+            now,
+            turn,
+            "gravity",
+            str(gravity.metavar),
         )
     if session.runs:  # they are this robot's: another one has a page of its own
         new = {"href": "/new", "target": "_blank", "data_key": "another-robot"}
@@ -140,7 +144,13 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
     with draw.tag("div", style="fields"):
         for ours, theirs in chosen:
             choose = partial(session.choose_column, path, ours)
-            draw.choice(_OURS.get(ours, ours), options, theirs, choose, f"map-{ours}")
+            draw.choice(
+                _OURS.get(ours, ours),
+                options,
+                theirs,
+                choose,
+                f"map-{ours}",
+            )
     read = partial(session.start, session.read_mapped, path)
     draw.button("Read it with these columns", read, "read-mapped", "primary")
 
@@ -201,14 +211,21 @@ def _simulated(view: View) -> None:
                 f"hide-{word}",
             )
         draw.number(
-            "Seed", hiding["seed"], partial(hiding.__setitem__, "seed"), "hide-seed"
+            "Seed",
+            hiding["seed"],
+            partial(hiding.__setitem__, "seed"),
+            "hide-seed",
         )
 
     def simulate() -> None:
         kind = kinds.get(hiding["effect"])
         at = [] if kind and kind.whole_robot else [int(hiding["joint"])]
         session.start(
-            session.simulate, hiding["effect"], at, hiding["level"], hiding["seed"]
+            session.simulate,
+            hiding["effect"],
+            at,
+            hiding["level"],
+            hiding["seed"],
         )
 
     draw.button("Simulate four runs", simulate, "simulate")
@@ -236,7 +253,12 @@ def _list(view: View) -> None:
                             if name != "split" or run["split"]
                         ]
                         draw.choice(
-                            label, uses, run["use"], use, f"use-{k}", hidden_label=True
+                            label,
+                            uses,
+                            run["use"],
+                            use,
+                            f"use-{k}",
+                            hidden_label=True,
                         )
     for k, run in enumerate(session.runs):
         if run["use"] == "split":
@@ -253,7 +275,11 @@ _LEAST = "40"
 _MOST = "75"
 
 
-def _split_bar(session: Session, run: dict[str, Any], k: int) -> None:
+def _split_bar(
+    session: Session,
+    run: dict[str, Any],
+    k: int,
+) -> None:
     """The run as a bar of what is identified from and what is kept for testing; its
     handle can be dragged."""
     split = run["split"]
@@ -296,7 +322,11 @@ MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
 
 
 @partial(
-    PagePart, "check", "", lambda s: bool(s.runs), lambda s: (s.robot["source"], s.runs)
+    PagePart,
+    "check",
+    "",
+    lambda s: bool(s.runs),
+    lambda s: (s.robot["source"], s.runs),
 )
 def check(view: View) -> None:
     """What the check says, and the runs as they were measured."""
@@ -315,7 +345,13 @@ def check(view: View) -> None:
 
     if len(views) > 1:
         with draw.tag("div", style="pick"):
-            draw.choice("Run", [(n, n) for n in views], first, look, "checked-run")
+            draw.choice(
+                "Run",
+                [(n, n) for n in views],
+                first,
+                look,
+                "checked-run",
+            )
     caption = "Positions, velocities and torques of all joints over time"
     drawn, move = chart_and_arm(view, caption, session.robot["drawn"], "nominal links")
     crosses = "Crosses: corrected values. "
@@ -351,7 +387,10 @@ def _findings(session: Session) -> None:
         if any(finding_of_run["can_fix"] for finding_of_run in run["findings"]):
             apply = partial(session.start, session.mend, run["file"])
             draw.button(
-                f"Apply to {run['name']}", apply, f"mend-{run['file']}", "primary"
+                f"Apply to {run['name']}",
+                apply,
+                f"mend-{run['file']}",
+                "primary",
             )
 
 

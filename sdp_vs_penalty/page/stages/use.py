@@ -37,7 +37,13 @@ def take_away(view: View) -> None:
     def tiles(label: str, files: dict[str, str]) -> None:
         with draw.tiles(label):
             for name, use in files.items():
-                take = partial(session.start, session.take, name, view.download, flange)
+                take = partial(
+                    session.start,
+                    session.take,
+                    name,
+                    view.download,
+                    flange,
+                )
                 draw.tile(name, use, take, f"take-{name}")
 
     findings_file = (
@@ -47,7 +53,11 @@ def take_away(view: View) -> None:
     if "payload" in session.history[-1].effects:
         hint = "Flange in the last joint's frame [m]: x,y,z"
         draw.text_field(
-            hint, "", lambda text: flange.update(flange=text), "flange", "0,0,0.107"
+            hint,
+            "",
+            lambda text: flange.update(flange=text),
+            "flange",
+            "0,0,0.107",
         )
         tiles("The payload's files", LOAD)
     with draw.details("For other simulators and controllers", "more-files"):
@@ -61,7 +71,11 @@ def take_away(view: View) -> None:
     ):
         tiles("Runs to download", runs)
     with draw.details("The same on the command line", "commands"):
-        draw.tag("pre", "\n".join(session.commands()), tabindex="0")
+        draw.tag(
+            "pre",
+            "\n".join(session.commands()),
+            tabindex="0",
+        )
 
 
 _DRIVES = (
@@ -81,12 +95,19 @@ def forward(view: View) -> None:
 
     def run() -> None:
         session.start(
-            session.ask, "Running the model forward", "forward", drive=view.drive
+            session.ask,
+            "Running the model forward",
+            "forward",
+            drive=view.drive,
         )
 
     with draw.tag("div", style="fields pick"):
         draw.choice(
-            "Driven by", drives, view.drive, partial(setattr, view, "drive"), "drive"
+            "Driven by",
+            drives,
+            view.drive,
+            partial(setattr, view, "drive"),
+            "drive",
         )
     answer = session.answer("forward")
     draw.button("Run it forward", run, "forward", "primary" if answer is None else "")
@@ -120,7 +141,11 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
 
     def follow() -> None:
         read = session.arrays(answer["arrays"][shown["run"]])
-        run = Curves(read["t"], read["measured"], {"simulated": read["simulated"]})
+        run = Curves(
+            read["t"],
+            read["measured"],
+            {"simulated": read["simulated"]},
+        )
         drawn.update_figure(torque_chart(run, view.joint or 0, units))
         move(str(shown["run"]), read)
 
@@ -134,7 +159,11 @@ def _replay(view: View, answer: dict[str, Any]) -> None:
         ]
         joint = str(view.joint or 0)
         draw.choice(
-            "Joint", joints, joint, lambda j: view.select(joint=int(j)), "forward-joint"
+            "Joint",
+            joints,
+            joint,
+            lambda j: view.select(joint=int(j)),
+            "forward-joint",
         )
         if len(answer["runs"]) > 1:
             runs = [(str(k), name) for k, name in enumerate(answer["runs"])]

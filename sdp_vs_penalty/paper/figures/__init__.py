@@ -109,6 +109,11 @@ def save(figure: Any, base: Path) -> list[Path]:
     ):
         paths.append(base.with_name(base.name + suffix))
         with writing(paths[-1]) as file:
-            figure.savefig(file, format=suffix[1:], dpi=200, metadata=metadata)
+            figure.savefig(
+                file,
+                format=suffix[1:],
+                dpi=200,
+                metadata=metadata,
+            )
     plt.close(figure)
     return paths

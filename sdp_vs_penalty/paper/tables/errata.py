@@ -156,7 +156,11 @@ def _two_link(problem: Problem) -> dict[int, str]:
 def _free_of_link_1(problem: Problem) -> str:
     """Which of link 1's inertias no base parameter holds."""
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
-    columns = zip(inertia.PARAMETERS, base[:, :10].T, strict=True)
+    columns = zip(
+        inertia.PARAMETERS,
+        base[:, :10].T,
+        strict=True,
+    )
     free = [
         f"{name}1" for name, column in columns if not column.any() and name[0] == "I"
     ]

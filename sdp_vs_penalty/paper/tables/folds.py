@@ -68,7 +68,12 @@ def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
     mean = float(np.mean(values))
     error = float(np.std(values, ddof=1)) / math.sqrt(k)
     half = float(scipy.stats.t.ppf(0.5 + 0.5 * coverage, k - 1)) * error
-    return FoldInterval(mean, mean - half, mean + half, mean / error if error else 0.0)
+    return FoldInterval(
+        mean,
+        mean - half,
+        mean + half,
+        mean / error if error else 0.0,
+    )
 
 
 def difference(one: CrossValidation, other: CrossValidation) -> FoldInterval:

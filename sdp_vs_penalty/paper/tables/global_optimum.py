@@ -165,7 +165,12 @@ def penalised_optima(study: Study) -> list[Searched]:
         One-step and two-step of each data set.
     """
     items = [
-        _Item(data.label, study.task(data), two_step, _effort(study, data))
+        _Item(
+            data.label,
+            study.task(data),
+            two_step,
+            _effort(study, data),
+        )
         for data in study.whole
         for two_step in (False, True)
     ]

@@ -97,7 +97,11 @@ def _frame_from_json(held: Mapping[str, Any] | None) -> pandas.DataFrame | None:
     """The frame of its columns and cells."""
     if held is None:
         return None
-    return pandas.DataFrame(held["cells"], columns=held["columns"], dtype=object)
+    return pandas.DataFrame(
+        held["cells"],
+        columns=held["columns"],
+        dtype=object,
+    )
 
 
 @cache
@@ -113,7 +117,12 @@ def _files_of_problem(folder: Path | None) -> str:
     if folder is None:
         return ""
     names = (folder / "errata.toml", folder / "simulation.toml")
-    return _hash_of([*names, *sorted((folder / "published").glob("*.csv"))])
+    return _hash_of(
+        [
+            *names,
+            *sorted((folder / "published").glob("*.csv")),
+        ]
+    )
 
 
 def _real_files(problem: str) -> str:

@@ -100,7 +100,16 @@ def routes(study: Study) -> Table:
     judged: dict[str, CrossValidation] = {}
     if data is not study.simulated:
         judged = {name: study.unseen(method) for name, method in names.items()}
-    rows = [_row(study, data, name, names, judged) for name in names]
+    rows = [
+        _row(
+            study,
+            data,
+            name,
+            names,
+            judged,
+        )
+        for name in names
+    ]
     return Table(
         f"One problem, two routes: {study.problem.title}",
         rows,

@@ -181,7 +181,9 @@ class Data:
         """Compressed test rows."""
         assert self.test is not None
         return compress(
-            FilteredRuns.of(self.test, self.preprocessing), self.model, blocks_per_run=1
+            FilteredRuns.of(self.test, self.preprocessing),
+            self.model,
+            blocks_per_run=1,
         )
 
     def errors(self, theta: Array) -> tuple[Array, float]:
@@ -228,7 +230,11 @@ class Frozen(Estimator):
         links = task.model.rigid_indices
         theta[links] = self.links.ravel()
         theta[np.delete(np.arange(len(theta)), links)] = self.others
-        return Fit(refitted(task.data, theta), Objective(task.data), task.constraints)
+        return Fit(
+            refitted(task.data, theta),
+            Objective(task.data),
+            task.constraints,
+        )
 
 
 def refitted(data: LeastSquares, links_given: Array) -> Array:
@@ -249,7 +255,9 @@ def refitted(data: LeastSquares, links_given: Array) -> Array:
     free = np.isnan(links_given)
     theta = np.nan_to_num(links_given)
     theta[free] = np.linalg.lstsq(
-        data.R[:, free], data.rho - data.R @ theta, rcond=None
+        data.R[:, free],
+        data.rho - data.R @ theta,
+        rcond=None,
     )[0]
     return theta
 
@@ -445,7 +453,9 @@ class Study:
         return cast(Result, self._made[method, data])
 
     def estimate(
-        self, methods: Iterable[str | Estimator], sets: Sequence[Data]
+        self,
+        methods: Iterable[str | Estimator],
+        sets: Sequence[Data],
     ) -> None:
         """Compute every method's estimate from each data set, by the workers.
 
@@ -648,7 +658,10 @@ class Study:
         begin = time.process_time()
         options = PoseOptions(seed=self.seed)
         estimate = estimate_parameters(
-            self.problem, box, "reverse-engineering", options
+            self.problem,
+            box,
+            "reverse-engineering",
+            options,
         )
         seconds = time.process_time() - begin
         return Result(estimate.theta, estimate.certificate, seconds, estimate.details)
@@ -656,7 +669,12 @@ class Study:
 
 def _task(study: Study, data: Data) -> Task:
     study.progress(f"compressing the {data.label} run")
-    return make_task(study.problem, data.model, data.regression, seed=study.seed)
+    return make_task(
+        study.problem,
+        data.model,
+        data.regression,
+        seed=study.seed,
+    )
 
 
 def _unseen(
@@ -674,7 +692,9 @@ def _unseen(
 
 
 def _folds(
-    study: Study, effects: tuple[Any, ...] | None, n_folds: int
+    study: Study,
+    effects: tuple[Any, ...] | None,
+    n_folds: int,
 ) -> tuple[Split, list[FoldData]]:
     """The real run's folds, shape constants included; no method changes them."""
     assert study.run is not None

@@ -46,7 +46,11 @@ class TableSpec:
         """
         study.progress(f"table {self.name}")
         table = self.build(study)
-        return replace(table, name=self.name, caption=table.caption or study.sentence)
+        return replace(
+            table,
+            name=self.name,
+            caption=table.caption or study.sentence,
+        )
 
 
 def register_table(
@@ -106,7 +110,9 @@ class Table:
     everything: pandas.DataFrame | None = None
 
     def shortened(
-        self, columns: Iterable[str], rows: Iterable[bool] | None = None
+        self,
+        columns: Iterable[str],
+        rows: Iterable[bool] | None = None,
     ) -> Table:
         """The table with some of its columns and rows.
 
@@ -196,7 +202,11 @@ class Table:
             CSV first.
         """
         base = Path(folder) / f"table_{self.name}"
-        forms = {".csv": self.csv(), ".md": self.markdown(), ".tex": self.latex()}
+        forms = {
+            ".csv": self.csv(),
+            ".md": self.markdown(),
+            ".tex": self.latex(),
+        }
         if self.everything is not None:
             forms["_all.csv"] = exact_csv(self.everything)
         with folder_lock(Path(folder), patience=WRITERS_PATIENCE):

@@ -87,7 +87,13 @@ class SigmoidFriction(Effect):
             by_slope = d_moving * (motion.dq[:, j] + shift) - d_rest * shift
             by_shift = slope * (d_moving - d_rest)
             columns = np.column_stack([moving - other_columns, by_slope, by_shift])
-            out.append(Block(j, 3 * j + np.arange(3), columns))
+            out.append(
+                Block(
+                    j,
+                    3 * j + np.arange(3),
+                    columns,
+                )
+            )
         return out
 
 
@@ -123,7 +129,9 @@ START_SLOPES = (4.0, 10.0, 25.0)
 
 
 def fit_sigmoid(
-    problem: Problem, rows_of: RowsOf, oversampling: float = 1.0
+    problem: Problem,
+    rows_of: RowsOf,
+    oversampling: float = 1.0,
 ) -> SigmoidFit:
     """Fit pi and phi together; joints are weighted by the residuals of a first pass.
 
@@ -156,7 +164,10 @@ def _least_squares(data: "_Data", x: Array, weights: Array) -> Array:
 
 
 def _with_intervals(
-    data: "_Data", x: Array, weights: Array, oversampling: float
+    data: "_Data",
+    x: Array,
+    weights: Array,
+    oversampling: float,
 ) -> SigmoidFit:
     """phi with its standard deviations and 95 % intervals, from the Jacobian of the
     whole fit.
@@ -212,7 +223,13 @@ class _Data:
         """
         n = self.robot.n
         linear = np.zeros(self.rigid.shape[2] + n)
-        return np.concatenate([linear, np.full(n, np.log(slope)), np.zeros(n)])
+        return np.concatenate(
+            [
+                linear,
+                np.full(n, np.log(slope)),
+                np.zeros(n),
+            ]
+        )
 
     @property
     def bounds(self) -> tuple[Array, Array]:
@@ -220,8 +237,20 @@ class _Data:
         n = self.robot.n
         free = np.full(self.rigid.shape[2] + n, np.inf)
         shift = np.full(n, LARGEST_SHIFT)
-        low = np.concatenate([-free, np.full(n, np.log(FLATTEST)), -shift])
-        high = np.concatenate([free, np.full(n, np.log(STEEPEST)), shift])
+        low = np.concatenate(
+            [
+                -free,
+                np.full(n, np.log(FLATTEST)),
+                -shift,
+            ]
+        )
+        high = np.concatenate(
+            [
+                free,
+                np.full(n, np.log(STEEPEST)),
+                shift,
+            ]
+        )
         return low, high
 
     def weights(self, x: Array) -> Array:
@@ -322,7 +351,11 @@ class _Data:
         return out
 
 
-def residual_rms(problem: Problem, parts: Sequence[RowsOf], fit: SigmoidFit) -> Array:
+def residual_rms(
+    problem: Problem,
+    parts: Sequence[RowsOf],
+    fit: SigmoidFit,
+) -> Array:
     """RMSE (n,) [N m] of a fit on other rows."""
     residuals = [_Data(problem, rows_of).residual(fit.x) for rows_of in parts]
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
@@ -404,23 +437,43 @@ def _fits_with_noise(study: Study) -> list[SigmoidFit]:
 
 
 def _row(
-    name: str, joints: Array, unit: str, what: str, covered: float | None = None
+    name: str,
+    joints: Array,
+    unit: str,
+    what: str,
+    covered: float | None = None,
 ) -> Row:
     about = {"unit": unit, "what": what, "covered_percent": covered}
     return {"parameter": name, **by_joint(joints), **about}
 
 
 def _rows_of(
-    what: str, fit: SigmoidFit, covered: Array | None = None, ends: bool = True
+    what: str,
+    fit: SigmoidFit,
+    covered: Array | None = None,
+    ends: bool = True,
 ) -> list[Row]:
     """phi_1, phi_2, phi_3, each with the ends of its interval where they are asked for."""
     rows = []
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):
         share = None if covered is None else float(covered[k])
-        rows.append(_row(f"phi_{k + 1}", fit.phi[:, k], unit, what, share))
+        rows.append(
+            _row(
+                f"phi_{k + 1}",
+                fit.phi[:, k],
+                unit,
+                what,
+                share,
+            )
+        )
         for word in ("lower", "upper") if ends else ():
             rows.append(
-                _row(f"phi_{k + 1}", getattr(fit, word)[:, k], unit, f"{what}, {word}")
+                _row(
+                    f"phi_{k + 1}",
+                    getattr(fit, word)[:, k],
+                    unit,
+                    f"{what}, {word}",
+                )
             )
     return rows
 

@@ -32,7 +32,13 @@ def exciting_trajectory(study: Study) -> Table:
     paper = study.experiment.trajectory
     optimum = optimised(study)
     columns = list(published[0])
-    rows: list[Row] = [{**row, "trajectory": "published"} for row in published]
+    rows: list[Row] = [
+        {
+            **row,
+            "trajectory": "published",
+        }
+        for row in published
+    ]
 
     def add(name: str, trajectory: str, *values: float) -> None:
         rows.append(

@@ -150,20 +150,39 @@ def base_parameter_table(study: Study) -> Table:
     return table.shortened(dict.fromkeys(columns))
 
 
-def _numbered(study: Study, keys: list[str], n_base: int) -> pandas.DataFrame:
+def _numbered(
+    study: Study,
+    keys: list[str],
+    n_base: int,
+) -> pandas.DataFrame:
     """Number and symbol of each row, from the kinematics; of the base parameters, which
     are the first keys, the symbols of their sums."""
-    symbols = [*base_parameter_symbols(study.problem).values(), *keys[n_base:]]
-    numbers = [*range(1, len(keys) - 1), None, None]
+    symbols = [
+        *base_parameter_symbols(study.problem).values(),
+        *keys[n_base:],
+    ]
+    numbers = [
+        *range(1, len(keys) - 1),
+        None,
+        None,
+    ]
     return pandas.DataFrame(
-        {"row": numbers, "coefficient": symbols}, keys, dtype=object
+        {"row": numbers, "coefficient": symbols},
+        keys,
+        dtype=object,
     )
 
 
 def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
     """Base parameters from the black box, its condition number and relative error."""
     retrieved = study.reverse_engineered
-    values = dict(zip(base, study.base @ retrieved.theta, strict=True))
+    values = dict(
+        zip(
+            base,
+            study.base @ retrieved.theta,
+            strict=True,
+        )
+    )
     return values | {key: retrieved.details[name] for key, name in _DETAILS.items()}
 
 
@@ -200,10 +219,15 @@ def _others(data: Data) -> list[str]:
 
 
 def _published(
-    printed: Sequence[Mapping[str, str]], keys: list[str], base: int
+    printed: Sequence[Mapping[str, str]],
+    keys: list[str],
+    base: int,
 ) -> pandas.DataFrame:
     """The paper's own columns, row by row as printed; its two fits' figures below."""
-    names = [*keys[:base], *(row["coefficient"] for row in printed[base:])]
+    names = [
+        *keys[:base],
+        *(row["coefficient"] for row in printed[base:]),
+    ]
     fits = pandas.DataFrame(_PUBLISHED_FITS, [_CONDITION, _ERROR])
     rows = pandas.concat(
         [pandas.DataFrame(printed, names, dtype=object), fits]
@@ -214,7 +238,9 @@ def _published(
 
 
 def _estimates(
-    study: Study, data: Data, base: tuple[str, ...]
+    study: Study,
+    data: Data,
+    base: tuple[str, ...],
 ) -> dict[str, dict[str, float]]:
     """Every method; after OLS its percent standard deviations."""
     task = study.task(data)
@@ -237,6 +263,12 @@ def _estimates(
                 replace(task, data=data.regression.least_squares())
             )
             pi, std = standard_deviations(task, data.regression.oversampling)
-            percent = dict(zip(keys, 100.0 * std / np.abs(pi), strict=True))
+            percent = dict(
+                zip(
+                    keys,
+                    100.0 * std / np.abs(pi),
+                    strict=True,
+                )
+            )
             out[f"sigma_pct_ols_{data.label}"] = percent
     return out

@@ -138,7 +138,9 @@ def play(
     t = np.asarray((steps[:-1] + 0.5) * step, float)
     content = (program_version(), kind.name, kind.version(), robot.to_dict(), links, q)
     followed = remembered_arrays(
-        "engine", (*content, step), partial(_follow, kind, robot, links, q, step)
+        "engine",
+        (*content, step),
+        partial(_follow, kind, robot, links, q, step),
     )
     torque = followed["torque"]
     model = robot.inverse_dynamics(np.asarray(links).ravel(), *motion(t))
@@ -154,11 +156,19 @@ def play(
 
 
 def _follow(
-    kind: type[Engine], robot: Robot, links: Array, q: Array, step: float
+    kind: type[Engine],
+    robot: Robot,
+    links: Array,
+    q: Array,
+    step: float,
 ) -> dict[str, Array]:
     """An engine's torque (N, n), and its errors of position and angle (N,), on the way
     through q (N + 1, n), a step of ``step`` [s] each."""
-    torque, pose = kind(robot, links).follow(q[0], np.diff(q, axis=0) / step, step)
+    torque, pose = kind(robot, links).follow(
+        q[0],
+        np.diff(q, axis=0) / step,
+        step,
+    )
     there = robot.poses(q[1:])[:, robot.n - 1]
     distance = np.linalg.norm(pose[:, :3, 3] - there[:, :3, 3], axis=1)
     relative = np.swapaxes(there[:, :3, :3], 1, 2) @ pose[:, :3, :3]
@@ -167,7 +177,9 @@ def _follow(
 
 
 def inverse_dynamics_error(
-    kind: type[Engine], robot: Robot, links: Array
+    kind: type[Engine],
+    robot: Robot,
+    links: Array,
 ) -> float | None:
     """Largest torque difference to Pinocchio in 100 random states.
 
@@ -249,7 +261,13 @@ def measured_runs(study: Study) -> Played:
 
     spline = scipy.interpolate.CubicSpline(t, rows.motion.q)
     motion = lambda at: (spline(at), spline(at, 1), spline(at, 2))  # noqa: E731
-    played = _played(study, data, motion, float(t[-1]), MEASURED_STEP)
+    played = _played(
+        study,
+        data,
+        motion,
+        float(t[-1]),
+        MEASURED_STEP,
+    )
     return {
         kind: x if isinstance(x, str) else less_measured(x)
         for kind, x in played.items()
@@ -257,7 +275,11 @@ def measured_runs(study: Study) -> Played:
 
 
 def _played(
-    study: Study, data: Data, motion: Course, duration: float, step: float
+    study: Study,
+    data: Data,
+    motion: Course,
+    duration: float,
+    step: float,
 ) -> Played:
     """Every engine with the links identified from a data set."""
     links = study.links(METHOD, data)
@@ -268,7 +290,14 @@ def _played(
             continue
         study.progress(f"engine {name}, {data.label} motion")
         try:
-            out[kind] = play(kind, study.problem.robot, links, motion, duration, step)
+            out[kind] = play(
+                kind,
+                study.problem.robot,
+                links,
+                motion,
+                duration,
+                step,
+            )
         except InputError as error:
             out[kind] = f"rejected: {error}"
     return out
@@ -296,16 +325,33 @@ def engines(study: Study) -> Table:
     rows = []
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
-        rows.append({**row, **by_joint([None] * n, "std_joint"), **about})
+        rows.append(
+            {
+                **row,
+                **by_joint([None] * n, "std_joint"),
+                **about,
+            }
+        )
     for engine, pose in _PUBLISHED_POSE.items():
-        figures = dict(zip(_NO_RUN, (*pose, None), strict=True))
+        figures = dict(
+            zip(
+                _NO_RUN,
+                (*pose, None),
+                strict=True,
+            )
+        )
         about = {"motion": "published (text)", **figures, "status": "published"}
         none = [None] * n
         joints = {**by_joint(none), **by_joint(none, "std_joint")}
         rows.append({"engine": engine, **joints, **about})
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
         rows += [
-            _row(study, data, *row_fields) for row_fields in study.once(runs).items()
+            _row(
+                study,
+                data,
+                *row_fields,
+            )
+            for row_fields in study.once(runs).items()
         ]
     formulations = "; ".join(
         f"{name}: {kind.formulation}" for name, kind in engine_types().items()
@@ -316,7 +362,12 @@ def engines(study: Study) -> Table:
         notes("V", method=METHOD, step=1e3 * MEASURED_STEP, formulations=formulations),
         digits=3,
     )
-    columns = ["engine", *by_joint([None] * n), "motion", *_POSE_FIGURES]
+    columns = [
+        "engine",
+        *by_joint([None] * n),
+        "motion",
+        *_POSE_FIGURES,
+    ]
     if any(row["status"] not in ("run", "published") for row in rows):
         columns.append("status")
     return table.shortened(columns)
@@ -337,7 +388,12 @@ _PUBLISHED_POSE = {
 }
 
 
-def _row(study: Study, data: Data, kind: type[Engine], run: EngineRun | str) -> Row:
+def _row(
+    study: Study,
+    data: Data,
+    kind: type[Engine],
+    run: EngineRun | str,
+) -> Row:
     robot = study.problem.robot
     figures = _NO_RUN
     status = run

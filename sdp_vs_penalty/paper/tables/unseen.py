@@ -76,9 +76,17 @@ def data_needed(study: Study) -> Table:
         for length in lengths:
             windows = windows_of(length)
             study.progress(f"{len(windows)} window(s) of {length} s, {data.label}")
-            about = {"data": data.label, "seconds": length, "windows": len(windows)}
+            about = {
+                "data": data.label,
+                "seconds": length,
+                "windows": len(windows),
+            }
             rows += [
-                {**about, "method": m, **_errors(study, data, windows, m)}
+                {
+                    **about,
+                    "method": m,
+                    **_errors(study, data, windows, m),
+                }
                 for m in _METHODS
             ]
     last = [
@@ -98,7 +106,9 @@ def data_needed(study: Study) -> Table:
 
 
 def _phase_windows(
-    real: Data, most_windows: int, cell: float
+    real: Data,
+    most_windows: int,
+    cell: float,
 ) -> Callable[[int], list[_Window]]:
     """Windows around the motion's period, which is cut into cells [s]; judged on what
     lies beyond the filters' reach of them."""
@@ -107,7 +117,9 @@ def _phase_windows(
     clear = math.ceil(all_phases.guard / cell)
     split = PhaseFolds(all_phases.clocks, count)
     cells = compress_cells(
-        FilteredRuns.of(real.train, real.preprocessing), real.model, split
+        FilteredRuns.of(real.train, real.preprocessing),
+        real.model,
+        split,
     )
     starts = np.linspace(0, count, most_windows, endpoint=False).round().astype(int)
 
@@ -127,7 +139,9 @@ def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window
     are left out."""
     seconds = round(float(data.train.t[-1] - data.train.t[0]))
     blocks = compress(
-        FilteredRuns.of(data.train, data.preprocessing), data.model, seconds
+        FilteredRuns.of(data.train, data.preprocessing),
+        data.model,
+        seconds,
     )
     rows = np.zeros(len(blocks.blocks))
     for factor in blocks.factors:
@@ -148,12 +162,22 @@ def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window
     return chosen
 
 
-def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Row:
+def _errors(
+    study: Study,
+    data: Data,
+    windows: list[_Window],
+    method: str,
+) -> Row:
     """Held-out errors [%] of one method over the windows: as estimated, and of the
     links alone."""
     pairs = []
     for train, test in windows:
-        task = make_task(study.problem, data.model, train, seed=study.seed)
+        task = make_task(
+            study.problem,
+            data.model,
+            train,
+            seed=study.seed,
+        )
         estimator = study.estimator(method)
         if isinstance(estimator, Penalty):
             estimator = replace(estimator, starts=1)  # one start of it stands for all
@@ -163,7 +187,9 @@ def _errors(study: Study, data: Data, windows: list[_Window], method: str) -> Ro
         refit = refitted(test.least_squares(), links)
         pairs.append([torque_errors(test, x)[1] for x in (theta, refit)])
     frame = pandas.DataFrame(
-        pairs, columns=["error_percent", "links_error_percent"], dtype=float
+        pairs,
+        columns=["error_percent", "links_error_percent"],
+        dtype=float,
     )
     words = "median", "min", "max"
     return {
@@ -220,10 +246,18 @@ def unseen(study: Study) -> Table:
     )
 
 
-def _rows(study: Study, run: Measurements, method: str, added: str) -> list[Row]:
+def _rows(
+    study: Study,
+    run: Measurements,
+    method: str,
+    added: str,
+) -> list[Row]:
     """The folds, all of them together, and repeatability."""
     problem = study.problem
-    effects = [*problem.default_effects, *(text for text in added.split(", ") if text)]
+    effects = [
+        *problem.default_effects,
+        *(text for text in added.split(", ") if text),
+    ]
     result = study.unseen(method, effects)
     train, test = halves(run)
     runs = read_and_filter(problem, train)

@@ -54,7 +54,10 @@ COMPONENTS = {
 
 
 def wrench_regressor(
-    robot: Robot, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike
+    robot: Robot,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
 ) -> Array:
     """Regressor of the joints' wrenches in the links' parameters.
 
@@ -81,7 +84,13 @@ def wrench_regressor(
     frames = [inertia.transform(j.link_frame) for j in robot.joints]
     out = np.zeros((len(q), n, 6, n, 10))
     for k in range(len(q)):
-        pin.rnea(model, data, q[k], dq[k], ddq[k])
+        pin.rnea(
+            model,
+            data,
+            q[k],
+            dq[k],
+            ddq[k],
+        )
         for link in range(n):
             body = pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1])
             wrench = body @ frames[link]
@@ -125,7 +134,9 @@ class WrenchIntervals:
 
 
 def wrench_intervals(
-    feasible: Slice, regressor: Array, progress: Progress = no_progress
+    feasible: Slice,
+    regressor: Array,
+    progress: Progress = no_progress,
 ) -> WrenchIntervals:
     """Smallest and largest value of every wrench component over feasible parameters.
 
@@ -155,7 +166,10 @@ def wrench_intervals(
 
 
 def unfeasible_retrievals(
-    problem: Problem, pi: Array, count: int, boxed: bool
+    problem: Problem,
+    pi: Array,
+    count: int,
+    boxed: bool,
 ) -> Iterator[Array]:
     """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base
     parameters pi (b,) to 1e-8 of the largest and are physically inconsistent.
@@ -261,7 +275,13 @@ def wrench_study(study: Study) -> WrenchStudy:
     content = (program_version(), *task_content(task), x.links, Y, n_retrievals)
     held = remembered_arrays("wrenches", content, partial(_computed, study, Y))
     intervals = WrenchIntervals(**{name: held[name] for name in _ENDS})
-    named = dict(zip(estimates, _wrenches(Y, estimates.values()), strict=True))
+    named = dict(
+        zip(
+            estimates,
+            _wrenches(Y, estimates.values()),
+            strict=True,
+        )
+    )
     return WrenchStudy(
         t=t,
         true=Y @ x.links.ravel(),
@@ -299,7 +319,10 @@ def _computed(study: Study, Y: Array) -> dict[str, Array]:
         name: np.array(_wrenches(Y, retrieved) or none)
         for name, retrieved in searches.items()
     }
-    return {**{name: getattr(intervals, name) for name in _ENDS}, **wrenches}
+    return {
+        **{name: getattr(intervals, name) for name in _ENDS},
+        **wrenches,
+    }
 
 
 def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
@@ -328,7 +351,12 @@ def penalty_links(study: Study) -> list[Array]:
     links_found = []
     p = len(task.bound)
     interior = interior_point(task, task.constraints)
-    everywhere = Slice(task.constraints, np.zeros((0, p)), interior, task.bound)
+    everywhere = Slice(
+        task.constraints,
+        np.zeros((0, p)),
+        interior,
+        task.bound,
+    )
     rng = np.random.default_rng(study.seed)
     estimator = Penalty(body=False, thickness=0.0, starts=1)
     for k in range(PenaltyPaper.runs):

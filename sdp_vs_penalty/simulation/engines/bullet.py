@@ -49,7 +49,12 @@ class Bullet(Engine):
             self.bullet.changeDynamics(self.body, k, **free)
         self.bullet.setGravity(*self.robot.gravity)
 
-    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+    def torque(
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> Array:
         """The torque of one state.
 
         Parameters
@@ -87,13 +92,20 @@ class Bullet(Engine):
             "forces": [np.inf] * len(joints),
         }
         bullet.setJointMotorControlArray(
-            self.body, joints, bullet.VELOCITY_CONTROL, **motor_options
+            self.body,
+            joints,
+            bullet.VELOCITY_CONTROL,
+            **motor_options,
         )
         bullet.stepSimulation()
         torque = np.array(
             [state[3] for state in bullet.getJointStates(self.body, joints)]
         )
-        link = bullet.getLinkState(self.body, joints[-1], computeForwardKinematics=1)
+        link = bullet.getLinkState(
+            self.body,
+            joints[-1],
+            computeForwardKinematics=1,
+        )
         return (
             torque,
             np.reshape(bullet.getMatrixFromQuaternion(link[5]), (3, 3)),

@@ -37,7 +37,12 @@ class Dart(Engine):
         for k in range(self.skeleton.getNumJoints()):
             self.skeleton.getJoint(k).setLimitEnforcement(False)
 
-    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
+    def torque(
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> Array:
         """The torque of one state.
 
         Parameters

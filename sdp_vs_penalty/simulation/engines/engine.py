@@ -49,7 +49,9 @@ class Engine(ABC):
             if link[0] <= 0.0:
                 where = f"link {k} (on joint {joint.name!r})"
                 raise InputError(
-                    "it has no mass, which physics engines refuse", "give it one", where
+                    "it has no mass, which physics engines refuse",
+                    "give it one",
+                    where,
                 )
         self.load()
 
@@ -65,7 +67,12 @@ class Engine(ABC):
     def load(self) -> None:
         """Build the robot inside the engine."""
 
-    def inverse_dynamics(self, q: Array, dq: Array, ddq: Array) -> Array | None:
+    def inverse_dynamics(
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> Array | None:
         """Torques of states.
 
         Parameters
@@ -93,7 +100,12 @@ class Engine(ABC):
         ]
         return None if torques[0] is None else np.array(torques, float)
 
-    def torque(self, q: Array, dq: Array, ddq: Array) -> Array | None:
+    def torque(
+        self,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> Array | None:
         """The torque of one state.
 
         Parameters
@@ -113,7 +125,10 @@ class Engine(ABC):
         return None
 
     def follow(
-        self, start: Array, velocities: Array, step: float
+        self,
+        start: Array,
+        velocities: Array,
+        step: float,
     ) -> tuple[Array, Array]:
         """Drive the joints from rest at velocities, one each step.
 

@@ -34,7 +34,11 @@ from sdp_vs_penalty.simulation.engines.engine import Array, Engine
 class _Mass(Structure):
     """dMass: mass, centre (dVector3), inertia (dMatrix3)."""
 
-    _fields_ = [("mass", c_double), ("c", c_double * 4), ("I", c_double * 12)]
+    _fields_ = [
+        ("mass", c_double),
+        ("c", c_double * 4),
+        ("I", c_double * 12),
+    ]
 
 
 class _Feedback(Structure):
@@ -125,13 +129,25 @@ class Ode(Engine):
             xx, xy, yy, xz, yz, zz = p[4:]
             mass = _Mass()
             ode.dMassSetParameters(
-                byref(mass), p[0], 0.0, 0.0, 0.0, xx, yy, zz, xy, xz, yz
+                byref(mass),
+                p[0],
+                0.0,
+                0.0,
+                0.0,
+                xx,
+                yy,
+                zz,
+                xy,
+                xz,
+                yz,
             )
             if not ode.dMassCheck(byref(mass)):
                 where = f"link {k + 1} (on joint {self.robot.joints[k].name!r})"
                 what = "ODE refuses its inertia, which is not positive definite"
                 raise InputError(
-                    what, "identify with a minimum thickness (lmi-sdp-thickness)", where
+                    what,
+                    "identify with a minimum thickness (lmi-sdp-thickness)",
+                    where,
                 )
             self.masses.append(mass)
             self.centres[k] = p[1:4]
@@ -140,11 +156,18 @@ class Ode(Engine):
         axes = np.array([joint.axis for joint in self.robot.joints])
         revolute = np.array([joint.kind == "revolute" for joint in self.robot.joints])
         by_moment = np.where(revolute[:, None], axes, 0.0)
-        by_force = np.where(revolute[:, None], np.cross(axes, self.centres), axes)
+        by_force = np.where(
+            revolute[:, None],
+            np.cross(axes, self.centres),
+            axes,
+        )
         self.by_wrench = np.stack([by_force, by_moment], axis=2)
 
     def follow(
-        self, start: Array, velocities: Array, step: float
+        self,
+        start: Array,
+        velocities: Array,
+        step: float,
     ) -> tuple[Array, Array]:
         try:
             return super().follow(start, velocities, step)
@@ -159,7 +182,11 @@ class Ode(Engine):
         self.bodies: list[c_void_p] = []
         self.motors = []
         self.feedback = (_Feedback * self.robot.n)()
-        placed = zip(self.robot.joints, self.robot.poses(start[None])[0], strict=True)
+        placed = zip(
+            self.robot.joints,
+            self.robot.poses(start[None])[0],
+            strict=True,
+        )
         for k, (joint, frame) in enumerate(placed):
             self.bodies.append(body := c_void_p(ode.dBodyCreate(world)))
             rows = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
@@ -172,7 +199,9 @@ class Ode(Engine):
             joint_made = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None))
             parent = joint.parent
             ode.dJointAttach(
-                joint_made, body, None if parent < 0 else self.bodies[parent]
+                joint_made,
+                body,
+                None if parent < 0 else self.bodies[parent],
             )
             if kind == "Hinge":
                 ode.dJointSetHingeAnchor(joint_made, *frame[:3, 3])
@@ -181,7 +210,9 @@ class Ode(Engine):
             )
             set_parameter = getattr(ode, f"dJointSet{kind}Param")
             set_parameter(
-                joint_made, 5, np.inf
+                joint_made,
+                5,
+                np.inf,
             )  # dParamFMax and dParamVel of ode/common.h
             self.motors.append(partial(set_parameter, joint_made, 2))
             ode.dJointSetFeedback(joint_made, byref(self.feedback[k]))

@@ -75,7 +75,10 @@ class Hidden:
         return self.change(world, motion, self.size)
 
     def sized(
-        self, world: World, motions: Sequence[TrueMotion], factor: float
+        self,
+        world: World,
+        motions: Sequence[TrueMotion],
+        factor: float,
     ) -> Hidden:
         """The effect with a root mean square of ``factor`` times the raw noise on the
         joint that it moves most.
@@ -120,7 +123,11 @@ class Hidden:
         }
 
 
-def torques(world: World, motion: TrueMotion, hidden: Sequence[Hidden]) -> list[Array]:
+def torques(
+    world: World,
+    motion: TrueMotion,
+    hidden: Sequence[Hidden],
+) -> list[Array]:
     """What each effect adds.
 
     Parameters
@@ -202,17 +209,27 @@ def plain(
         Draws the sign.
     """
 
-    def make(world: World, joint: int, rng: np.random.Generator) -> Hidden:
+    def make(
+        world: World,
+        joint: int,
+        rng: np.random.Generator,
+    ) -> Hidden:
         side = float(rng.choice([-1.0, 1.0])) if signed else 1.0
         return at_joint(
-            joint, lambda world, motion: side * law(world, joint, motion), side
+            joint,
+            lambda world, motion: side * law(world, joint, motion),
+            side,
         )
 
     return make
 
 
 def shifted(
-    joint: int, shift: Change, number: float, size: float, rates: bool = True
+    joint: int,
+    shift: Change,
+    number: float,
+    size: float,
+    rates: bool = True,
 ) -> Hidden:
     """The link of a joint stands at q + shift, where q is what motor and encoder do.
 
@@ -298,7 +315,11 @@ def sign(world: World, joint: int, motion: TrueMotion) -> Array:
     return world.share(motion)[:, joint]
 
 
-def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+def log_uniform(
+    rng: np.random.Generator,
+    low: float,
+    high: float,
+) -> float:
     """A number whose logarithm is uniform.
 
     Parameters
@@ -369,7 +390,11 @@ def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _presliding(
-    world: World, joint: int, rng: Generator, low: float = 0.001, high: float = 0.01
+    world: World,
+    joint: int,
+    rng: Generator,
+    low: float = 0.001,
+    high: float = 0.01,
 ) -> Hidden:
     """Dahl 1968: friction follows the travel since the reversal instead of jumping, if
     it does so."""
@@ -661,7 +686,11 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
         delayed = tau.copy()
         t = motion.t
         for joint in channels:
-            delayed[:, joint] = np.interp(t - size, t, tau[:, joint])
+            delayed[:, joint] = np.interp(
+                t - size,
+                t,
+                tau[:, joint],
+            )
         return delayed - tau
 
     return Hidden(
@@ -678,10 +707,18 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
     def change(world: World, motion: TrueMotion, T: float) -> Array:
         # Effects are sized on a coarse grid, where a filter is read from a finer one.
         step = min(float(motion.t[1] - motion.t[0]), 0.25e-3)
-        t = np.arange(motion.t[0], motion.t[-1], step)
+        t = np.arange(
+            motion.t[0],
+            motion.t[-1],
+            step,
+        )
         tau = world.torque(motion)
         fine = _resample(t, motion.t, tau)
-        passed = first_order(fine, float(t[1] - t[0]), T)
+        passed = first_order(
+            fine,
+            float(t[1] - t[0]),
+            T,
+        )
         return _resample(motion.t, t, passed) - tau
 
     return Hidden(
@@ -694,7 +731,14 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
 
 def _resample(t: Array, t_known: Array, values: Array) -> Array:
     """(N, n) values at other times."""
-    columns = [np.interp(t, t_known, column) for column in values.T]
+    columns = [
+        np.interp(
+            t,
+            t_known,
+            column,
+        )
+        for column in values.T
+    ]
     return np.column_stack(columns)
 
 
@@ -766,7 +810,12 @@ def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
 def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
     """A constant force and moment on the last link, at its joint: motors carry -J^T (F,
     M)."""
-    force = np.concatenate([rng.normal(size=3), 0.1 * rng.normal(size=3)])
+    force = np.concatenate(
+        [
+            rng.normal(size=3),
+            0.1 * rng.normal(size=3),
+        ]
+    )
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         data = world.built.createData()
@@ -789,7 +838,11 @@ def _payload(world: World, joint: int, rng: Generator) -> Hidden:
 
     def change(world: World, motion: TrueMotion, mass: float) -> Array:
         loaded = pin.Model(world.built)
-        ball = pin.Inertia(mass, centre, pin.Inertia.FromSphere(mass, 0.05).inertia)
+        ball = pin.Inertia(
+            mass,
+            centre,
+            pin.Inertia.FromSphere(mass, 0.05).inertia,
+        )
         loaded.inertias[world.arm.last] = world.built.inertias[world.arm.last] + ball
         return world.rigid(motion, loaded) - world.rigid(motion)
 

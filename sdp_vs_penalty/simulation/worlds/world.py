@@ -40,7 +40,13 @@ class Arm:
         m/s."""
         return np.where(self.rotary, 1.0, 0.5)
 
-    def inverse_dynamics(self, model: Any, q: Array, dq: Array, ddq: Array) -> Array:
+    def inverse_dynamics(
+        self,
+        model: Any,
+        q: Array,
+        dq: Array,
+        ddq: Array,
+    ) -> Array:
         """Torques of a model of Pinocchio's with these joints.
 
         Parameters
@@ -70,7 +76,12 @@ class Arm:
             @ B
         )
 
-    def last_jacobian(self, model: Any, data: Any, q: Array) -> Array:
+    def last_jacobian(
+        self,
+        model: Any,
+        data: Any,
+        q: Array,
+    ) -> Array:
         """The Jacobian of the last link's joint.
 
         Parameters
@@ -98,7 +109,10 @@ class Arm:
 
 
 def misplaced(
-    model: Any, metres: float, degrees: float, rng: np.random.Generator
+    model: Any,
+    metres: float,
+    degrees: float,
+    rng: np.random.Generator,
 ) -> Any:
     """The arm as it was built: every joint's frame is off by normal errors.
 
@@ -128,7 +142,12 @@ def misplaced(
     return built
 
 
-def inverse_dynamics(model: Any, q: Array, dq: Array, ddq: Array) -> Array:
+def inverse_dynamics(
+    model: Any,
+    q: Array,
+    dq: Array,
+    ddq: Array,
+) -> Array:
     """M(q) ddq + C(q, dq) dq + g(q).
 
     Parameters
@@ -205,7 +224,10 @@ class DryFriction:
 
 
 def bristles(
-    t: Array, dq: Array, travel: Array, level: Callable[[Array], Array]
+    t: Array,
+    dq: Array,
+    travel: Array,
+    level: Callable[[Array], Array],
 ) -> Array:
     """z with dz/dt = dq / d - |dq| z / (d g(dq)).
 
@@ -235,7 +257,11 @@ def bristles(
     turns = before * after < 0.0
     change = np.where(turns, before - after, 1.0)
     share = np.where(turns, before / change, 1.0)  # of the step before rest
-    middle = np.where(turns, 0.5 * before, 0.5 * (before + after))
+    middle = np.where(
+        turns,
+        0.5 * before,
+        0.5 * (before + after),
+    )
     first = _step_of_bristles(middle, share, step, travel, level)
     second = _step_of_bristles(0.5 * after, 1.0 - share, step, travel, level)
     z = np.zeros_like(dq)
