@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import sdp_vs_penalty as sdp
+from sdp_vs_penalty.data import datasets
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding, effect_of, size_in_model
 from sdp_vs_penalty.effects import effect_types
 from sdp_vs_penalty.signals import REPETITION
@@ -168,7 +169,7 @@ def _as_one_parameter(effect: Any) -> dict[str, Any]:
 @pytest.mark.real_data
 def test_no_confident_size_of_the_real_wrist_may_be_zero(data_folder):
     """On the TX40 a friction of a power of speed had -6.6 +- 13 N m."""
-    run = sdp.load_measurements(data_folder / "tx40")
+    run = datasets.converted("tx40", data_folder / "tx40")["exciting"]
     train = run.window(0.0, 6.0)
     model = sdp.identify("tx40", train, check=False)
     found = sdp.diagnose(model, train, check=False)
