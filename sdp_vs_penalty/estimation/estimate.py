@@ -526,10 +526,12 @@ class Estimate(Record):
 
     def _table(self) -> Table:
         rows: list[tuple[str, ...]] = []
-        columns = self.theta, self.uncertainty.std, self.nominal, self.sources
         for p, value, spread, known, source in zip(
             self.model.parameters,
-            *columns,
+            self.theta,
+            self.uncertainty.std,
+            self.nominal,
+            self.sources,
             strict=True,
         ):
             half = NORMAL_95 * spread
@@ -550,7 +552,6 @@ class Estimate(Record):
 
     def to_dict(self) -> dict[str, Any]:
         """What model.json holds."""
-        columns = self.theta, self.uncertainty.standard, self.nominal, self.sources
         parameters = [
             {
                 **interval.to_dict(),
@@ -560,7 +561,10 @@ class Estimate(Record):
             | {"source": source, "effect": p.effect, "joint": p.joint}
             for p, value, interval, nominal, source in zip(
                 self.model.parameters,
-                *columns,
+                self.theta,
+                self.uncertainty.standard,
+                self.nominal,
+                self.sources,
                 strict=True,
             )
         ]

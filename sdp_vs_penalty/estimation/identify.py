@@ -362,16 +362,17 @@ def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
     # The loss is the same, but a link's known parameter may have been moved by
     # constraints and priors.
     theta = task.model.with_known(theta)
-    fits: tuple[Any, ...] = ()
+    certificate = Certificate(violations(fit.constraints, theta), task.data.loss(theta))
     if fit.multipliers is not None and fit.interior is not None:
         same = np.array_equal(theta, fit.theta) and fit.bound is not None
         fit_on_data = fit if same else replace(fit, theta=theta, bound=task.bound)
-        fits = fit_on_data.upper, fit_on_data.lower, fit_on_data.gap
-    return theta, Certificate(
-        violations(fit.constraints, theta),
-        task.data.loss(theta),
-        *fits,
-    )
+        certificate = replace(
+            certificate,
+            upper=fit_on_data.upper,
+            lower=fit_on_data.lower,
+            gap=fit_on_data.gap,
+        )
+    return theta, certificate
 
 
 def certify_beside(

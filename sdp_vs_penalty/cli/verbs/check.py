@@ -133,8 +133,14 @@ def _write_copies(
     console.say(repaired.sentence)
     is_folder = len(files) > 1 or not fix.suffix or fix.is_dir()
     copies = [fix / f"{path.stem}.csv" if is_folder else fix for path in files]
-    columns = (files, reports, copies, repaired.runs, repaired.issues)
-    for path, report, copy, run, done in zip(*columns, strict=True):
+    for path, report, copy, run, done in zip(
+        files,
+        reports,
+        copies,
+        repaired.runs,
+        repaired.issues,
+        strict=True,
+    ):
         save(run, copy)
         console.written(copy)
         note = copy.with_name(f"{copy.stem}_changes.txt")
