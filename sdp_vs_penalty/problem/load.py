@@ -35,7 +35,6 @@ from sdp_vs_penalty.robot.joint import (
     parse_mechanism,
     parse_transmission,
 )
-from sdp_vs_penalty.robot.mjcf import load_mjcf
 from sdp_vs_penalty.robot.model_files import (
     described_robot,
     expanded_robot,
@@ -462,6 +461,8 @@ def _from_robot_file(
     values: dict[str, float] = {}
     geometry: Sequence[Geometry | None] | None = None
     if is_mjcf(file):
+        from sdp_vs_penalty.robot.mjcf import load_mjcf
+
         robot, links, values = load_mjcf(file, held=held)
         if gains := [f"{n}={x:g}" for n, x in values.items() if n.startswith("k")]:
             said = f"{path}: gains of position actuators, for a log without torque"

@@ -36,7 +36,6 @@ def verb(
     --proof proof.json: File for the proof of optimality; `verify` checks it.
     """
     from sdp_vs_penalty.api import identify_and_judge
-    from sdp_vs_penalty.checks.check_command import CheckCommand
     from sdp_vs_penalty.cli import console, printing, runs
     from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation import PoseOptions
@@ -56,6 +55,16 @@ def verb(
             hold,
             lambda robot: runs.runs_from_options(robot, data, window),
         )
+        check_command = None
+        if not no_check:
+            from sdp_vs_penalty.checks.check_command import CheckCommand
+
+            check_command = CheckCommand(
+                problem=problem,
+                runs=data,
+                hold=hold,
+                gravity=gravity,
+            )
         begin = time.perf_counter()
         try:
             estimate, fit = identify_and_judge(
@@ -77,12 +86,7 @@ def verb(
                 check=not no_check,
                 warn=console.warn,
                 without_check=runs.NO_CHECK,
-                check_command=CheckCommand(
-                    problem=problem,
-                    runs=data,
-                    hold=hold,
-                    gravity=gravity,
-                ),
+                check_command=check_command,
             )
         except Infeasible as error:
             if proof is not None and error.proof:
