@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from sdp_vs_penalty.api.identification import WITHOUT_CHECK
-from sdp_vs_penalty.checks.check_command import CheckCommand
 from sdp_vs_penalty.checks.gate import consented, raise_on_errors
 from sdp_vs_penalty.data.files import Source, as_measurements
 from sdp_vs_penalty.data.measurements import Measurements
@@ -23,6 +22,7 @@ from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate, as_estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.memory import give_back_memory
+from sdp_vs_penalty.problem.check_command import CheckCommand
 
 
 def diagnose(

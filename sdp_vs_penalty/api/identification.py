@@ -33,7 +33,7 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
 
 if TYPE_CHECKING:
-    from sdp_vs_penalty.checks.check_command import CheckCommand
+    from sdp_vs_penalty.problem.check_command import CheckCommand
 
 #: How a user of Python goes on without the check of the data.
 WITHOUT_CHECK = "pass check=False to"

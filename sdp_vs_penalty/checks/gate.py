@@ -9,11 +9,11 @@ from typing import Any
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.checks.check import check_runs
-from sdp_vs_penalty.checks.check_command import CheckCommand
 from sdp_vs_penalty.checks.issue import EXPLANATION, FACT, Issue
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.errors import InputError, RepairableError, command_line
 from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.problem.check_command import CheckCommand
 from sdp_vs_penalty.problem.problem import Problem
 
 

@@ -254,7 +254,7 @@ def _naming_the_repair(
     data = arguments.get("data")
     if not problem or not data:
         return error
-    from sdp_vs_penalty.checks.check_command import CheckCommand
+    from sdp_vs_penalty.problem.check_command import CheckCommand
 
     command = CheckCommand(
         problem=problem,

@@ -113,6 +113,18 @@ def profile(
     }
 
 
+def _pyplot() -> Any:
+    """matplotlib.pyplot, drawing into files alone; None where it is not installed."""
+    if importlib.util.find_spec("matplotlib") is None:
+        return None
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
 def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     """Draw the profiles of the solvers that ran on four fifths of the problems at least, an
     accuracy a panel.
@@ -129,13 +141,9 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
     bool
         False without matplotlib.
     """
-    if importlib.util.find_spec("matplotlib") is None:
+    plt = _pyplot()
+    if plt is None:
         return False
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
     accuracies_shown = accuracies(runs)
     count = runs.groupby("solver")["problem"].nunique()
     count = count[~count.index.str.endswith(" certified")]
@@ -232,13 +240,9 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
     bool
         False without matplotlib.
     """
-    if importlib.util.find_spec("matplotlib") is None:
+    plt = _pyplot()
+    if plt is None:
         return False
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
     asked = accuracies(runs)
     longest = max(float(runs["seconds"].max()), 1.0)
     named = {

@@ -31,9 +31,9 @@ def verb(
     --fix fixed.csv: Repaired copy to write (and beside it what was changed), or a folder.
     --apply sign:tau3 ...: Explanations to repair as well, by their words.
     """
-    from sdp_vs_penalty.checks.check_command import CheckCommand
     from sdp_vs_penalty.cli import console, printing
     from sdp_vs_penalty.data.files import run_files
+    from sdp_vs_penalty.problem.check_command import CheckCommand
 
     files = [file for path in data for file in run_files(path)]
     _refuse(files, fix, apply)

@@ -29,9 +29,9 @@ def verb(
     --json out.json: JSON file for the findings.
     """
     from sdp_vs_penalty.api import diagnose as find_missing_effects
-    from sdp_vs_penalty.checks.check_command import CheckCommand
     from sdp_vs_penalty.checks.gate import consented
     from sdp_vs_penalty.cli import console, printing, runs
+    from sdp_vs_penalty.problem.check_command import CheckCommand
 
     estimate = runs.model_from_options(model, gravity)
     with console.progress("reading the measurements") as progress:

@@ -41,6 +41,7 @@ def verb(
     from sdp_vs_penalty.estimation import PoseOptions
     from sdp_vs_penalty.estimators import with_solver
     from sdp_vs_penalty.parallel import Workers
+    from sdp_vs_penalty.problem.check_command import CheckCommand
 
     estimator = with_solver(method, solver)
     with console.progress("reading the measurements") as progress:
@@ -55,16 +56,6 @@ def verb(
             hold,
             lambda robot: runs.runs_from_options(robot, data, window),
         )
-        check_command = None
-        if not no_check:
-            from sdp_vs_penalty.checks.check_command import CheckCommand
-
-            check_command = CheckCommand(
-                problem=problem,
-                runs=data,
-                hold=hold,
-                gravity=gravity,
-            )
         begin = time.perf_counter()
         try:
             estimate, fit = identify_and_judge(
@@ -86,7 +77,12 @@ def verb(
                 check=not no_check,
                 warn=console.warn,
                 without_check=runs.NO_CHECK,
-                check_command=check_command,
+                check_command=CheckCommand(
+                    problem=problem,
+                    runs=data,
+                    hold=hold,
+                    gravity=gravity,
+                ),
             )
         except Infeasible as error:
             if proof is not None and error.proof:

@@ -3,9 +3,9 @@
 import pytest
 
 from sdp_vs_penalty import Problem
-from sdp_vs_penalty.checks.check_command import CheckCommand
 from sdp_vs_penalty.checks.gate import explanations_in_a_line
 from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.problem.check_command import CheckCommand
 
 
 def test_a_single_run_is_copied_beside_it():
