@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from picks import SimulatedPicks, play, simulated_picks
+from simulated_picks import SimulatedPicks, play, simulated_picks
 
 from sdp_vs_penalty import (
     Estimate,
