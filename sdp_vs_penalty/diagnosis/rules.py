@@ -1,6 +1,6 @@
 """Rules of the search that can be left out, to measure what each of them buys.
 
-`benchmarks/challenge --without RULE` runs the same cases without one;
+`results/challenge --without RULE` runs the same cases without one;
 `results/rules/rules.md` has what came of it.
 """
 
@@ -41,7 +41,7 @@ class Rules:
 
     @classmethod
     def names(cls) -> list[str]:
-        """Of all rules."""
+        """Return the names of all rules, as the option ``--without`` takes them."""
         return [f.name for f in fields(cls)]
 
 
