@@ -131,22 +131,29 @@ class Verdict(JsonRecord):
         reasons = " ".join(str(line) for line in self.lines)
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
 
-    def with_missing(self, sentence: str) -> Verdict:
+    def with_missing(self, said: str, has_open_finding: bool) -> Verdict:
         """Return the verdict with a diagnosis's sentence on what is missing.
 
-        It replaces the sentence that was concluded from the errors alone.
+        ``said`` replaces the sentence that was concluded from the errors alone. With
+        ``has_open_finding`` (an effect that the model lacks) the line is at most
+        "usable".
         """
         fit = next((line for line in self.lines if line.about == FIT), None)
         if fit is None:
-            return self
+            return replace(self, lines=_weakest_first(self.lines))
         over = self.error_over_noise
         from_errors = _left(fit, None if over is None else np.array(over))
         lines = []
         for line in self.lines:
             if line.about == MISSING:
-                line = replace(line, text=line.text.replace(from_errors, sentence))
-            lines.append(line)
-        return replace(self, lines=tuple(lines))
+                grade = line.grade
+                if has_open_finding and grade == "good":
+                    grade = "usable"
+                text = line.text.replace(from_errors, said)
+                lines.append(replace(line, text=text, grade=grade))
+            else:
+                lines.append(line)
+        return replace(self, lines=_weakest_first(lines))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the record as JSON, with grade and headline for readers of the file."""
@@ -182,6 +189,8 @@ def judge(
     seconds: float | None = None,
     doubt: str = "",
     highest: float | None = None,
+    units: Sequence[str] = (),
+    has_open_finding: bool = False,
 ) -> Verdict:
     """Judge a model by its errors, its certificate and the log.
 
@@ -221,6 +230,10 @@ def judge(
         What the data check leaves in doubt (:func:`doubt_of_log`), or "".
     highest : float, optional
         Largest error [%] that motion of this length does not rule out.
+    units : sequence of str
+        Units of the joints' torques; empty: not said.
+    has_open_finding : bool
+        Whether a diagnosis has found an effect that the model lacks.
 
     Returns
     -------
@@ -229,8 +242,9 @@ def judge(
     """
     over = over_noise(rmse, floor)
     beyond = relative if floor is None else _beyond_noise(relative, rmse, floor)
+    errors = JointErrors(rmse, over, tuple(units))
     fit = _fit(
-        over,
+        errors,
         beyond,
         relative,
         noise_source,
@@ -238,7 +252,7 @@ def judge(
     )
     missing_line = _missing(
         missing or _left(fit, over),
-        fit_is_good=fit.grade == "good",
+        is_complete=fit.grade == "good" and not has_open_finding,
         implausible_links=implausible(certificate, masses, nominal),
         has_links=len(masses) > 0,
     )
@@ -260,9 +274,8 @@ def judge(
     lines = [fit, prediction, missing_line]
     if doubt:
         lines.insert(0, Line(LOG, "usable", doubt))
-    weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
     return Verdict(
-        lines=weakest_first,
+        lines=_weakest_first(lines),
         error_over_noise=None if over is None else tuple(map(float, over)),
         noise_source="" if over is None else noise_source,
         judged_on=tuple(judged_on),
@@ -273,20 +286,25 @@ def judge(
 def _missing(
     text: str,
     *,
-    fit_is_good: bool,
+    is_complete: bool,
     implausible_links: str,
     has_links: bool,
 ) -> Line:
     """Return the line on missing effects and on the links.
 
-    ``text`` says what is missing; ``implausible_links`` why the links cannot exist, "" if
-    they can.
+    ``text`` says what is missing; ``is_complete`` that nothing is; ``implausible_links``
+    why the links cannot exist, "" if they can.
     """
     if implausible_links:
         return Line(MISSING, "do not use", f"{implausible_links} {text}")
     if has_links:
         text += " The links can exist."
-    return Line(MISSING, "good" if fit_is_good else "usable", text)
+    return Line(MISSING, "good" if is_complete else "usable", text)
+
+
+def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
+    """Sort lines by grade, the weakest first; lines of one grade keep their order."""
+    return tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
 
 
 def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
@@ -325,8 +343,32 @@ def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return f"In doubt: {words}; `check` says what to do."
 
 
+@dataclass(frozen=True)
+class JointErrors:
+    """rmse (n,) [N m or N]; over_noise (n,) in multiples of the noise floor, None where
+    that is not known; units : of the joints' torques, none: not said."""
+
+    rmse: Array
+    over_noise: Array | None
+    units: tuple[str, ...]
+
+    def words(self, joint: int) -> str:
+        """Return the error of a joint (from 1), in multiples of its noise and in its
+        unit.
+        """
+        unit = "N m or N"
+        if self.units:
+            unit = formatting.plain_unit(self.units[joint - 1])
+        assert self.over_noise is not None
+        return formatting.times_noise(
+            float(self.over_noise[joint - 1]),
+            float(self.rmse[joint - 1]),
+            unit,
+        )
+
+
 def _fit(
-    over: Array | None,
+    errors: JointErrors,
     beyond: float,
     relative: float,
     source: str,
@@ -334,19 +376,19 @@ def _fit(
 ) -> Line:
     """Return the line on the fit.
 
-    ``over`` (n,): error over noise of each joint, None if the noise is unknown;
-    ``beyond``: relative error beyond the noise [%]; ``relative``: relative error [%];
-    ``source``: origin of the noise; ``none`` (n,): joints for which a constant torque
-    fits better.
+    ``errors`` of the joints, in multiples of the noise where it is known; ``beyond``:
+    relative error beyond the noise [%]; ``relative``: relative error [%]; ``source``:
+    origin of the noise; ``none`` (n,): joints for which a constant torque fits better.
     """
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
+    over = errors.over_noise
     if over is None:
         sentence = (
             f"{relative:.3g} % error; the noise floor is unknown: no motion repeats"
         )
     else:
         none = none & (over > ABOVE_NOISE)
-        sentence = _errors_in_words(over)
+        sentence = _worst_in_words(errors, over)
         if source == SPECTRUM:
             sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
         if grade == "do not use":
@@ -360,19 +402,16 @@ def _fit(
     return Line(FIT, grade, f"{sentence}.")
 
 
-def _errors_in_words(over: Array) -> str:
-    """Return the largest error over noise, then that of every joint, in a sentence.
+def _worst_in_words(errors: JointErrors, over: Array) -> str:
+    """Return the joint that errs most, in multiples of its noise and in its unit.
 
-    ``over`` (n,) is the ratio of error and noise.
+    ``over`` (n,) is the ratio of error and noise of each joint.
     """
-    worst = int(np.argmax(over))
-    each = [f"j{j} {formatting.number(x)}" for j, x in enumerate(over, start=1)]
-    times = formatting.number(float(over[worst]))
-    if over[worst] <= ABOVE_NOISE:
-        start = f"No joint errs more than {times} times its noise"
-    else:
-        start = f"Joint {worst + 1} errs {times} times its noise"
-    return f"{start} (error / noise: {', '.join(each)})"
+    worst = int(np.argmax(over)) + 1
+    if over[worst - 1] <= ABOVE_NOISE:
+        words = errors.words(worst).removesuffix(")")
+        return f"No joint errs more than {words} on joint {worst})"
+    return f"Joint {worst} errs {errors.words(worst)}"
 
 
 def _prediction(
@@ -425,11 +464,7 @@ def _left(fit: Line, over: Array | None) -> str:
     ``over`` (n,): error over noise of each joint, None if the noise is unknown.
     """
     if fit.grade == "good":
-        times = formatting.number(1.0 if over is None else float(np.max(over)))
-        return (
-            "Nothing that these measurements show: no joint errs more than"
-            f" {times} times its noise."
-        )
+        return "Nothing that these measurements show."
     if over is None:
         return "Not known without a noise floor; `diagnose` names causes."
     above = (np.flatnonzero(over > ABOVE_NOISE) + 1).tolist()
@@ -484,11 +519,12 @@ def changes(
     before: Array,
     after: Array,
     floor: Array | None,
+    units: Sequence[str] = (),
 ) -> str:
     """Describe the changes of the joints' errors, the largest fall first.
 
     Joints that got worse by more than 5 % come last. Errors are in multiples of the
-    noise floor where it is known, else in N m or N.
+    noise where it is known, and in N m or N.
 
     Parameters
     ----------
@@ -498,6 +534,8 @@ def changes(
         Errors of the extended model [N m or N].
     floor : (n,) array or None
         Noise floor [N m or N].
+    units : sequence of str
+        Torque unit of each joint; empty: "N m or N".
 
     Returns
     -------
@@ -511,12 +549,18 @@ def changes(
             np.where(after > 0.0, np.inf, 0.0),
         )
     known = floor is not None and bool(np.all(floor > 0.0))
-    scale = floor if known and floor is not None else np.ones(len(before))
 
     def words(j: int) -> str:
-        percent = f" ({100.0 * share[j]:+.0f} %)" if np.isfinite(share[j]) else ""
-        errors = [formatting.number(float(x[j] / scale[j])) for x in (before, after)]
-        return f"{errors[0]} -> {errors[1]}{percent}"
+        unit = formatting.plain_unit(units[j]) if units else "N m or N"
+        errors = [formatting.number(float(x[j])) for x in (before, after)]
+        more = [f"{100.0 * share[j]:+.0f} %"] if np.isfinite(share[j]) else []
+        if known and floor is not None:
+            more.insert(0, f"{errors[0]} -> {errors[1]} {unit}")
+            times = [formatting.number(float(x[j] / floor[j])) for x in (before, after)]
+            amount = f"{times[0]} -> {times[1]} times the noise"
+        else:
+            amount = f"{errors[0]} -> {errors[1]} {unit}"
+        return f"{amount} ({', '.join(more)})" if more else amount
 
     order = np.argsort(share)
     better = [f"joint {j + 1}: {words(j)}" for j in order if share[j] < -CHANGES]
@@ -525,8 +569,7 @@ def changes(
     ]
     if not better and not worse:
         return ""
-    unit = "times the noise" if known else "N m or N"
-    return f"{'; '.join([*better, *worse])} {unit}."
+    return f"{'; '.join([*better, *worse])}."
 
 
 def over_noise(rmse: Array, floor: Array | None) -> Array | None:
