@@ -123,13 +123,14 @@ class Basis:
 
 @lru_cache
 def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
-    """Penalty matrix of a P-spline surface: the sum of the variables' penalties (Eilers, Marx 1996).
+    """Penalty matrix of a P-spline surface: the sum of the variables' penalties
+    (Eilers, Marx 1996).
 
-    The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace, with
-    differences D1 and D2 of the coefficients; c = (2 pi / count)^2 for more than _PAIR
-    splines, else 0. The first differences then count as much as second ones do for a wave as
-    long as the range: where few measurements lie, the curve levels off instead of going on
-    straight. A sign has no penalty.
+    The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace,
+    with first and second differences D1 and D2 of the coefficients. c is (2 pi /
+    count)^2 for more than _PAIR splines, else 0: first differences then count as much
+    as second ones do for a wave as long as the range, and where few measurements lie,
+    the curve levels off instead of going on straight. A sign has no penalty.
 
     Parameters
     ----------
@@ -142,18 +143,21 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
         The matrix, which is read-only; size is the product of the numbers of splines.
     """
     counts = [count for count, _ in axes]
-    out = np.zeros((int(np.prod(counts)),) * 2)
+    size = int(np.prod(counts))
+    out = np.zeros((size, size))
     for k, (count, is_sign) in enumerate(axes):
-        if not is_sign:
-            first = np.diff(np.eye(count), 1, axis=0)
-            second = np.diff(np.eye(count), 2, axis=0)
-            level = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
-            penalty = second.T @ second + level * first.T @ first
-            before = np.eye(int(np.prod(counts[:k])))
-            after = np.eye(int(np.prod(counts[k + 1 :])))
-            along_axis = np.kron(np.kron(before, penalty), after)
-            out += along_axis / np.trace(along_axis)
-    out.setflags(write=False)  # the cache hands the same array to everybody
+        if is_sign:
+            continue
+        D1 = np.diff(np.eye(count), 1, axis=0)
+        D2 = np.diff(np.eye(count), 2, axis=0)
+        c = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
+        penalty = D2.T @ D2 + c * D1.T @ D1
+        # Splines of the variables before this one, and of those behind it.
+        before = np.eye(int(np.prod(counts[:k])))
+        after = np.eye(int(np.prod(counts[k + 1 :])))
+        along_axis = np.kron(np.kron(before, penalty), after)
+        out += along_axis / np.trace(along_axis)
+    out.setflags(write=False)  # the cache returns the same array to every caller
     return out
 
 
