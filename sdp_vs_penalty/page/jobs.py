@@ -40,7 +40,7 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import cross_validate
-from sdp_vs_penalty.estimation.shapes import asked_effects
+from sdp_vs_penalty.estimation.shapes import effects_to_estimate_again
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -946,7 +946,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         ],
         "judged_on": list(judge.names),
         "method": estimate.method,
-        "effects": asked_effects(
+        "effects": effects_to_estimate_again(
             estimate.model.effects, estimate.details.get("shapes", ())
         ),
         "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},
