@@ -237,8 +237,8 @@ def finding_table(
         headings=("with", *(str(j) for j, _ in enumerate(units, start=1))),
         rows=[(name, *map(number, errors)) for name, errors in rows],
         title=(
-            f"Error [{kinds}] of each joint on data left out, below"
-            f" {number(diagnosis.band_hz)} Hz, refitted at each step"
+            f"Error [{kinds}] of each joint on data not used for fitting, below"
+            f" {number(diagnosis.band_hz)} Hz"
         ),
     )
 
