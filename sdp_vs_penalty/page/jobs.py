@@ -33,6 +33,7 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -799,7 +800,8 @@ def _write_export(job: JobRequest, out: Path) -> list[str]:
     )
     if not lost:
         return []
-    sentences = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
+    names = ", ".join(map(effect_in_words, lost))
+    sentences = [f"{out.suffix} files cannot hold {names}; model.json can."]
     if judged is not None:
         sentences += [f"As exported: {judged[0].headline}", judged[1]]
     return [text for text in sentences if text]

@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
+from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.files import read_text
 from sdp_vs_penalty.formatting import change_of, number, plain_unit
@@ -232,7 +233,7 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
     for finding in () if diagnosis is None else diagnosis.effects:
         if not finding.torque_is_certain:
             continue
-        row = shares.setdefault(f"found: {finding.effect}", [0.0] * n)
+        row = shares.setdefault(f"found: {effect_name(finding.effect)}", [0.0] * n)
         for j in [j - 1 for j in finding.joints] or range(n):
             row[j] = max(row[j], finding.explained_share(j))
     return shares
