@@ -153,8 +153,7 @@ class Finding(Rated):
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
     is weak, if it is; constants : the shape in words, with units; n_splits,
-    n_splits_showing : splits of one run that were compared, and those that are confident
-    of it.
+    n_splits_showing : splits of one run that were compared, and those that show it.
     """
 
     effect: str
@@ -178,7 +177,7 @@ class Finding(Rated):
 
     @property
     def splits_sentence(self) -> str:
-        """How many splits of one run are confident of it; "" where none were compared."""
+        """How many splits of one run show it; "" where none were compared."""
         if not self.n_splits:
             return ""
         return (
