@@ -20,6 +20,7 @@ from sdp_vs_penalty.effects import (
     effect_types,
     on_the_arm,
 )
+from sdp_vs_penalty.effects.plain_words import SEEN_AGAINST
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -56,6 +57,7 @@ REASONS: Mapping[str, str] = {
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",
     "looks_like": "something else looks so",
+    "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
 }
 
@@ -150,7 +152,9 @@ class Finding(Rated):
     amplitude where there are several) in ``unit``, with its standard deviation std;
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
-    is weak, if it is; constants : the shape in words, with units.
+    is weak, if it is; constants : the shape in words, with units; n_splits,
+    n_splits_showing : splits of one run that were compared, and those that are confident
+    of it.
     """
 
     effect: str
@@ -169,6 +173,17 @@ class Finding(Rated):
     gain: float
     remarks: tuple[str, ...] = ()
     constants: str = ""
+    n_splits: int = 0
+    n_splits_showing: int = 0
+
+    @property
+    def splits_sentence(self) -> str:
+        """How many splits of one run are confident of it; "" where none were compared."""
+        if not self.n_splits:
+            return ""
+        return (
+            f"Shown by {self.n_splits_showing} of {self.n_splits} splits of this run."
+        )
 
     @property
     def size_text(self) -> str:
@@ -214,6 +229,12 @@ class Finding(Rated):
             shape=self.shape,
         )
         return on_the_arm(fitted)
+
+    @property
+    def seen_against(self) -> str:
+        """What its torque is drawn against, by the name of a cause; "" where no one
+        signal shows it."""
+        return SEEN_AGAINST.get(self.effect, "")
 
     @property
     def physics(self) -> str:
@@ -943,26 +964,35 @@ def event_lines(
     show_all: bool = False,
     most_lines: int = 3,
 ) -> list[str]:
-    """A line an event; one for all of them where they are more than ``most_lines``, unless
-    ``show_all``.
+    """Describe events in words, one line each.
 
-    events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz]
-    or None.
+    More than ``most_lines`` events are summed up in one line, unless ``show_all``.
+
+    Parameters
+    ----------
+    events
+        Objects with joint (from 1), t_start and t_end [s], and frequency [Hz] or None.
+    show_all
+        Whether every event has its line.
+    most_lines
+        The most lines without ``show_all``.
+
+    Returns
+    -------
+    list of str
+        The lines.
     """
     if len(events) > most_lines and not show_all:
         where = formatting.joints(sorted({e.joint for e in events}))
-        hums = sum(e.frequency is not None for e in events)
-        hum = f", {hums} of them a hum" if hums else ""
+        n_hums = sum(e.frequency is not None for e in events)
+        hums = f", {n_hums} of them a hum" if n_hums else ""
         first = min(e.t_start for e in events)
         last = max(e.t_end for e in events)
-        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
-    kinds = (
-        "isolated disturbance"
-        if e.frequency is None
-        else f"a hum of {e.frequency:.3g} Hz"
-        for e in events
-    )
-    return [
-        f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s"
-        for kind, e in zip(kinds, events, strict=True)
-    ]
+        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hums}"]
+    lines = []
+    for e in events:
+        kind = "isolated disturbance"
+        if e.frequency is not None:
+            kind = f"a hum of {e.frequency:.3g} Hz"
+        lines.append(f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s")
+    return lines

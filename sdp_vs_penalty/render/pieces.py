@@ -196,11 +196,10 @@ def _caption_of_bars(
     is_known: bool,
     has_change: bool,
 ) -> str:
-    caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic scale"
+    caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
     if is_known:
         caption = (
-            f"{what} of each joint, in multiples of its noise (grey band) and in N m or N;"
-            " logarithmic scale"
+            f"{what} of each joint over its noise (grey) and in N m or N, logarithmic"
         )
     if has_change:
         caption += "; before (orange), after (blue)"
