@@ -138,6 +138,11 @@ def describe_finding(
     )
 
 
+def weak_title(n_weak: int) -> str:
+    """Heading of the weak findings, which are folded."""
+    return f"Not worth adding yet: {formatting.count(n_weak, 'weak finding')}"
+
+
 def doubt_of(rated: Finding | Retune) -> str:
     """Why a finding or a re-estimated constant is not confident; "" where it is."""
     if not rated.remarks:

@@ -407,10 +407,12 @@ def findings(data: ReportData) -> Context:
         {"words": finding_words, "picture": _picture_of_finding(data, finding)}
         for finding, finding_words in zip(diagnosis.effects, said.findings, strict=True)
     ]
+    weak = [card for card in cards if card["words"].rating == "weak"]
     return {
         "words": said,
         "cards": [card for card in cards if card["words"].rating != "weak"],
-        "weak_cards": [card for card in cards if card["words"].rating == "weak"],
+        "weak_cards": weak,
+        "weak_title": words.weak_title(len(weak)),
         "missing": missing,
         "name": data.name,
         "bars": bars,
