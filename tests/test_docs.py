@@ -138,7 +138,7 @@ def test_every_command_parses_and_every_link_leads_somewhere(page):
         assert (DOCS / target).resolve().is_file(), f"{page}: {target}"
 
 
-READABILITY = runpy.run_path(str(ROOT / "tools" / "readability.py"))
+READABILITY = runpy.run_path(str(ROOT / "docs" / "tools" / "readability.py"))
 
 
 def test_the_documentation_has_short_sentences():
@@ -388,7 +388,7 @@ def test_the_python_adds_what_it_has_found(tmp_path, two_link, monkeypatch, caps
 
 
 def test_the_table_equals_the_generated_one():
-    tool = runpy.run_path(str(ROOT / "tools" / "update_readme.py"))
+    tool = runpy.run_path(str(ROOT / "results" / "tables" / "update_readme.py"))
     assert tool["with_results"](README, tool["headline"]()) == README
     results = (ROOT / "results" / "README.md").read_text(encoding="utf-8")
     assert tool["with_results"](results, tool["all_routes"]()) == results

@@ -111,7 +111,7 @@ def test_nothing_inside_goes_through_the_front_door(graph):
     ]
 
 
-BENCHMARKS = sorted((ROOT.parent / "benchmarks").rglob("*.py"))
+BENCHMARKS = sorted((ROOT.parent / "results").rglob("*.py"))
 
 
 @pytest.mark.parametrize("path", BENCHMARKS, ids=lambda path: path.stem)

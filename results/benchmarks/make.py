@@ -6,7 +6,7 @@ from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 COMMAND = [
-    "benchmarks/run.py",
+    "results/benchmarks/run.py",
     "--out",
     str(HERE),
 ]

@@ -6,7 +6,7 @@ from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 COMMAND = [
-    "benchmarks/check_worlds.py",
+    "results/check_worlds/check_worlds.py",
     "--cases",
     "4",
     "--seed",

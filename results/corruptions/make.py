@@ -14,4 +14,4 @@ if __name__ == "__main__":
     data = ["--data", os.environ["SDP_VS_PENALTY_DATA"]]
     arms = ["--arms", ARMS]
     out = ["--out", str(HERE)]
-    make_folder(HERE, ["benchmarks/corruptions", *data, *arms, *PART, *out])
+    make_folder(HERE, ["results/corruptions", *data, *arms, *PART, *out])

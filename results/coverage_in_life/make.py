@@ -6,7 +6,7 @@ from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 COMMAND = [
-    "benchmarks/coverage_in_life.py",
+    "results/coverage_in_life/coverage_in_life.py",
     "--draws",
     "160",
     "--seed",

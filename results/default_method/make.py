@@ -25,10 +25,10 @@ from sdp_vs_penalty.estimators import (
     PenaltyTwoStep,
 )
 from sdp_vs_penalty.estimators.estimator import Estimator
-from sdp_vs_penalty.formatting import markdown_lines
 from sdp_vs_penalty.paper.provenance import write_note
 from sdp_vs_penalty.paper.tables.study import Study
 from sdp_vs_penalty.problem.published import measured_runs
+from sdp_vs_penalty.results.table import markdown_lines
 
 HERE = Path(__file__).parent
 METHODS: dict[str, Estimator] = {

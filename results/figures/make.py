@@ -14,5 +14,5 @@ if __name__ == "__main__":
     make_folder(
         HERE,
         program("figures", "--out", str(HERE)),
-        ["tools/update_readme.py"],
+        ["results/tables/update_readme.py"],
     )

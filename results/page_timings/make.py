@@ -6,7 +6,7 @@ from sdp_vs_penalty.paper.provenance import make_folder
 
 HERE = Path(__file__).parent
 OUT = f"results/{HERE.name}"
-COMMAND = ["benchmarks/page_timings.py", "--repeats", "5", "--out", OUT]
+COMMAND = ["results/page_timings/page_timings.py", "--repeats", "5", "--out", OUT]
 
 if __name__ == "__main__":
     make_folder(HERE, COMMAND)

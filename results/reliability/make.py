@@ -21,13 +21,13 @@ def corruptions(folder: str, arms: str, every: int, part: int) -> list[str]:
     """Arguments of the bench of corrupted logs."""
     sample = ["--every", str(every), "--part", str(part)]
     out = ["--out", str(HERE / folder)]
-    return ["benchmarks/corruptions", "--data", DATA, "--arms", arms, *sample, *out]
+    return ["results/corruptions", "--data", DATA, "--arms", arms, *sample, *out]
 
 
 def worlds(seed: int) -> list[str]:
     """Arguments of the bench of simulated worlds."""
     drawn = ["--cases", "20", "--seed", str(seed)]
-    return ["benchmarks/check_worlds.py", *drawn, "--out", str(HERE)]
+    return ["results/check_worlds/check_worlds.py", *drawn, "--out", str(HERE)]
 
 
 def names(numbers: range) -> str:
@@ -36,12 +36,12 @@ def names(numbers: range) -> str:
 
 
 COMMANDS = [
-    ["benchmarks/check_real.py", "--data", DATA, "--out", str(HERE)],
+    ["results/reliability/check_real.py", "--data", DATA, "--out", str(HERE)],
     *(corruptions("small", names(arms), 6, part) for part, arms in SMALL.items()),
     corruptions("real", REAL, 10, 3),
     *(worlds(seed) for seed in (26200, 26201)),
     [
-        "benchmarks/reliability.py",
+        "results/reliability/reliability.py",
         str(HERE / "real_claims.csv"),
         str(HERE / "small" / "corruptions_claims.csv"),
         str(HERE / "real" / "corruptions_claims.csv"),

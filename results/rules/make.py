@@ -48,7 +48,7 @@ HIDING = [
 
 def commands(seed: int) -> list[list[str]]:
     """What is run for a seed."""
-    start = ["benchmarks/challenge", "--jobs", "1", "--cases", "1", "--seed", str(seed)]
+    start = ["results/challenge", "--jobs", "1", "--cases", "1", "--seed", str(seed)]
     without = ["--out", "results/rules", "--without", *Rules.names()]
     first = NUISANCES[7 * seed % len(NUISANCES)]
     second = NUISANCES[(7 * seed + 11) % len(NUISANCES)]

@@ -1,5 +1,5 @@
 """The decision constants of the check: unit, meaning, and where each number comes from
-(the bench of benchmarks/corruptions on its tuning arms, where nothing else is said)."""
+(the bench of results/corruptions on its tuning arms, where nothing else is said)."""
 
 import numpy as np
 

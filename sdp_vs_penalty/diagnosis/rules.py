@@ -1,6 +1,6 @@
 """Rules of the search that can be left out, to measure what each of them buys.
 
-`benchmarks/challenge --without RULE` runs the same cases without one;
+`results/challenge --without RULE` runs the same cases without one;
 `results/rules/rules.md` has what came of it.
 """
 

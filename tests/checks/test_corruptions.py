@@ -61,7 +61,7 @@ def test_clean_runs_are_silent(arm):
 @pytest.mark.parametrize("name", sorted({*MENDED, *NUMBERS, *MIDDLE}))
 def test_what_was_done_is_named(name, arm):
     known = {c.name: c for c in arm.corruptions()}
-    assert name in known, f"a name of benchmarks/corruptions/kinds.py: {[*known]}"
+    assert name in known, f"a name of results/corruptions/kinds.py: {[*known]}"
     corruption = known[name]
     case = run_case(arm, corruption)
     assert case.outcome == "named" or (

@@ -166,7 +166,7 @@ def record(case: GoldenCase, quantities: Mapping[str, tuple[Any, str]]) -> list[
 
 def main(names: Sequence[str]) -> None:
     """Record the cases of these names, or all."""
-    sys.path.append(str(FOLDER.parents[1] / "benchmarks"))
+    sys.path.append(str(FOLDER.parents[1] / "results"))
     from golden_cases import CASES
 
     for case in all_cases():

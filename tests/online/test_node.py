@@ -6,7 +6,7 @@ from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import pytest
-from picks import simulated_picks
+from simulated_picks import simulated_picks
 
 from sdp_vs_penalty.data import save
 

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from picks import SimulatedPicks, play, simulated_picks
+from simulated_picks import SimulatedPicks, play, simulated_picks
 
 from sdp_vs_penalty import (
     Estimate,
@@ -298,7 +298,7 @@ def ur10e(ur10e_runs) -> Callable[[], PayloadEstimator]:
 def test_the_real_load_is_picked_up(ur10e, ur10e_runs):
     """Ten picks in a trajectory that nothing was made from: each is dated, and 95 %
     intervals half a second later hold the mass at least eight times."""
-    from pick_runs import splice
+    from picks.pick_runs import splice
 
     bare = ur10e_runs["19_15harm50sec"]
     loaded = ur10e_runs["19_15harm50secLoad"]

@@ -1,7 +1,7 @@
 """Make README.md's results anew from results/: a small table between marker lines, two
 pictures.
 
-    python tools/update_readme.py
+    python results/tables/update_readme.py
 
 tests/test_docs.py checks that the block holds what results/ say. The pictures,
 results/figures/data.png and results/figures/joint_7.png, need the extra [plot].
@@ -13,7 +13,7 @@ import csv
 from pathlib import Path
 from statistics import median
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TABLES = ROOT / "results" / "tables"
 BEGIN = "<!-- results: begin -->\n"
 END = "<!-- results: end -->\n"

@@ -9,7 +9,7 @@ from typing import Any
 
 from mkdocs.structure.files import File
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 _RESULT = re.compile(r"\]\(\.\./(results/[\w/]+\.md)\)")
 
 

@@ -1,7 +1,7 @@
 """Draw docs/story.gif: the demo's arm moves, and its errors shrink when the hidden
 effect is found.
 
-    python tools/draw_animation.py [FILE]
+    python docs/tools/draw_animation.py [FILE]
 
 Runs the demo, then draws what it has written. Needs the extras [report] and [plot].
 """
@@ -22,7 +22,7 @@ from sdp_vs_penalty import compare, load_estimate
 from sdp_vs_penalty.diagnosis.comparison import Comparison
 from sdp_vs_penalty.reports.demo import demo
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 #: Seconds of the test run that are shown: first with one model, then with the other.
 SHOWN = (3.0, 11.0)

@@ -1,6 +1,6 @@
 """A payload in the control loop: time of an update, picks of the real UR10e, alarms.
 
-    python benchmarks/pick_runs.py [--data DATA] [--out FOLDER]
+    python results/picks/pick_runs.py [--data DATA] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder ur10e).
 A pick is a splice of two runs of one trajectory, without and with the load of 2.805 kg,

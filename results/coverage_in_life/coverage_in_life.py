@@ -1,24 +1,27 @@
 """How often 95 % intervals hold the truth where everything varies that varies in life.
 
-    python benchmarks/coverage_in_life.py [--draws 160] [--seed 0] [--out FILE]
+    python results/coverage_in_life/coverage_in_life.py [--draws 160] [--seed 0] [--out FILE]
 
 Each draw has a robot of its own (2 to 4 joints, some of which slide), links that are
 not the prior's centre, friction, a random motion of 14 s, torque noise (white or slow,
 0.5 to 5 %), and an encoder (quantised, white noise). *Planned*: the robot moves as
 planned. *Closed loop*: a PID controller with feed-forward sees the encoder, so that its
 noise, and a slow disturbance of 0.5 to 2 % of the torque, come back in both channels.
-Arms are those of `benchmarks/corruptions`; friction, controller and channels those of
-`benchmarks/challenge`, which share nothing with the library. What is judged is
+Arms are those of `results/corruptions`; friction, controller and channels those of
+`results/challenge`, which share nothing with the library. What is judged is
 `identify` as users call it, shape constants, filters and prior included; a run that it
 refuses is not counted.
 """
 
 import argparse
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+if __name__ == "__main__":  # for this process and its workers
+    sys.path[0] = str(Path(__file__).parents[1])
 
 import numpy as np
 from challenge.cases import USUAL
@@ -152,7 +155,7 @@ def main() -> None:
     head = ["situation", "quantity", "draws", "coverage", "Wilson 95 %", "median width"]
     about = (__doc__ or "").split("\n\n")[2]
     call = (
-        f"    python benchmarks/coverage_in_life.py --draws {chosen.draws} --seed"
+        f"    python results/coverage_in_life/coverage_in_life.py --draws {chosen.draws} --seed"
         f" {chosen.seed}"
     )
     text = [

@@ -1,6 +1,6 @@
 """Every figure of speed and memory, by one command.
 
-    python benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out FOLDER]
+    python results/benchmarks/run.py [--data DATA] [--only PART ...] [--rows N ...] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them (its subfolder panda;
 default: SDP_VS_PENALTY_DATA). N: rows of the recordings of the memory part. Each part
@@ -30,10 +30,12 @@ from pathlib import Path
 os.environ |= dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
 )
+if __name__ == "__main__":  # for this process and its workers
+    sys.path[0] = str(Path(__file__).parents[1])
 
-import decimated
 import numpy as np
 import pandas
+from benchmarks import decimated
 from challenge.worlds.motion import plan
 from challenge.worlds.runs import load_arm
 
@@ -362,7 +364,7 @@ def main() -> None:
     parser.add_argument(
         "--out",
         type=Path,
-        default=Path(__file__).parents[1] / "results" / "benchmarks",
+        default=Path(__file__).parent,
     )
     given = parser.parse_args()
     work = partial(
@@ -396,7 +398,7 @@ def write(out: Path, tables: list[pandas.DataFrame]) -> None:
     )
     about = (
         "Panda, the authors' run of 20 544 samples; ratios are within one process or"
-        f" in turn, by `python benchmarks/run.py` ({platform.machine()}, one thread)."
+        f" in turn, by `python results/benchmarks/run.py` ({platform.machine()}, one thread)."
         f" By scripts that are no longer here: {left}."
     )
     text = [

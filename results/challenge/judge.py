@@ -204,7 +204,7 @@ def report_text(records: Mapping[str, Record], seed: int) -> str:
             "# Challenge: does diagnose name what is hidden, and nothing else?",
             "",
             (
-                f"`benchmarks/challenge --seed {seed}`, cases as counted below. Robots,"
+                f"`results/challenge --seed {seed}`, cases as counted below. Robots,"
                 " friction, channels and hidden effects are simulated by code that"
                 " shares nothing with the library"
                 " (`sdp_vs_penalty/simulation/worlds`). Thresholds were set on other"

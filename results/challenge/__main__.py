@@ -1,7 +1,7 @@
 """How often is the diagnosis right, on robots that are simulated independently of the
 library?
 
-python benchmarks/challenge --classes clean --nuisance sign dahl --cases 4 --seed 1000 --out hidden
+python results/challenge --classes clean --nuisance sign dahl --cases 4 --seed 1000 --out hidden
 """
 
 import argparse
@@ -12,14 +12,14 @@ from pathlib import Path
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 sys.path[0] = str(Path(__file__).parents[1])  # for this process and its workers
 
-from challenge.ablation import run_ablation  # noqa: E402
-from challenge.cases import CLASSES, run_challenge, wanted  # noqa: E402
-from challenge.worlds.conditions import NUISANCES  # noqa: E402
-from sdp_vs_penalty.diagnosis.rules import Rules  # noqa: E402
+from challenge.ablation import run_ablation
+from challenge.cases import CLASSES, run_challenge, wanted
+from challenge.worlds.conditions import NUISANCES
+from sdp_vs_penalty.diagnosis.rules import Rules
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="benchmarks/challenge", description=__doc__)
+    parser = argparse.ArgumentParser(prog="results/challenge", description=__doc__)
     parser.add_argument(
         "--cases",
         type=int,

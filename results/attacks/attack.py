@@ -1,7 +1,7 @@
 """Attack the command line, and count what happens.
 
-    python benchmarks/attacks --number 400 --seed 1
-    python benchmarks/attacks --number 400 --seed 2 --kinds surroundings
+    python results/attacks --number 400 --seed 1
+    python results/attacks --number 400 --seed 2 --kinds surroundings
 
 Each attack is a command in a process of its own. It fails where the process ends by a
 signal, takes more than 30 s, prints a traceback, an internal error, a warning of NumPy,

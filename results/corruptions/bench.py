@@ -1,7 +1,7 @@
 """Every corruption on every arm: is it named, and how much harm does it do where it is
 not refused?
 
-    python benchmarks/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out FOLDER]
+    python results/corruptions --data DATA [--arms panda,sim5,drawn7] [--every 4] [--out FOLDER]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, ur10, emps,
 sim5, drawn and any number (four to seven joints), small and any number (two or three).
@@ -29,7 +29,13 @@ from pathlib import Path
 import numpy as np
 import pandas
 from challenge.judge import share
-from reliability import OF_THE_MOTION, Claim, claim, read_claims, write_claims
+from reliability.reliability import (
+    OF_THE_MOTION,
+    Claim,
+    claim,
+    read_claims,
+    write_claims,
+)
 
 from corruptions.arms import Arm, arm
 from corruptions.kinds import Corruption
@@ -344,7 +350,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
     command = (
-        f"python benchmarks/corruptions --data DATA --arms {given.arms} --every"
+        f"python results/corruptions --data DATA --arms {given.arms} --every"
         f" {given.every}"
     )
     work = partial(

@@ -1,6 +1,6 @@
 """How often is what the check calls certain, or likely, right?
 
-    python benchmarks/reliability.py results/corruptions_claims.csv results/worlds_claims.csv
+    python results/reliability/reliability.py results/corruptions_claims.csv results/worlds_claims.csv
 
 Reads the claims that the other benchmarks of the check have written: one row for each
 error or warning, with its first word ("certain", "likely" or "possible") and whether it
@@ -11,9 +11,13 @@ Writes reliability.md.
 """
 
 import argparse
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+
+if __name__ == "__main__":  # for this process and its workers
+    sys.path[0] = str(Path(__file__).parents[1])
 
 import pandas
 from challenge.judge import share
@@ -119,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     claims = pandas.concat([pandas.read_csv(path) for path in options.claims])
     names = " ".join(f"results/{path.name}" for path in options.claims)
-    text = markdown(claims, f"python benchmarks/reliability.py {names}")
+    text = markdown(claims, f"python results/reliability/reliability.py {names}")
     write_text(options.out / "reliability.md", text)
 
 

@@ -1,6 +1,6 @@
 """What the check says of real logs that nothing is wrong with: whole, in halves, together.
 
-    python benchmarks/check_real.py --data DATA --out FOLDER [--arms panda,emps]
+    python results/reliability/check_real.py --data DATA --out FOLDER [--arms panda,emps]
 
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Every error is false,
 and so is every claim about the dynamics but those of KNOWN. Facts are read from the file
@@ -9,12 +9,22 @@ real_claims.csv for reliability.py. Arms that are in real_logs.csv are not judge
 """
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+if __name__ == "__main__":  # for this process and its workers
+    sys.path[0] = str(Path(__file__).parents[1])
+
 import pandas
-from reliability import OF_THE_MOTION, Claim, claim, read_claims, write_claims
+from reliability.reliability import (
+    OF_THE_MOTION,
+    Claim,
+    claim,
+    read_claims,
+    write_claims,
+)
 
 from sdp_vs_penalty import load_measurements, load_problem
 from sdp_vs_penalty.checks import check_runs

@@ -1,6 +1,6 @@
 """How long the page takes, in a real browser.
 
-    python benchmarks/page_timings.py [--repeats N] [--out FOLDER]
+    python results/page_timings/page_timings.py [--repeats N] [--out FOLDER]
 
 Needs the extras [page] and [test] and Chromium. Starts the verb ``page``, opens it and
 measures, in seconds of wall time: the first load, a click on a stage, three runs of

@@ -275,7 +275,7 @@ def ablation_text(known: Mapping[str, Arms]) -> str:
             "# What each rule of the search buys",
             "",
             (
-                "`benchmarks/challenge --without RULE`: the same cases with all rules and"
+                "`results/challenge --without RULE`: the same cases with all rules and"
                 " without one. + cases that the rule mends, - cases that it spoils; in"
                 " brackets the chance of a split at least as uneven (McNemar, exact) and"
                 " the 95 % interval of the share of cases that it mends less that it"

@@ -1,6 +1,6 @@
 """What the check says of logs that nothing is wrong with: the worlds of the challenge.
 
-    python benchmarks/check_worlds.py --cases 5 --seed 1000 --out FOLDER
+    python results/check_worlds/check_worlds.py --cases 5 --seed 1000 --out FOLDER
 
 Each world is a simulated arm with friction laws, sensors and servo that the library does
 not share, some with an effect that `diagnose` would name. Nothing was done to their logs,
@@ -23,15 +23,16 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-sys.path[0] = str(Path(__file__).parent)  # for this process and its workers
+if __name__ == "__main__":  # for this process and its workers
+    sys.path[0] = str(Path(__file__).parents[1])
 
-import numpy as np  # noqa: E402
-import pandas  # noqa: E402
-from challenge.cases import CLASSES, BuiltCase, Case, build_case, wanted  # noqa: E402
-from challenge.judge import share  # noqa: E402
-from challenge.worlds.conditions import NUISANCES, Channel  # noqa: E402
-from challenge.worlds.runs import urdf_of  # noqa: E402
-from reliability import (  # noqa: E402
+import numpy as np
+import pandas
+from challenge.cases import CLASSES, BuiltCase, Case, build_case, wanted
+from challenge.judge import share
+from challenge.worlds.conditions import NUISANCES, Channel
+from challenge.worlds.runs import urdf_of
+from reliability.reliability import (
     OF_THE_MOTION,
     Claim,
     claim,
@@ -39,11 +40,11 @@ from reliability import (  # noqa: E402
     write_claims,
 )
 
-from sdp_vs_penalty.checks import Issue, check_runs  # noqa: E402
-from sdp_vs_penalty.errors import InputError  # noqa: E402
-from sdp_vs_penalty.files import write_text  # noqa: E402
-from sdp_vs_penalty.problem.load import load_problem  # noqa: E402
-from sdp_vs_penalty.results.table import markdown_lines  # noqa: E402
+from sdp_vs_penalty.checks import Issue, check_runs
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.files import write_text
+from sdp_vs_penalty.problem.load import load_problem
+from sdp_vs_penalty.results.table import markdown_lines
 
 #: Statements about the arm or the motion, no fault of the log.
 ABOUT_THE_ARM = {
@@ -248,7 +249,9 @@ def main() -> None:
         which = f"--cases {options.cases} --seed {options.seed}"
     order = np.random.default_rng(options.seed).permutation(len(cases))
     cases = [cases[k] for k in order]
-    command = f"python benchmarks/check_worlds.py {which} --every {options.every}"
+    command = (
+        f"python results/check_worlds/check_worlds.py {which} --every {options.every}"
+    )
     rows = read_rows(options.out / "check_worlds.csv")
     claims = read_claims(options.out / "worlds_claims.csv") if rows else []
     known = {row.case for row in rows}

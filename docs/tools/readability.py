@@ -1,6 +1,6 @@
 """Words a sentence of the documentation: the mean of each page, and its longest sentence.
 
-    python tools/readability.py [PAGE.md ...]
+    python docs/tools/readability.py [PAGE.md ...]
 
 Tables, code, pictures, headings and block quotes of printed text are left out. A colon
 or a semicolon ends no sentence.
@@ -12,7 +12,7 @@ import re
 import sys
 from pathlib import Path
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[1]
 #: Words a sentence: the mean of a page, and the longest of all.
 MEAN = 16.0
 LONGEST = 30

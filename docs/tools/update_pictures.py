@@ -1,7 +1,7 @@
 """Make the pictures of docs/ anew, in a browser: the report's first section, and the
 page's screens.
 
-    python tools/update_pictures.py [FOLDER]
+    python docs/tools/update_pictures.py [FOLDER]
 
 Needs the extras [report], [page] and [test], and Chromium.
 """
@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "helpers"))
 
 from page_driver import browsing, go, idle, key, open_page, serving  # noqa: E402
