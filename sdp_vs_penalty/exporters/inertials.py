@@ -211,7 +211,7 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
-    """A row a link.
+    """One row for each link.
 
     Parameters
     ----------

@@ -81,7 +81,7 @@ def chart_and_arm(
 
 
 class ArmScene:
-    """A scene with its clock; a group a joint, in it the links that it carries."""
+    """A scene with its clock; one group for each joint with the links that it carries."""
 
     def __init__(
         self,

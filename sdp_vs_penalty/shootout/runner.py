@@ -179,7 +179,7 @@ def perform(task: Assignment) -> list[Row]:
     Returns
     -------
     list of dict
-        A row a run.
+        One row for each run.
 
     Raises
     ------

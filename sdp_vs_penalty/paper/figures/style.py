@@ -97,7 +97,7 @@ def draw_torques(
     Parameters
     ----------
     axes : (n, 2) array of Axes
-        A row a joint.
+        One row for each joint.
     t : (M,) array
         Instants [s].
     known : (M, n) array
@@ -138,7 +138,7 @@ def label_joints(
     Parameters
     ----------
     axes : (n, k) array of Axes
-        A row a joint.
+        One row for each joint.
     units : sequence of str
         Of each joint's quantity.
     what : str

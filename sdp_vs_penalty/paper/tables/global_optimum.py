@@ -225,7 +225,7 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
     Returns
     -------
     DataFrame
-        A row a run and weight.
+        One row for each run and weight.
     """
     rows = list[Row]()
     for problem in searched:
