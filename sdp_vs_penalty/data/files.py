@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.formats import bag, csv, format_of, suffixes
+from sdp_vs_penalty.data.formats import FILE_SEPARATOR, csv, format_of, suffixes
 from sdp_vs_penalty.data.formats.columns import Choice, Header
-from sdp_vs_penalty.data.formats.joined import files_of_run, read_joined
 from sdp_vs_penalty.data.measurements import (
     LARGEST_VALUE,
     Measurements,
@@ -239,7 +238,7 @@ def run_files(path: str | Path) -> list[Path]:
         A pattern that matches nothing.
     """
     path = Path(path)
-    if files_of_run(path):
+    if _is_joined(path):
         return [path]
     if os.path.isdir(path) and format_of(path) is None:
         return sorted(p for p in path.iterdir() if p.suffix.lower() in suffixes()) or [
@@ -252,6 +251,16 @@ def run_files(path: str | Path) -> list[Path]:
             raise InputError("no file matches this pattern", "check its name", path)
         return paths
     return [path]
+
+
+def _is_joined(path: Path) -> bool:
+    """Whether a path stands for one run in several files: "a.csv+b.csv", or a folder
+    with a file for each quantity."""
+    if not path.is_dir() and FILE_SEPARATOR not in str(path):
+        return False
+    from sdp_vs_penalty.data.formats.joined import files_of_run
+
+    return bool(files_of_run(path))
 
 
 def windowed(
@@ -333,9 +342,10 @@ def read_run(
         raise InputError(what, "give the samples a second, like --rate 1000")
     choice = Choice(names, topic, rename, rate)
     path = Path(path)
-    files = files_of_run(path)
-    if files:
-        run = read_joined(path, files, choice)
+    if _is_joined(path):
+        from sdp_vs_penalty.data.formats.joined import files_of_run, read_joined
+
+        run = read_joined(path, files_of_run(path), choice)
     else:
         with reading(path) as path:
             run = _read_by_its_format(path, choice)
@@ -358,7 +368,7 @@ def _read_by_its_format(path: Path, choice: Choice) -> Measurements:
     home = format_of(path) or csv
     if home is csv and path.is_dir():
         raise InputError("no runs in this folder", "name the file of the run", path)
-    if choice.topic is not None and home is not bag:
+    if choice.topic is not None and not getattr(home, "HAS_TOPICS", False):
         what = "only ROS bags and MCAP files have topics"
         raise InputError(what, "leave --topic out", path)
     run: Measurements = home.read(path, choice)

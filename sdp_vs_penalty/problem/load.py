@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from sdp_vs_penalty.data.datasets import to_joints
 from sdp_vs_penalty.data.files import read_run, save
 from sdp_vs_penalty.data.formats.renaming import scaled
 from sdp_vs_penalty.data.measurements import Measurements
@@ -644,6 +643,8 @@ def convert(
     if scale:
         run = scaled(run, scale)
     if transmission is not None:
+        from sdp_vs_penalty.data.datasets import to_joints
+
         run = to_joints(run, transmission)
     if out is not None:
         save(run, out)

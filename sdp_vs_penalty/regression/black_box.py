@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sdp_vs_penalty.data.formats.npz import numeric_arrays
 from sdp_vs_penalty.data.store import digest
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.errors import InputError, other_robot
@@ -111,6 +110,8 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
             "name one",
             path,
         )
+    from sdp_vs_penalty.data.formats.npz import numeric_arrays
+
     arrays = numeric_arrays(path)
     _check_shapes(arrays, path)
     q = arrays["q"]

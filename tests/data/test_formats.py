@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import run_cli
+from commands import python, run_cli
 from recorded import refusal
 from scipy.io import savemat
 from small_runs import small_run, write_bag
@@ -47,6 +47,21 @@ def same(a: Measurements, b: Measurements) -> None:
     assert a.groups.keys() == b.groups.keys()
     for name, block in {"t": a.t, **a.groups}.items():
         np.testing.assert_array_equal(block, b.t if name == "t" else b.groups[name])
+
+
+def test_a_file_with_our_names_imports_its_own_format_alone(tmp_path):
+    """Neither other formats nor the tables of words and loggers: start-up is short."""
+    save(some_run(), tmp_path / "run.csv")
+    code = (
+        "import sys\nfrom sdp_vs_penalty.data import load_measurements\n"
+        f"load_measurements({str(tmp_path / 'run.csv')!r})\n"
+        "print(*(name for name in sys.modules if '.data.' in name))"
+    )
+    loaded = {name.split(".")[-1] for name in python("-c", code).stdout.split()}
+    assert "csv" in loaded
+    foreign = {"bag", "joined", "npy", "npz", "matlab", "parquet", "jsonl"}
+    tables = {"headerless", "long_table", "loggers", "column_names", "column_sets"}
+    assert not loaded & (foreign | tables)
 
 
 @pytest.mark.parametrize("velocity", [True, False])

@@ -8,10 +8,15 @@ afterwards, or mended by the data check.
 """
 
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from types import ModuleType
 
 from sdp_vs_penalty.plugins import modules
+
+#: What stands between the files of one run: "positions.csv+torques.csv".
+FILE_SEPARATOR = "+"
 
 
 @cache
@@ -51,10 +56,20 @@ def format_of(path: Path) -> ModuleType | None:
     ModuleType | None
         The module that reads it; None where nothing claims it.
     """
+    if path.is_dir():
+        of_folders = [home for home in formats() if hasattr(home, "FOLDER")]
+        return next((home for home in of_folders if any(path.glob(home.FOLDER))), None)
     suffix = path.suffix.lower()
-    folder = path.is_dir()
-    for home in formats():
-        holds = getattr(home, "FOLDER", None)
-        if (holds and any(path.glob(holds))) if folder else suffix in home.SUFFIXES:
-            return home
-    return None
+    called_so = _format_called(suffix.removeprefix("."))
+    if called_so is not None and suffix in called_so.SUFFIXES:
+        return called_so  # csv.py reads .csv: no other format is imported for it
+    return next((home for home in formats() if suffix in home.SUFFIXES), None)
+
+
+@cache
+def _format_called(name: str) -> ModuleType | None:
+    """Import the format whose module has this name, "csv"; None where none has."""
+    if all(module.name != name for module in iter_modules(__path__)):
+        return None
+    module = import_module(f"{__name__}.{name}")
+    return module if hasattr(module, "SUFFIXES") else None

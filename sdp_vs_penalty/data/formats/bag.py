@@ -26,6 +26,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 FOLDER = "metadata.yaml"
+#: Whether such a file holds several topics, of which ``--topic`` chooses one.
+HAS_TOPICS = True
 _TYPE = "sensor_msgs/msg/JointState"
 #: What a message of this type is made of.
 _PARTS = (_TYPE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")

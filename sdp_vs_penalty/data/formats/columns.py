@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.catalogue import fetch_remedy
-from sdp_vs_penalty.data.formats.column_names import is_no_measurement, read_name
 from sdp_vs_penalty.data.formats.recognition import (
     AmbiguousColumnsError,
     CellTable,
@@ -524,6 +522,8 @@ def _lacking(
     remedy: str,
 ) -> InputError:
     """The error of a file without columns, with the command that names them."""
+    from sdp_vs_penalty.data.catalogue import fetch_remedy
+
     shown = f"{problem} (columns: {brief_names(names)})"
     how = remedy or fetch_remedy(path) or _rename_command(path, names, missing)
     return InputError(shown, how, what)
@@ -667,6 +667,8 @@ def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, s
         By group the file's name, "NAME" where none fits; by "q*" a pattern of numbered
         columns. Positions stand before torques in most files.
     """
+    from sdp_vs_penalty.data.formats.column_names import is_no_measurement
+
     clock = find_clock(names)
     families = [
         (pattern, columns)
@@ -700,6 +702,8 @@ def _scale_of_proposal(
     pairs: Mapping[str, str], names: Sequence[str]
 ) -> dict[str, float]:
     """The factors that the names of proposed columns say, by our names."""
+    from sdp_vs_penalty.data.formats.column_names import read_name
+
     scale = dict[str, float]()
     for our_name, pattern in pairs.items():
         columns = _numbered_families(names).get(pattern, [pattern])
@@ -711,6 +715,8 @@ def _scale_of_proposal(
 
 def _quantity_of(name: str) -> str | None:
     """The quantity that a name says; None where it says none."""
+    from sdp_vs_penalty.data.formats.column_names import read_name
+
     reading = read_name(name)
     return None if reading is None else reading.quantity
 

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.formats.columns import Choice, Header, columns_of
-from sdp_vs_penalty.data.formats.headerless import names_without_header
-from sdp_vs_penalty.data.formats.long_table import find_long_form, read_long
+from sdp_vs_penalty.data.formats.columns import GROUPS, Choice, Header, columns_of
 from sdp_vs_penalty.data.formats.recognition import CellTable
+from sdp_vs_penalty.data.formats.renaming import group_of
 from sdp_vs_penalty.data.formats.stamps import past_midnight
 from sdp_vs_penalty.data.formats.text_columns import (
     EmptyCellError,
@@ -23,7 +22,6 @@ from sdp_vs_penalty.data.formats.text_columns import (
 )
 from sdp_vs_penalty.data.formats.text_table import TextTable, inspect_table
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.data.merging import merge_columns
 from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import writing
 from sdp_vs_penalty.robot.arrays import Array
@@ -58,15 +56,20 @@ def read(path: Path, choice: Choice) -> Measurements:
     table = inspect_table(path)
     names = list(table.names)
     if not table.has_header and names[0] == "#1" and not choice.rename:
+        from sdp_vs_penalty.data.formats.headerless import names_without_header
+
         names = names_without_header(
             path,
             len(names),
             choice,
             lambda: read_columns(path),
         )
-    form = find_long_form(table)
-    if form is not None:
-        return read_long(table, form, choice)
+    if not _has_channels_alone(table):
+        from sdp_vs_penalty.data.formats.long_table import find_long_form, read_long
+
+        form = find_long_form(table)
+        if form is not None:
+            return read_long(table, form, choice)
     header = Header.of(
         path,
         names,
@@ -79,6 +82,12 @@ def read(path: Path, choice: Choice) -> Measurements:
     clock = () if choice.rate is not None else header.groups.get("t", ())
     is_text = any(table.kinds[names.index(name)] == "stamp" for name in clock)
     return replace(run, t=past_midnight(run.t)) if is_text else run
+
+
+def _has_channels_alone(table: TextTable) -> bool:
+    """Whether all columns are called as in RUN.csv (t, q1 ..., tau1 ...), so that none
+    can say of which joint a row is."""
+    return {group_of(name) for name in table.names} <= {"t", *GROUPS}
 
 
 def _run_of_columns(
@@ -233,6 +242,8 @@ def _sparse_columns(
     """The columns of a table in which some have rows of their own, as topics of
     different times have: what is nearest in time comes together. None where no more
     than a few rows lack a cell, which is a fault."""
+    from sdp_vs_penalty.data.merging import merge_columns
+
     numbers, columns = read_cells(table, chosen)
     n_incomplete = sum(not all(row) for row in zip(*columns, strict=True))
     if n_incomplete < _SPARSE_ROWS:

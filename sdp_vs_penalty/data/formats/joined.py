@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.formats import csv, format_of
+from sdp_vs_penalty.data.formats import FILE_SEPARATOR, csv, format_of
 from sdp_vs_penalty.data.formats.column_names import read_name
 from sdp_vs_penalty.data.formats.columns import Choice, Header
 from sdp_vs_penalty.data.formats.recognition import CellTable, find_clock, recognise
@@ -23,8 +23,6 @@ from sdp_vs_penalty.errors import InputError, Remark
 from sdp_vs_penalty.files import reading
 from sdp_vs_penalty.robot.arrays import Array
 
-#: What stands between the files of one run.
-MARK = "+"
 #: Suffixes of the files of a folder that holds one run, a file a quantity.
 _SUFFIXES = (".csv", ".txt", ".tsv", ".dat", ".npy")
 
@@ -124,7 +122,7 @@ def files_of_run(path: Path) -> list[Path]:
     """
     if path.is_dir():
         return [] if format_of(path) else _files_of_folder(path)
-    names = str(path).split(MARK)
+    names = str(path).split(FILE_SEPARATOR)
     if len(names) < 2 or path.exists() or not all(names):
         return []
     folder = Path(names[0]).parent

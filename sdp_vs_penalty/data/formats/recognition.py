@@ -8,23 +8,17 @@ Where several sets of torques belong to the positions, the best word is taken: a
 before a current. Where two sets of positions are as good, nobody guesses.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from sdp_vs_penalty import formatting
-from sdp_vs_penalty.data.formats.column_names import JointNames, Reading, read_name
-from sdp_vs_penalty.data.formats.column_sets import ColumnSet, SetChoice, choose_sets
-from sdp_vs_penalty.data.formats.loggers import (
-    LOGGERS,
-    as_list,
-    columns_of_logger,
-    columns_of_pattern,
-)
 from sdp_vs_penalty.data.formats.renaming import (
     group_of,
     parts_of,
@@ -35,6 +29,12 @@ from sdp_vs_penalty.data.formats.stamps import find_two_parts
 from sdp_vs_penalty.data.formats.units import SHARES, UNITS
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.robot.arrays import Array
+
+# Files with our own names need no tables of words and loggers: their functions are
+# imported where a foreign file is recognised.
+if TYPE_CHECKING:
+    from sdp_vs_penalty.data.formats.column_names import JointNames, Reading
+    from sdp_vs_penalty.data.formats.column_sets import ColumnSet, SetChoice
 
 #: Our names (t, q1 ..., or q for a block) to the file's; factors by our names, where
 #: they are not 1.
@@ -327,6 +327,8 @@ def find_clock(names: Sequence[str]) -> str | None:
     str | None
         Its name, "sec+nanosec" where it is in two parts; None without.
     """
+    from sdp_vs_penalty.data.formats.column_names import read_name
+
     pair = find_two_parts(names)
     if pair is not None:
         return "+".join(pair)
@@ -346,6 +348,8 @@ def _by_logger(
     table: CellTable | None,
 ) -> Recognition | None:
     """What a logger of the table writes; None where the file is none of theirs."""
+    from sdp_vs_penalty.data.formats.loggers import LOGGERS, columns_of_logger
+
     for logger in LOGGERS:
         groups = columns_of_logger(logger, usable)
         clock = _first_present(logger["t"], usable)
@@ -389,6 +393,8 @@ def _joints_of_logger(
 ) -> tuple[tuple[str, ...], list[Hashable]]:
     """The joints' names where the file says them, and the keys of their columns, both
     in the robot's order."""
+    from sdp_vs_penalty.data.formats.loggers import columns_of_pattern
+
     if keys != [""] and all(isinstance(key, str) for key in keys):
         in_order = _in_order_of(joints, [str(key) for key in keys])
         return tuple(in_order), list(in_order)
@@ -454,6 +460,8 @@ def _unit_of_clock(names: Sequence[str], table: CellTable | None) -> tuple[str, 
 
 def _first_present(patterns: Any, names: Sequence[str]) -> str | None:
     """The first of some names, or sums of two, that the file has."""
+    from sdp_vs_penalty.data.formats.loggers import as_list
+
     for pattern in as_list(patterns):
         if set(parts_of(pattern, names)) <= set(names):
             return str(pattern)
@@ -539,6 +547,9 @@ def _read_and_choose(
 ) -> tuple[dict[str, Reading], SetChoice | None]:
     """What the names say, and the sets of columns; without the robot's joints where only
     some of them are in the names and other words tell as many columns apart."""
+    from sdp_vs_penalty.data.formats.column_names import JointNames
+    from sdp_vs_penalty.data.formats.column_sets import choose_sets
+
     n_joints = len(joints) if joints else None
     with_joints = _readings(usable, JointNames(joints) if joints else None)
     choice = choose_sets(with_joints, n_joints)
@@ -558,6 +569,8 @@ def _one_joint_of_several(
 ) -> SetChoice:
     """The sets of "A angle" to "F angle" where "A angle" was chosen alone, because "A"
     says nothing; a column of lists holds all joints by itself."""
+    from sdp_vs_penalty.data.formats.column_sets import choose_sets
+
     positions = choice.sets["q"]
     name = next(iter(positions.columns.values()))
     is_list = table is None or table.kinds.get(name) != "number"
@@ -572,6 +585,8 @@ def _readings(
     names: Sequence[str], joint_names: JointNames | None
 ) -> dict[str, Reading]:
     """What each name says, of those that say something."""
+    from sdp_vs_penalty.data.formats.column_names import read_name
+
     readings = {name: read_name(name, joint_names) for name in names}
     return {name: r for name, r in readings.items() if r is not None}
 
