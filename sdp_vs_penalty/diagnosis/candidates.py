@@ -24,47 +24,61 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 
 def list_candidates(data: WhiteData) -> Library:
-    """Every effect on every joint or on the robot, with the shape constants that its file
-    says a search begins with; and the model's own with other constants.
+    """List all candidates of a search: effects on joints, and other values of own
+    constants.
 
-    What is special about an effect (a plausible size, a sign, a plainer form, whether it
-    needs a standstill to show) is said in its file and nowhere else. What passes for
-    something else in these rows by what its file says (a ripple of less than a wave) is
-    no candidate there.
+    Every effect of the library is a candidate on each joint or on the robot, with the
+    shape constants that its file declares as starts. Each of the model's own effects is
+    one with other values of its estimated constants. An effect that could not be told
+    from something else in these rows (a ripple of which less than a wave was travelled)
+    is left out.
+
+    Parameters
+    ----------
+    data
+        The log's rows in units of their noise, with the model attached.
+
+    Returns
+    -------
+    Library
+        The candidates, with white columns, in batches. A batch holds candidates of the
+        same joints, the same number of coefficients and the same dependence on the
+        current model; each constant of the model's own has a batch for itself.
     """
     groups = dict[Hashable, list[tuple[Candidate, dict[int, Array]]]]()
     for form in (*effect_candidates(data), *own_constant_candidates(data)):
         white = white_candidate(data, form)
-        if white:
-            key = form.key if form.replaces_own_constant else None
+        if white:  # it changes the torque of some joint
+            own_key = form.key if form.replaces_own_constant else None
             joints = tuple(sorted(white))
-            group = joints, form.n_coefficients, depends(form.effect), key
+            group = joints, form.n_coefficients, depends(form.effect), own_key
             groups.setdefault(group, []).append((form, white))
     batches = []
-    for pairs in groups.values():
-        forms, columns = zip(*pairs, strict=True)
-        batches.append(
-            Batch.of(
-                tuple(sorted(columns[0])),
-                forms,
-                columns,
-            )
-        )
-    laws = {f.discrete_choice: f for b in batches for f in b.forms}
-    return Library(tuple(batches), Counter(f.key for f in laws.values()))
+    for members in groups.values():
+        forms, columns = zip(*members, strict=True)
+        joints = tuple(sorted(columns[0]))
+        batches.append(Batch.of(joints, forms, columns))
+    form_by_law = {f.discrete_choice: f for b in batches for f in b.forms}
+    n_laws_by_key = Counter(f.key for f in form_by_law.values())
+    return Library(tuple(batches), n_laws_by_key)
 
 
 def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
-    """Every effect of the library.
+    """Yield every effect of the library on every joint, with each of its starting
+    constants.
 
-    What the model already has on a joint is left out, unless it is held fixed and may
-    have changed.
+    Left out are effects that the model has on that joint already (unless the model is
+    held fixed: they may have changed), that need a motor encoder or a temperature that
+    was not logged, that show at standstill only on a joint that never stands, and those
+    that other effects pass for in these rows.
     """
     rows = data.rows
     model = data.estimate.model
     taken = set[Key]() if data.frozen else _keys_of(model)
     start = min(float(s.motion.t[0]) for s in rows.segments)
-    stands = np.mean(rows.still > 0.5, axis=0) > STANDS
+    stands = (
+        np.mean(rows.still > 0.5, axis=0) > STANDS
+    )  # (n,) joints that stand at times
     is_shown = _Shown(rows)
     for name, kind in effect_types().items():
         if kind.frozen_only and not data.frozen:
@@ -81,7 +95,10 @@ def effect_candidates(data: WhiteData) -> Iterator[Candidate]:
 
 
 def _keys_of(model: Model) -> set[Key]:
-    """Of the effects that a model has, but those that may come several times."""
+    """Return (name, joint from 0, or None for the robot) of the effects of a model.
+
+    Effects that may come several times on a joint are left out: more can be added.
+    """
     out = set[Key]()
     for effect in model.effects:
         if effect.whole_robot and not effect.several:
@@ -92,16 +109,25 @@ def _keys_of(model: Model) -> set[Key]:
 
 
 class _Shown:
-    """Whether rows show an effect: what it needs was measured, and nothing else passes
-    for it, whatever its size."""
+    """Tells whether the logged rows can show an effect at all.
+
+    They do if all that the effect needs was measured (temperature, motor encoders), and
+    if the travelled range is enough to tell it from others, whatever its size.
+    """
 
     def __init__(self, rows: SegmentedRuns) -> None:
+        """Note what the rows hold: temperatures, motor encoders, and each joint's
+        coverage.
+        """
         motions = [s.motion for s in rows.segments]
         self.has_temperature = all(m.temperature is not None for m in motions)
         self.has_motors = all(m.motors is not None for m in motions)
         self.coverage = [rows.seen(joint) for joint in range(rows.n)]
 
     def __call__(self, effect: Effect) -> bool:
+        """Return whether the rows can show the effect; ``looks_like`` is asked for a
+        size of 0.
+        """
         if effect.needs_temperature and not self.has_temperature:
             return False
         return not effect.looks_like(0.0, self.coverage[effect.joints[0]])

@@ -1,6 +1,6 @@
-"""How far a finding is to be believed: one table of named doubts.
+"""How far a finding can be trusted: a table of named reasons for doubt.
 
-A finding with no doubt is confident; a weak one prints its own.
+A finding without doubts is confident. One with doubts is weak and lists them.
 """
 
 from __future__ import annotations
@@ -32,10 +32,12 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Judged:
-    """A finding and all that its confidence is judged by.
+    """One finding with all that its confidence is judged by.
 
-    left : of all findings; errors (2, n) : held out, before and after it; curves : that
-    were measured.
+    search : all findings beside the model; left : the torque that all findings leave
+    unexplained; term : the finding; size : its parameters with covariance; errors (2,
+    n) : RMS error of each joint [N m or N] on data left out, without and with it;
+    curves : the measured curves that were accepted.
     """
 
     search: Search
@@ -57,9 +59,11 @@ class Judged:
 
     @cached_property
     def value_and_std(self) -> tuple[float, float]:
-        """Its size and the standard deviation where its shape constants are exact.
+        """The finding's size and its standard deviation for exact shape constants, in
+        SI units.
 
-        An error of an exponent changes the number, and hardly the torque.
+        The error of a shape constant is left out here: a different exponent changes the
+        number, but hardly the torque.
         """
         return size_of(
             self.effect,
@@ -69,20 +73,31 @@ class Judged:
 
     @property
     def looks_like(self) -> str:
-        """What else a model may lack that passes for it, in words."""
+        """What else a model may lack that these rows would show as this effect, in
+        words.
+
+        Empty where there is nothing.
+        """
         coverage = self.search.data.rows.seen(self.effect.joints[0])
         return self.effect.looks_like(self.value_and_std[0], coverage)
 
 
 def _is_uncertain(x: Judged) -> bool:
-    """Nothing is known of a size of zero."""
+    """Return whether the relative standard deviation of the size is above UNCERTAIN (20
+    %).
+
+    It is computed for exact shape constants. A size of zero counts as uncertain.
+    """
     size, std = x.value_and_std
     return not std < UNCERTAIN * abs(size)
 
 
 def _is_insignificant(x: Judged) -> bool:
-    """Its size is not told from zero, its shape constants being as uncertain as they
-    are."""
+    """Return whether the size is less than two standard deviations (SIGNIFICANT) from
+    zero.
+
+    The standard deviation includes the errors of the shape constants.
+    """
     size, std = size_of(
         x.effect,
         x.size.beta,
@@ -92,8 +107,14 @@ def _is_insignificant(x: Judged) -> bool:
 
 
 def _leaves_more(x: Judged) -> bool:
-    """More is left on its joints than it explains there, or in all: a wrong gain shows
-    on those that it keeps from a fit."""
+    """Return whether more squared error is left on the finding's joints than it
+    explains.
+
+    Explained is the fall of the squared held-out error, on its joints or over all
+    joints, whichever is larger: removing a wrong gain of one channel helps other joints
+    too. Always False where the size of the noise is unknown, since what is left is then
+    not known either.
+    """
     if not x.search.data.known:
         return False
     gained = x.errors[0] ** 2 - x.errors[1] ** 2
@@ -103,17 +124,29 @@ def _leaves_more(x: Judged) -> bool:
 
 
 def _is_shared(x: Judged) -> bool:
-    """Other findings make most of its energy beside the model's columns."""
+    """Return whether other findings can make more than 80 % of this finding's torque.
+
+    Compared are the squares of the torque that the model's columns leave of it, without
+    and with the other findings' columns. The standard deviation of its size is then
+    more than 2.2 times as large as alone.
+    """
     search = x.search
-    others = [t for t in search.terms if t != x.term]
-    alone = search.score.fit([], search.fit).energy(x.term)
-    beside = search.score.fit(others, search.fit).energy(x.term)
-    return 1.0 - beside / max(alone, 1e-300) > 1.0 - UNCERTAIN
+    others = [t for t in search.terms if t is not x.term]
+    fit_of_model = search.score.fit([], search.fit)
+    fit_with_others = search.score.fit(others, search.fit)
+    energy_alone = max(fit_of_model.energy(x.term), 1e-300)
+    share_left = fit_with_others.energy(x.term) / energy_alone
+    return 1.0 - share_left > 1.0 - UNCERTAIN
 
 
 def _is_implausible(x: Judged) -> bool:
-    """It makes more torque than there is, or is larger than its effect says is
-    plausible."""
+    """Return whether the size is impossible, or far above what its effect calls
+    plausible.
+
+    Impossible: its mean squared torque exceeds the measured one on some joint. Far
+    above: the RMS of its parameters is more than three of their plausible standard
+    deviations.
+    """
     rows = x.search.data.rows
     beta = x.size.beta
     torque = np.mean((spread_columns(rows, x.effect) @ beta) ** 2, axis=1)
@@ -142,22 +175,35 @@ DOUBTS: Mapping[str, Callable[[Judged], bool]] = {
 
 
 def reasons_for_doubt(x: Judged) -> dict[str, str]:
-    """Why a finding is weak, by name, with what is said of it.
+    """List the reasons to doubt a finding; a finding without any is confident.
 
-    About the finding: another effect fits as well, the size is uncertain, not told from
-    zero or not plausible, the gain is small, no held-out error falls. About what is around it: more
-    is left than explained, other findings make most of its torque, something else looks
-    so, a curve does better.
+    Reasons about the finding itself: another effect fits as well; its size is
+    uncertain, not different from zero, or not plausible; its evidence is small; it
+    lowers no joint's error on data left out. Reasons about its surroundings: more is
+    left unexplained than it explains; other findings can make most of its torque;
+    something else looks like it; a measured curve does better.
+
+    Parameters
+    ----------
+    x
+        The finding with all that it is judged by.
+
+    Returns
+    -------
+    dict of str to str
+        A sentence for each reason, by the name of the reason (the keys of REASONS).
     """
     sentences = {**REASONS, "looks_like": x.looks_like}
     return {name: sentences[name] for name, holds in DOUBTS.items() if holds(x)}
 
 
 def invisible_effects(search: Search) -> tuple[Invisible, ...]:
-    """Candidates whose energy the model's own columns absorb, whatever their shape.
+    """List the effects that no such recording can show, since the model absorbs their
+    torque.
 
-    What was found all the same has shown itself, and its standard deviation says how
-    well.
+    The model's own columns absorb all but ABSORBED (0.1 %) of their white torque's
+    squares, for every shape tried. Effects that were found nevertheless are not listed.
+    Empty for a model held fixed, which absorbs nothing.
     """
     if search.data.frozen:
         return ()
@@ -167,13 +213,10 @@ def invisible_effects(search: Search) -> tuple[Invisible, ...]:
         absorbed = search.score.absorbed(fit, batch)
         for form, share in zip(batch.forms, absorbed.tolist(), strict=True):
             shares[form.key] = min(shares.get(form.key, 1.0), share)
-    found = {t.key for t in search.terms}
-    return tuple(
-        Invisible(
-            name,
-            () if joint is None else (joint + 1,),
-            share,
-        )
-        for (name, joint), share in shares.items()
-        if share > 1.0 - ABSORBED and (name, joint) not in found
-    )
+    keys_found = {t.key for t in search.terms}
+    invisible = []
+    for (name, joint), share in shares.items():
+        if share > 1.0 - ABSORBED and (name, joint) not in keys_found:
+            joints = () if joint is None else (joint + 1,)
+            invisible.append(Invisible(name, joints, share))
+    return tuple(invisible)

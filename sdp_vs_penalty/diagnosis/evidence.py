@@ -57,9 +57,12 @@ from sdp_vs_penalty.robot.arrays import Array
 class _Beside:
     """A candidate beside a fit, and what may move with it.
 
-    to_beat : the fit that it has to better; fit : beside which it stands; T (n, M, K) :
-    what that leaves of its k columns, which come first, and of what else may move; known
-    (K,) : standard deviations of all coefficients about zero.
+    to_beat : the fit that the candidate has to improve on. fit : the fit that it is
+    added to (without the present value, where the candidate is another value of a
+    constant of the model's own). T (n joints, M rows, K) : what that fit's columns
+    leave of the candidate's k white columns, which come first, and of further columns
+    that may move with it. known (K,) : standard deviations of all coefficients about
+    zero, known beforehand.
     """
 
     form: Candidate
@@ -70,39 +73,48 @@ class _Beside:
 
     @property
     def k(self) -> int:
-        """How many coefficients the candidate has."""
+        """The number of coefficients of the candidate itself."""
         return self.form.n_coefficients
 
     @cached_property
     def gram(self) -> Array:
-        """(K, K) products of the columns."""
+        """(K, K) the products T'T over all joints and rows."""
         flat = self.T.reshape(-1, self.T.shape[2])
         return np.asarray(flat.T @ flat)
 
     @cached_property
     def information(self) -> Array:
-        """(K, K) the same with what is known of the sizes."""
+        """(K, K) the information matrix T'T + diag(known^-2), with the prior on the
+        coefficients.
+        """
         return np.asarray(self.gram + np.diag(self.known**-2.0))
 
     @cached_property
     def pull(self) -> Array:
-        """(K,) products of the columns with the residual."""
+        """(K,) the products T'r with the residual r of the fit."""
         flat = self.T.reshape(-1, self.T.shape[2])
         return np.asarray(flat.T @ self.fit.residual.ravel())
 
     @cached_property
     def nonnegative(self) -> NDArray[np.bool_]:
-        """(K,) which coefficients may not be negative."""
+        """(K,) flags: which coefficients must not be negative; none of the further
+        columns.
+        """
         moving = np.zeros(self.T.shape[2] - self.k, bool)
         return np.append(self.form.nonnegative, moving)
 
     @cached_property
     def beta(self) -> Array:
-        """(K,) coefficients."""
+        """(K,) the coefficients that maximise the posterior, with the sign constraints."""
         return bounded_least_squares(self.information, self.pull, self.nonnegative)
 
     def deviance_drop_to(self, before: WhiteFit, beta: Array) -> float:
-        """Of the deviance, from a fit to this one with coefficients beta (K,)."""
+        """Return the drop of the deviance from the fit ``before`` to this fit plus T
+        beta.
+
+        The deviance is -2 log L, plus (beta / known)^2 for the prior. beta (K,) are
+        coefficients.
+        """
         left = self.fit.residual - self.T @ beta
         after = self.fit.deviance(np.sum(left**2, axis=1) * self.fit.level**2)
         prior = np.sum((beta / self.known) ** 2)
@@ -110,10 +122,10 @@ class _Beside:
 
 
 class EvidenceScorer(WhiteFitter):
-    """The score of candidates on some rows.
+    """Scores candidates by their evidence J on some white rows.
 
-    n_candidates : that there are; laws : among how many each of them chooses, if more
-    than one; like : a scorer whose rows may be the same.
+    The module's docstring has the equation of J: twice the logarithm of the odds that
+    an effect acts.
     """
 
     def __init__(
@@ -124,6 +136,23 @@ class EvidenceScorer(WhiteFitter):
         rules: Rules = ALL_RULES,
         like: WhiteFitter | None = None,
     ) -> None:
+        """Prepare the scorer of candidates on white rows.
+
+        Parameters
+        ----------
+        data
+            The rows in units of their noise.
+        n_candidates
+            How many candidates there are; a choice among many costs evidence.
+        laws
+            By candidate the number of laws that it chooses among, where there is more
+            than one.
+        rules
+            Which optional rules of the search apply.
+        like
+            A scorer whose rows may be equal to these; its basis of the model's columns
+            is then used again.
+        """
         super().__init__(data, like)
         self.n_candidates = max(n_candidates, 1)
         self.laws = laws or {}
@@ -136,9 +165,19 @@ class EvidenceScorer(WhiteFitter):
         form: Candidate,
         columns: dict[int, Array],
     ) -> ScoredEffect:
-        """A candidate beside a fit, with the model's constants as they are or free.
+        """Score a candidate beside a fit, with the model's own shape constants fixed or
+        free.
 
-        Another constant of the model's own effect stands in that one's place.
+        The candidate is scored twice: with these constants as they are, and with those
+        on its joints free to first order, each at the price of one parameter. The
+        higher evidence counts. ``columns`` are its white columns, (M, k) by joint. A
+        candidate that is another value of an own constant replaces the present value's
+        columns.
+
+        Returns
+        -------
+        ScoredEffect
+            The candidate with evidence, coefficients and explained squares.
         """
         fit_without = self.without(fit, form)
         T, known = self.partial_out(fit_without, form, columns)
@@ -156,21 +195,25 @@ class EvidenceScorer(WhiteFitter):
         beside: _Beside,
         columns: dict[int, Array],
     ) -> ScoredEffect | None:
-        """The candidate where the model's constants on its joints move with it, to first
-        order and at the price of as many numbers; None where there are none.
+        """Score a candidate while the model's own shape constants on its joints may
+        move.
 
-        Constants that were fitted without an effect have made a part of its torque.
+        They move to first order (their derivatives are added as columns), each at the
+        price of one parameter. The model's constants were fitted without the candidate,
+        and may have absorbed a part of its torque. None where no such constant exists.
         """
         fit = beside.to_beat
-        there = set(fit.columns_kept)
+        columns_in_fit = set(fit.columns_kept)
         T = beside.T
-        for name, j in self.data.constants:
-            if j not in columns or not there.issuperset(fit.design.model[name, j]):
+        for key, derivatives in self.data.constants.items():
+            _, joint = key
+            is_present = columns_in_fit.issuperset(fit.design.model[key])
+            if joint not in columns or not is_present:
                 continue
-            if (name, j) not in fit.moved:
-                scaled = fit.scaled({j: self.data.constants[name, j]})
-                fit.moved[name, j] = fit.residual_of(scaled)
-            T = np.concatenate([T, fit.moved[name, j]], axis=2)
+            if key not in fit.moved:
+                scaled = fit.scaled({joint: derivatives})
+                fit.moved[key] = fit.residual_of(scaled)
+            T = np.concatenate([T, fit.moved[key]], axis=2)
         n_moving = T.shape[2] - beside.k
         if not n_moving or not T[:, :, : beside.k].any():
             return None
@@ -182,22 +225,29 @@ class EvidenceScorer(WhiteFitter):
         beside: _Beside,
         columns: dict[int, Array],
     ) -> ScoredEffect:
-        """The score of a candidate whose columns are partialled out."""
+        """Compute the evidence J = dD / v - price of a candidate beside a fit.
+
+        dD is the drop of the deviance, v the number of correlated rows that count as
+        one, and the price is (k + s) log(N / v) + 2 log P for its k coefficients and s
+        shape constants and for the choice among P candidates and laws. Without any
+        visible column, J is minus infinity.
+        """
         form = beside.form
         fit = beside.fit
         k = beside.k
-        none = ScoredEffect(form, columns, beta=np.zeros(k))
+        without_evidence = ScoredEffect(form, columns, beta=np.zeros(k))
         if not np.any(beside.gram[:k]):
-            return none
+            return without_evidence
         T = beside.T
         left = fit.residual - T @ beside.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(beside.information)))
         torque = T[:, :, :k] @ beside.beta[:k]
-        if form.replaces_own_constant:  # what its other constant makes of the torque
+        if form.replaces_own_constant:
+            # It differs from the present value by what the fit with that leaves of it.
             T = beside.to_beat.residual_of(beside.to_beat.scaled(columns))
             energy = float(np.sum(T**2))
             if not DEPENDENT**2 * float(np.sum(beside.T**2)) < energy:
-                return none
+                return without_evidence
             inverse = np.array([[1.0 / energy]])
             torque = T[:, :, 0]
             left = left - torque * float(np.sum(torque * left)) / energy
@@ -215,7 +265,7 @@ class EvidenceScorer(WhiteFitter):
         price = self.parameter_price(freedom, n_independent)
         price += self.selection_price(fit, form)
         return replace(
-            none,
+            without_evidence,
             drop=self.deviance_drop(beside),
             rows_worth_one=v,
             price=price,
@@ -226,7 +276,11 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def deviance_drop(beside: _Beside) -> float:
-        """dD. What free constants would do without the candidate is not its merit."""
+        """Return the drop dD of the deviance that is due to the candidate.
+
+        Where further constants may move, the drop that these would bring without the
+        candidate is subtracted: it is not the candidate's merit.
+        """
         drop = beside.deviance_drop_to(beside.to_beat, beside.beta)
         k = beside.k
         if k < len(beside.beta):
@@ -238,7 +292,12 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def freedom(beside: _Beside) -> float:
-        """k + s: as many coefficients as the rows determine, and the shape constants."""
+        """Return the effective number of parameters, k + s.
+
+        k is the trace of (T'T + prior)^-1 T'T over coefficients that a sign constraint
+        does not hold at zero: a coefficient that the prior determines counts for
+        nothing. s is the number of continuous shape constants.
+        """
         free = np.flatnonzero((beside.beta != 0.0) | ~beside.nonnegative)
         part = np.ix_(free, free)
         solved = np.linalg.solve(
@@ -248,19 +307,28 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def parameter_price(freedom: float, n_independent: float) -> float:
-        """(k + s) log(N / v)."""
+        """Return (k + s) log(N / v): the price of parameters, as in the BIC.
+
+        freedom is k + s, n_independent is N / v, the number of rows in units of those
+        that count as one.
+        """
         return float(freedom * np.log(n_independent))
 
     def selection_price(self, fit: WhiteFit, form: Candidate) -> float:
-        """2 log P, with P the candidates times the laws of this one."""
+        """Return 2 log P, the price of choosing among many, as in the extended BIC.
+
+        P is the number of candidates times the number of laws of this one.
+        """
         candidates = self.n_competing_candidates(fit, form)
         return float(2.0 * np.log(candidates * self.laws.get(form.key, 1)))
 
     def n_competing_candidates(self, fit: WhiteFit, form: Candidate) -> float:
-        """Among how many candidates one is chosen.
+        """Return the number of candidates among which this one was chosen.
 
-        Joints of an arm are built alike: beside findings half of the odds are for
-        effects that act on another joint already.
+        Joints of one arm are similar. Once effects are in the fit, half of the prior
+        probability therefore goes to the same effects on other joints: such a candidate
+        competes with twice the number of joints' candidates of its effect, any other
+        candidate with twice the number of all.
         """
         keys = fit.design.keys
         effects_in_fit = {keys[i] for i in fit.columns_kept if i in keys}
@@ -278,13 +346,30 @@ class EvidenceScorer(WhiteFitter):
         inverse: Array,
         freedom: float,
     ) -> float:
-        """By how much the sandwich's middle is larger than T'T, at least 1.
+        """Return v, the number of correlated rows that carry the evidence of one
+        independent row.
 
-        It is that of the clusters that make most of it, for a fit with so much freedom.
+        v = tr(A^-1 S) / freedom, at least 1, where S sums the outer products of the
+        score T'r over clusters of rows (the middle of the sandwich covariance). Of the
+        two ways to cluster rows, by time and by phase of the motion, the larger v
+        counts.
+
+        Parameters
+        ----------
+        T
+            (n, M, K) columns beside the fit.
+        left
+            (n, M) residual with the candidate.
+        inverse
+            (K, K) A^-1, the inverse information matrix.
+        freedom
+            Effective number of coefficients.
         """
         scores = np.sum(T * left[:, :, None], axis=0)[: len(self.data.clusters[0])]
         sums = cluster_sums(self.data.clusters, scores)
-        return max(1.0, *(float(np.sum((u @ inverse) * u)) / freedom for u in sums))
+        # tr(A^-1 sum u u') = sum of u' A^-1 u over the clusters' sums u.
+        traces = [float(np.sum((u @ inverse) * u)) for u in sums]
+        return max(1.0, *(trace / freedom for trace in traces))
 
     def partial_out(
         self,
@@ -292,10 +377,18 @@ class EvidenceScorer(WhiteFitter):
         form: Candidate,
         columns: dict[int, Array],
     ) -> tuple[Array, Array]:
-        """(n, M, k) what a fit leaves of a candidate's weighted columns, and (k,) the
-        known standard deviations of their coefficients.
+        """Return what a fit leaves of a candidate's weighted columns, and the prior of
+        its sizes.
 
-        Nothing is left of a column that the fit makes itself.
+        Columns of which the fit's columns absorb all but 0.1 % (ABSORBED) are set to
+        zero.
+
+        Returns
+        -------
+        (n, M, k) array
+            The columns, orthogonal to the fit's.
+        (k,) array
+            Standard deviations of their coefficients about zero.
         """
         scaled = fit.scaled(columns)
         energy = np.sum([np.sum(z**2, axis=0) for z in scaled.values()], axis=0)
@@ -310,11 +403,13 @@ class EvidenceScorer(WhiteFitter):
         joints: Sequence[int],
         energy: Array,
     ) -> Array:
-        """(..., k) standard deviations of coefficients about zero before anything is
-        measured.
+        """Return standard deviations (..., k) of coefficients about zero, before any
+        measurement.
 
-        They are what the effects say. Where one says none (NaN), it makes no more torque
-        than its joints have in all. energy (..., k) : of the weighted columns.
+        They are what the effects declare as plausible (``plausible``). Where an effect
+        declares nothing (NaN), it is assumed to make no more torque than its joints
+        have: the RMS torque of ``joints`` over the RMS of the column. energy (..., k)
+        holds the squares of the weighted columns.
         """
         energy_of_torque = float(np.sum(fit.target[joints] ** 2))
         as_large_as_torque = np.sqrt(energy_of_torque / np.maximum(energy, 1e-200))
@@ -323,8 +418,10 @@ class EvidenceScorer(WhiteFitter):
     # Many candidates at once.
 
     def absorbed(self, fit: WhiteFit, batch: Batch) -> Array:
-        """(F,) share of each candidate's energy that the fit's columns make; 1 where it
-        has none."""
+        """Return (F,) shares of each candidate's squares that the fit's columns absorb.
+
+        A candidate without any torque counts as absorbed: 1.
+        """
         G, _, raw = self._products(fit, batch)
         energy = np.trace(raw, axis1=1, axis2=2)
         share = np.ones(len(energy))
@@ -338,68 +435,100 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def _products(fit: WhiteFit, batch: Batch) -> tuple[Array, Array, Array]:
-        """Of a batch's weighted columns: with a fit's (r, F, k), with what it leaves
-        (F, k), and of each candidate's with each other (F, k, k)."""
+        """Return the products of a batch's F candidates of k weighted columns each.
+
+        Returns
+        -------
+        (r, F, k) array
+            With the fit's r orthonormal columns.
+        (F, k) array
+            With the fit's residual.
+        (F, k, k) array
+            Of each candidate's columns with each other.
+        """
         F = len(batch.forms)
         k = batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
-        pairs = list(
-            zip(
-                weights,
-                fit.design.of(batch),
-                strict=True,
-            )
-        )
-        cross = sum(w * AZ for w, (AZ, _) in pairs)
-        pull = sum(w * Zy for w, (_, Zy) in pairs) - fit.theta @ cross
+        # By joint: its weight, A'Z (p, F k) and Z'y (F k,).
+        by_joint = list(zip(weights, fit.design.of(batch), strict=True))
+        cross = sum(w * AZ for w, (AZ, _) in by_joint)
+        pull = sum(w * Zy for w, (_, Zy) in by_joint) - fit.theta @ cross
         raw = np.tensordot(weights, batch.grams, axes=1)
         along = np.reshape(fit.whitener.T @ cross, (-1, F, k))
         return along, np.reshape(pull, (F, k)), raw
 
     def screened(self, fit: WhiteFit, batch: Batch) -> Array:
-        """(F,) drop of the weighted squared error less k log N, of a batch."""
-        to_beat = fit
-        fit = self.without(fit, batch.forms[0])
-        degrees = float(fit.degrees[list(batch.joints)].sum())
-        price = np.log(max(degrees, 3.0))
-        drop, size = self.explained(fit, batch)
-        if fit is not to_beat:
-            drop = drop - float(np.sum((fit.rss - to_beat.rss) / fit.level**2))
-        return np.asarray(drop - size * price)
+        """Return a cheap score (F,) of a batch's candidates: drop - k log N.
+
+        drop is the fall of the weighted squared error, k the effective number of
+        coefficients and N the number of rows of the batch's joints. A candidate that
+        replaces one of the model's own constants starts without the present one, whose
+        part is subtracted.
+        """
+        fit_without = self.without(fit, batch.forms[0])
+        n_rows = float(fit_without.degrees[list(batch.joints)].sum())
+        price = np.log(max(n_rows, 3.0))
+        drop, n_determined = self.explained(fit_without, batch)
+        if fit_without is not fit:
+            rise = (fit_without.rss - fit.rss) / fit_without.level**2
+            drop = drop - float(np.sum(rise))
+        return np.asarray(drop - n_determined * price)
 
     def explained(
         self,
         fit: WhiteFit,
         batch: Batch,
     ) -> tuple[Array, Array]:
-        """(F,) drop of the weighted squared error, and how many coefficients the rows
-        determine, of a batch."""
+        """Return how much each candidate of a batch lowers the weighted squared error.
+
+        Returns
+        -------
+        (F,) array
+            The drop of the weighted squared error.
+        (F,) array
+            The effective number of coefficients, those that the rows determine.
+        """
         if batch.forms[0].n_coefficients == 1:
             return self._drop_of_one_column(fit, batch), np.ones(len(batch.forms))
         return self._drop_of_columns(fit, batch)
 
     def _drop_of_one_column(self, fit: WhiteFit, batch: Batch) -> Array:
-        """(F,) drop of the weighted squared error, of candidates with one column."""
+        """Return the drop (F,) of the weighted squared error by candidates with one
+        column.
+
+        It is (z'r)^2 / z'z for what the fit leaves of the column z. Zero if that is
+        less than ABSORBED of the column, or if its coefficient had the wrong sign.
+        """
         G, pull, raw = self._products(fit, batch)
         energy = raw[:, 0, 0]
-        D = energy - np.sum(G[:, :, 0] ** 2, axis=0)
-        good = (ABSORBED * energy < D) & ~(batch.signed & (pull[:, 0] < 0.0))
-        return np.where(
-            good,
-            pull[:, 0] ** 2 / np.where(good, D, 1.0),
-            0.0,
-        )
+        energy_left = energy - np.sum(G[:, :, 0] ** 2, axis=0)
+        is_visible = ABSORBED * energy < energy_left
+        has_wrong_sign = batch.signed & (pull[:, 0] < 0.0)
+        counts = is_visible & ~has_wrong_sign
+        divisor = np.where(counts, energy_left, 1.0)
+        return np.where(counts, pull[:, 0] ** 2 / divisor, 0.0)
 
     def _drop_of_columns(
         self,
         fit: WhiteFit,
         batch: Batch,
     ) -> tuple[Array, Array]:
-        """(F,) the same of candidates with several columns; and (F,) how many
-        coefficients the rows determine."""
+        """Return the drop of the weighted squared error by candidates with several
+        columns.
+
+        Coefficients have the prior of :meth:`prior`; columns that the fit absorbs are
+        ignored, and sign constraints hold.
+
+        Returns
+        -------
+        (F,) array
+            The drop of the weighted squared error.
+        (F,) array
+            The effective number of coefficients.
+        """
         G, pull, raw = self._products(fit, batch)
-        G = G.transpose(1, 2, 0)
-        D = raw - G @ G.transpose(0, 2, 1)
+        G = G.transpose(1, 2, 0)  # (F, k, r)
+        D = raw - G @ G.transpose(0, 2, 1)  # (F, k, k): what the fit leaves of Z'Z
         energy = np.diagonal(raw, axis1=1, axis2=2)
         is_visible = np.diagonal(D, axis1=1, axis2=2) > ABSORBED * energy
         D = D * is_visible[:, :, None] * is_visible[:, None, :]
@@ -422,6 +551,8 @@ class EvidenceScorer(WhiteFitter):
                 pull[f],
                 nonnegative[f],
             )
+        # For each candidate: beta'A beta, and the trace of A^-1 D.
         squares = np.einsum("fa,fab,fb->f", beta, A, beta)
+        freedom = np.einsum("fab,fba->f", inverse, D)
         drop = 2.0 * np.sum(beta * pull, axis=1) - squares
-        return drop, np.einsum("fab,fba->f", inverse, D)
+        return drop, freedom

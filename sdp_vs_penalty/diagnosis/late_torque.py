@@ -1,7 +1,5 @@
-"""What is logged late is all of the torque, not the model's part alone.
-
-Torque channels pass what everything else makes. So where something makes torque late,
-columns refer to a model beside the findings, and to the findings' torque.
+"""Effects that delay torque (a delay, a filter of the torque channel): columns that are
+computed from the torque of the model and of the effects found.
 """
 
 from __future__ import annotations
@@ -25,31 +23,52 @@ from sdp_vs_penalty.robot.arrays import Array
 def refer_columns_to_current_model(
     search: Search, progress: Progress = no_progress
 ) -> Search:
-    """Where a term or the model makes torque late (a delay, a filter), columns that refer
-    to the model are made anew: of its parameters beside the findings, and of the
-    findings' torque. The search goes on from there, until it ends with findings that it
-    has had before: steps of Gauss and Newton.
+    """Search again with columns computed from the torque that the findings have
+    changed.
+
+    A delay or a filter acts on all of the torque, also on what the findings make. Its
+    columns are therefore computed from the model re-fitted beside the findings, plus
+    the findings' torque. The search goes on with these columns, and columns are
+    computed again, until the findings are ones that it has had before: a Gauss-Newton
+    iteration.
+
+    Parameters
+    ----------
+    search
+        A finished search.
+    progress
+        Is called with a short text whenever an effect is added.
+
+    Returns
+    -------
+    Search
+        The continued search; the same one where neither a finding nor the model delays
+        torque.
     """
-    before = list[set[Key]]()
+    known_sets = list[set[Key]]()
     if search.terms and not delays_torque(search):
         search = look_for_delays(search, progress)
     while delays_torque(search):
         keys = {t.key for t in search.terms}
-        if keys in before:
+        if keys in known_sets:
             break
-        before.append(keys)
+        known_sets.append(keys)
         search = refer_once(search)
         search.library = search.library.with_current_columns(search.data)
-        search.terms = search.drop_weak(search.terms, frozenset(range(search.data.n)))
+        all_joints = frozenset(range(search.data.n))
+        search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)
     return search
 
 
 def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
-    """The search goes on where a delay shows in torque of which the findings are a part.
+    """Continue a search without delays if a delay shows once the findings' torque is
+    included.
 
-    A causal filter beside friction that turns round over a travel does not show in the
-    torque of a model whose friction turns at once: what it delays is another torque.
+    A causal filter beside pre-sliding friction, for example, does not show in the
+    torque of a model whose friction jumps at a reversal: the torque that it delays is
+    the findings'. Returns the given search where no delaying candidate has enough
+    evidence.
     """
     referred = refer_once(search)
     referred.library = search.library.only(_delays, referred.data)
@@ -61,18 +80,23 @@ def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
 
 
 def _is_delay(effect: Effect) -> bool:
-    """Whether it makes torque late."""
+    """Return whether an effect delays torque: its columns are a memory of the joint
+    torque.
+    """
     return effect.needs_torque and effect.has_memory
 
 
 def _delays(form: Candidate) -> bool:
-    """Whether a candidate makes torque late."""
+    """Return whether a candidate is an effect that delays torque."""
     return _is_delay(form.effect)
 
 
 def delays_torque(search: Search) -> bool:
-    """Whether something makes torque late, a term or the model: all of it, also what
-    terms make."""
+    """Return whether a finding, or an effect of the model, delays the findings' torque.
+
+    False without findings: then all delayed torque is the model's own, which its
+    columns hold already.
+    """
     effects = [t.form.effect for t in search.terms]
     effects += search.data.estimate.model.effects
     is_late = any(map(_is_delay, effects))
@@ -80,17 +104,19 @@ def delays_torque(search: Search) -> bool:
 
 
 def refer_once(search: Search) -> Search:
-    """The same findings in columns that refer to the model beside them: to its
-    parameters there, and to their torque.
+    """Return the search with columns computed from the torque of model and findings
+    together.
 
-    Fitted without them it has taken a part of that; of play in a gear 14 % of the size
-    were left out.
+    Parameters of both are fitted again by least squares, side by side: the model fitted
+    without the findings has absorbed a part of their torque. For backlash in a gear, 14
+    % of its size went missing without this step.
     """
     data = search.data
-    theta = least_squares_refit(data, [t.form.effect for t in search.terms])[0]
+    theta, _ = least_squares_refit(data, [t.form.effect for t in search.terms])
+    # The model's parameters come first, then those of each finding.
     widths = [t.form.n_coefficients for t in search.terms]
-    ends = data.raw.shape[2] + np.cumsum([0, *widths])
-    own_theta, *thetas = np.split(theta, ends[:-1])
+    starts = data.raw.shape[2] + np.cumsum([0, *widths])[:-1]
+    own_theta, *thetas = np.split(theta, starts)
     estimate = data.estimate
     if not data.frozen:
         estimate = replace(estimate, theta=own_theta)
@@ -103,27 +129,41 @@ def beside_model(
     without: NDArray[np.bool_] | None = None,
     thetas: Sequence[Array] = (),
 ) -> Search:
-    """The same findings beside another model, in the columns that this one makes.
+    """Return the search with the same findings, beside another model.
 
-    without : rows (M, n) that are no evidence; thetas : the terms' parameters beside it,
-    if not those of the search.
+    Parameters
+    ----------
+    search
+        The search; its library of candidates is kept with its old columns.
+    estimate
+        The model to which columns refer from now on.
+    without
+        (M, n) rows that no longer count as evidence, such as those of events.
+    thetas
+        Parameters of each finding, from which its torque is computed. Default: those of
+        the search.
+
+    Returns
+    -------
+    Search
+        A search whose rows, white data and columns belong to the other model. Effects
+        whose torque is part of the reference for columns are listed in
+        ``in_reference``.
     """
     data = search.data
-    pairs = zip(
-        search.terms,
-        thetas or [t.beta for t in search.terms],
-        strict=True,
-    )
-    with_torque = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
-    others = [(t.form.effect, b) for t, b in with_torque]
-    rows = with_estimate(data.rows, estimate, others)
+    parameters = thetas or [t.beta for t in search.terms]
+    pairs = list(zip(search.terms, parameters, strict=True))
+    # Torque that effects compute from torque (a delay) is no part of the reference.
+    in_reference = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
+    effects_in_reference = [(t.form.effect, b) for t, b in in_reference]
+    rows = with_estimate(data.rows, estimate, effects_in_reference)
     if without is not None:
         masked = rows.masked | without if rows.masked.size else without
         rows = replace(rows, masked=masked)
     data = whitened(rows, data.noise, estimate, data.frozen)
     out = Search(data, search.library, search.rules, like=search)
-    out.nuisances.frequencies = search.nuisances.frequencies
-    out.in_reference = {t.key for t, _ in with_torque}
+    out.nuisances.frequencies = search.nuisances.frequencies  # hums stay what they are
+    out.in_reference = {t.key for t, _ in in_reference}
     out.terms = [replace(t, columns=data.columns(t.form.effect)) for t in search.terms]
     out.fit = out.score.fit(out.terms)
     return out

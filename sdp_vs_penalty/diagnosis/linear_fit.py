@@ -20,13 +20,15 @@ DEPENDENT = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class ScoredEffect:
-    """A candidate judged beside others. It equals itself alone.
+    """A candidate, scored beside a fit. Two of them are equal only if they are one
+    object.
 
-    columns : white, (M, k) by joint; drop : of the deviance; rows_worth_one : how many
-    rows are worth one; price : of its parameters and of the choice; freedom :
-    coefficients that the rows determine, and shape constants; beta (k,) : coefficients;
-    squares (n,) : of the white torque that nothing else makes; rivals : the candidates
-    that do as well.
+    columns : white, (M, k) by joint (from 0); drop : of the deviance; rows_worth_one :
+    number of correlated rows that carry the evidence of one independent row; price : of
+    its parameters and of the choice among candidates; freedom : effective number of
+    coefficients, plus shape constants; beta (k,) : coefficients in SI units; squares
+    (n,) : of the white torque on each joint that nothing else makes; rivals :
+    candidates that fit about as well.
     """
 
     form: Candidate
@@ -41,20 +43,22 @@ class ScoredEffect:
 
     @property
     def evidence(self) -> float:
-        """J, twice the logarithm of the odds."""
+        """The evidence J: twice the logarithm of the odds that the effect acts."""
         return self.drop / self.rows_worth_one - self.price
 
     def evidence_with_worth_of(self, other: ScoredEffect) -> float:
-        """J with the worth of rows of another effect.
+        """Return J with the number of rows counted as one that another effect has.
 
-        Two that make nearly the same torque differ more by the error of this worth than
-        by their evidence.
+        For comparing two effects that make nearly the same torque: the estimates of
+        that number differ by more than the evidences would with a common one.
         """
         return self.drop / other.rows_worth_one - self.price
 
     @property
     def key(self) -> Key:
-        """Its candidate, whatever the shape constants."""
+        """Effect name and joint (from 0, None for the robot), the same for all shape
+        constants.
+        """
         return self.form.key
 
     @property
@@ -82,7 +86,11 @@ class BasisProducts:
     known: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def of(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """By joint, (r, F k) and (F k,)."""
+        """Return, by joint of a batch, the products B'Z (r, F k) and Z'y (F k,).
+
+        B are the model's columns, Z the batch's white columns, y the torque. They are
+        computed once for each batch.
+        """
         if batch not in self.known:
             pairs = zip(batch.joints, batch.whitened_columns, strict=True)
             self.known[batch] = [
@@ -115,13 +123,15 @@ class Design:
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def holds(self, terms: Sequence[Term]) -> bool:
-        """Whether all terms have columns here."""
+        """Return whether the design has columns of all terms."""
         return all(t.text in self.at for t in terms)
 
     def of(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """By joint, A'Z (p, F k) and Z'y (F k,) of a batch's columns Z.
+        """Return, by joint of a batch, A'Z (p, F k) and Z'y (F k,) of the batch's
+        columns Z.
 
-        Those of the model's columns serve all designs.
+        The products with the model's columns, the first r of A, are shared by all
+        designs. Those with the terms' columns are computed once for each batch.
         """
         if batch not in self.products:
             M = batch.whitened_columns.shape[1]
@@ -146,13 +156,15 @@ class Design:
 
 @dataclass(frozen=True)
 class WhiteFit:
-    """The model and some terms fitted to white rows, each joint's divided by its
-    ``level`` (n,).
+    """The model and some terms, fitted to white rows by weighted least squares.
 
-    columns_kept : the columns that take part; whitener W (p, r) : the columns A W, divided
-    by the levels, are orthonormal; theta (p,) : coefficients; residual (n, M) : what they
-    leave; rss (n,) : squared error in units of the noise; degrees (n,) : rows less the
-    joint's share of the rank; floor : lowest variance of a joint.
+    design : its columns A (n joints, M rows, p) and torque y; columns_kept : which of
+    the p columns take part; level (n,) : standard deviation of each joint's residual,
+    by which its rows are divided; whitener W (p, r) : A W / level is orthonormal; theta
+    (p,) : coefficients; residual (n, M) : weighted; rss (n,) : unweighted squared
+    errors; degrees (n,) : rows less the joint's share of the rank; floor : lowest
+    variance of a joint; apart, moved : results computed once, by key of a model's own
+    effect: the fit without it, and what the fit leaves of its constants' derivatives.
     """
 
     design: Design
@@ -169,51 +181,65 @@ class WhiteFit:
 
     @property
     def target(self) -> Array:
-        """(n, M) weighted torque."""
+        """(n, M) the torque in units of each joint's residual."""
         return np.asarray(self.design.y / self.level[:, None])
 
     @cached_property
     def basis(self) -> Array:
-        """(n, M, r) an orthonormal basis of the columns."""
+        """(n, M, r) an orthonormal basis of the fit's weighted columns."""
         return np.asarray(self.design.A @ self.whitener / self.level[:, None, None])
 
     def deviance(self, rss: Array) -> Array:
-        """(...,) -2 log L of the joints' squared errors (..., n)."""
+        """Return -2 log L for squared errors rss (..., n) of the n joints; shape
+        (...,).
+
+        It is the sum over joints of N log V + rss / V with the variance V = max(rss /
+        N, floor) and N degrees of freedom.
+        """
         variance = np.maximum(rss / self.degrees, self.floor)
         by_joint = self.degrees * np.log(variance) + rss / variance
         return np.asarray(np.sum(by_joint, axis=-1))
 
     def scaled(self, columns: dict[int, Array]) -> dict[int, Array]:
-        """Columns (M, k) by joint, weighted as the rows are."""
+        """Divide columns (M, k), by joint, by the joint's level, as the fit's rows are."""
         return {j: z / self.level[j] for j, z in columns.items()}
 
     def residual_of(self, scaled: dict[int, Array]) -> Array:
-        """(n, M, k) what the fit leaves of weighted columns."""
+        """Return (n, M, k): what the fit's columns leave of weighted columns (by
+        joint).
+
+        It is Z - A W W'A'Z, the projection onto what the fit cannot make. The rows of
+        nuisances behind the log's rows are part of it.
+        """
         A = self.design.A
+        W = self.whitener
         along = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
-        explained = A @ (self.whitener @ (self.whitener.T @ along))
-        left = -(explained / self.level[:, None, None])
+        explained = A @ (W @ (W.T @ along)) / self.level[:, None, None]
+        left = -explained
         for j, z in scaled.items():
             left[j, : len(z)] += z
         return np.asarray(left)
 
     def energy(self, term: ScoredEffect) -> float:
-        """Weighted squares of what the fit leaves of a term."""
+        """Return the weighted squares of what the fit leaves of an effect's torque."""
         left = self.residual_of(self.scaled(term.columns)) @ term.beta
         return float(np.sum(left**2))
 
 
 class WhiteFitter:
-    """Fits of the model and some effects to white rows; one basis serves them all.
-
-    like : a fitter whose rows may be the same; its basis then serves again.
-    """
+    """Fits the model and effects to white rows; one basis of the model serves all fits."""
 
     def __init__(
         self,
         data: WhiteData,
         like: WhiteFitter | None = None,
     ) -> None:
+        """Prepare fits to white rows.
+
+        ``like`` is another fitter; if its rows are equal, its basis of the model's
+        columns is used again. A joint's variance is at least 1 where the noise is
+        known: white rows are in units of it.
+        """
         self.data = data
         self.floor = 1.0 if data.known else 1e-12
         if like is not None and like.has_rows_of(data):
@@ -221,7 +247,9 @@ class WhiteFitter:
             self._basis_products = like._basis_products
 
     def has_rows_of(self, data: WhiteData) -> bool:
-        """Whether the model's columns and the torque of other data are these."""
+        """Return whether other data have the same columns of the model and the same
+        torque.
+        """
         same_effects = list(self.data.own_effects) == list(data.own_effects)
         return (
             same_effects
@@ -231,28 +259,32 @@ class WhiteFitter:
 
     @cached_property
     def _basis(self) -> tuple[Array, Array, dict[Key | None, list[int]]]:
-        """(n, M, r) a basis of the model's columns, its products (n, r, r), and where
-        the columns of each key stand.
+        """The model's columns: a basis B (n, M, r), B'B (n, r, r), and each key's place
+        in it.
 
-        Effects whose constant may be another one keep columns of their own.
+        Effects with a shape constant that might be re-estimated keep a column of their
+        own, so that it can be left out; all other columns share an orthonormal basis
+        under the key None.
         """
         X = self.data.X
-        own_columns = self.data.own_effects
+        own_effects = self.data.own_effects
         n, M, _ = X.shape
-        separate = [column for _, column in own_columns.values()]
+        separate = [column for _, column in own_effects.values()]
         shared = orthonormal(np.delete(X, separate, axis=2).reshape(n * M, -1))
-        r = shared.shape[1]
-        parts = [
-            shared.reshape(n, M, r),
-            _unit(X[:, :, separate]),
-        ]
-        B = np.concatenate(parts, axis=2)
-        at: dict[Key | None, list[int]] = {None: list(range(r))}
-        at |= {key: [r + k] for k, key in enumerate(own_columns)}
-        return B, B.transpose(0, 2, 1) @ B, at
+        n_shared = shared.shape[1]
+        B = np.concatenate(
+            [shared.reshape(n, M, n_shared), _unit(X[:, :, separate])], axis=2
+        )
+        columns_by_key: dict[Key | None, list[int]] = {None: list(range(n_shared))}
+        for k, key in enumerate(own_effects):
+            columns_by_key[key] = [n_shared + k]
+        return B, B.transpose(0, 2, 1) @ B, columns_by_key
 
     @cached_property
     def _basis_products(self) -> BasisProducts:
+        """Products of candidates' columns with the model's basis, filled as they are
+        needed.
+        """
         return BasisProducts(self._basis[0], self.data.y)
 
     def fit(
@@ -260,10 +292,21 @@ class WhiteFitter:
         terms: Sequence[Term],
         near: WhiteFit | None = None,
     ) -> WhiteFit:
-        """The model with the terms; each joint's rows are weighted by what is left.
+        """Fit the model with some terms; each joint is weighted by its own residual.
 
-        near : a fit whose columns serve where they hold the terms', and at whose levels
-        this one begins.
+        Parameters
+        ----------
+        terms
+            Effects and nuisances beside the model. An effect that is another value of
+            one of the model's constants replaces that column of the model.
+        near
+            A fit whose columns are used again if they hold all the terms, and at whose
+            levels the iteration begins.
+
+        Returns
+        -------
+        WhiteFit
+            Coefficients, levels and residual.
         """
         design = None if near is None else near.design
         if design is None or not design.holds(terms):
@@ -284,9 +327,10 @@ class WhiteFitter:
         return self._fitted(design, tuple(columns), level)
 
     def without(self, fit: WhiteFit, form: Candidate) -> WhiteFit:
-        """A fit, at its levels, without what a candidate stands in the place of.
+        """Return a fit without the column that a candidate replaces, at the same
+        levels.
 
-        It is the fit itself where that is nothing.
+        It is the fit itself where the candidate replaces none of the model's constants.
         """
         if not form.replaces_own_constant:
             return fit
@@ -302,24 +346,30 @@ class WhiteFitter:
         return fit.apart[form.key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
-        """The columns of the model and of the terms, with their products."""
-        B, gram, model = self._basis
+        """Assemble the columns of the model and of the terms, with their products.
+
+        A is (n, M + extra rows, p): the model's basis first, then each term's columns
+        scaled to unit length. Only products with a term's columns are computed; the
+        model's are known.
+        """
+        B, gram_of_model, model = self._basis
         n, M, r = B.shape
         A, at, extra = self._columns_with_priors(terms)
         p = A.shape[2]
         G = np.zeros((n, p, p))
-        G[:, :r, :r] = gram
+        G[:, :r, :r] = gram_of_model
         for j in range(n):
-            on_joint = [i for t in terms if j in t.columns for i in at[t.text]]
-            cross = A[j].T @ A[j][:, on_joint]
-            G[j][:, on_joint] = cross
-            G[j][on_joint] = cross.T
+            columns_of_terms = [i for t in terms if j in t.columns for i in at[t.text]]
+            cross = A[j].T @ A[j][:, columns_of_terms]
+            G[j][:, columns_of_terms] = cross
+            G[j][columns_of_terms] = cross.T
+        # The terms' columns to unit length over all joints; the model's have it.
         energy = np.sum(np.diagonal(G, axis1=1, axis2=2), axis=0)
         scale = np.ones(p)
         scale[r:] = 1.0 / nonzero_or_one(np.sqrt(energy[r:]))
         A[:, :, r:] *= scale[r:]
         G *= scale[:, None] * scale
-        y = np.zeros(A.shape[:2])
+        y = np.zeros(A.shape[:2])  # zero in the rows of priors
         y[:, :M] = self.data.y
         pull = (A.transpose(0, 2, 1) @ y[:, :, None])[:, :, 0]
         effects = [t for t in terms if isinstance(t, ScoredEffect)]
@@ -339,32 +389,45 @@ class WhiteFitter:
     def _columns_with_priors(
         self, terms: Sequence[Term]
     ) -> tuple[Array, dict[str, list[int]], Array]:
-        """(n, M + rows, p) columns of the model and of the terms; where each term's
-        stand; and (n,) rows behind the log's, which hold nuisances near zero."""
+        """Stack the columns of the model and of the terms, and the priors of nuisances.
+
+        A nuisance's coefficient a has a prior N(0, d^2). It enters as rows a / d = 0
+        behind the M rows of the log, on each joint that the nuisance acts on; several
+        joints share the weight.
+
+        Returns
+        -------
+        (n, M + rows, p) array
+            The columns, not scaled.
+        dict of str to list of int
+            The columns of each term, by its text.
+        (n,) array
+            How many prior rows each joint counts: a share of one where several joints
+            share it.
+        """
         B, _, _ = self._basis
         n, M, r = B.shape
-        widths = [next(iter(t.columns.values())).shape[1] for t in terms]
-        ends = np.cumsum([r, *widths]).tolist()
-        n_rows = np.full(n, M)
-        extra = np.zeros(n)
-        for t, width in zip(terms, widths, strict=True):
-            if isinstance(t, Nuisance):
-                extra[[*t.columns]] += width / len(t.columns)
-                n_rows[[*t.columns]] += width
-        A = np.zeros((n, n_rows.max(initial=M), ends[-1]))
+        n_prior_rows, extra = _count_prior_rows(terms, n)
+        n_columns = r + sum(_width(t) for t in terms)
+        A = np.zeros((n, M + n_prior_rows.max(initial=0), n_columns))
         A[:, :M, :r] = B
-        n_rows[:] = M
-        at = dict[str, list[int]]()
-        for t, first, width in zip(terms, ends, widths, strict=False):
-            at[t.text] = list(range(first, first + width))
-            for j, z in t.columns.items():
-                A[j, :M, first : first + width] = z
-                if isinstance(t, Nuisance):
-                    rows = n_rows[j] + np.arange(width)
-                    weight = 1.0 / t.deviations / len(t.columns) ** 0.5
-                    A[j, rows, at[t.text]] = weight
-                    n_rows[j] += width
-        return A, at, extra
+        next_row = np.full(n, M)
+        next_column = r
+        columns_by_text = dict[str, list[int]]()
+        for term in terms:
+            width = _width(term)
+            first = next_column
+            next_column += width
+            its_columns = list(range(first, next_column))
+            columns_by_text[term.text] = its_columns
+            for j, z in term.columns.items():
+                A[j, :M, first:next_column] = z
+                if isinstance(term, Nuisance):
+                    rows = next_row[j] + np.arange(width)
+                    n_joints = len(term.columns)
+                    A[j, rows, its_columns] = 1.0 / term.deviations / n_joints**0.5
+                    next_row[j] += width
+        return A, columns_by_text, extra
 
     def _fitted(
         self,
@@ -373,16 +436,26 @@ class WhiteFitter:
         level: Array,
         rounds: int = 20,
     ) -> WhiteFit:
-        """Coefficients and levels in turn.
+        """Estimate coefficients and the joints' levels in turn, until the levels
+        settle.
 
-        rounds : at most; each raises the likelihood, and six were the most on three
-        arms; one: at the levels as they are.
+        Parameters
+        ----------
+        design
+            All columns with their products.
+        columns
+            Which of them take part.
+        level
+            (n,) standard deviations of the joints' residuals to begin with.
+        rounds
+            The most iterations, each of which raises the likelihood (six were needed at
+            most on three arms); one leaves the levels as they are.
         """
         kept = np.array(columns, int)
         G = design.gram.take(kept, 1).take(kept, 2)
         pull = design.pull[:, kept]
         flat_gram = G.reshape(len(G), -1)
-        square = np.sum(design.y**2, axis=1)
+        squares_of_torque = np.sum(design.y**2, axis=1)
         degrees = self.data.count + design.extra
         for _ in range(rounds):
             L = _triangle((level**-2.0 @ flat_gram).reshape(G.shape[1:]))
@@ -392,19 +465,21 @@ class WhiteFitter:
                 weighted_pull,
                 check_finite=False,
             )
-            rss = np.maximum(square - 2.0 * pull @ theta + (G @ theta) @ theta, 0.0)
+            rss = squares_of_torque - 2.0 * pull @ theta + (G @ theta) @ theta
+            rss = np.maximum(rss, 0.0)
             last = level
             level = np.sqrt(np.maximum(rss / degrees, self.floor))
             if np.all(np.abs(level - last) < 1e-2 * level):
                 break
-        unit = np.eye(len(L))
+        # With the weighted Gram matrix L L', the columns A L^-T are orthonormal.
         inverse = scipy.linalg.solve_triangular(
             L,
-            unit,
+            np.eye(len(L)),
             lower=True,
             check_finite=False,
         )
         root = inverse.T
+        # Zero for columns of the design that take no part.
         p = design.A.shape[2]
         W = np.zeros((p, len(kept)))
         W[kept] = root
@@ -425,9 +500,33 @@ class WhiteFitter:
         )
 
 
+def _width(term: Term) -> int:
+    """Return the number of columns of an effect or a nuisance."""
+    return next(iter(term.columns.values())).shape[1]
+
+
+def _count_prior_rows(terms: Sequence[Term], n: int) -> tuple[NDArray[np.intp], Array]:
+    """Count the rows that hold the nuisances' priors, on each of n joints.
+
+    Returns how many rows a joint needs (n,), and how many it counts (n,): several joints
+    of one nuisance share one prior.
+    """
+    n_rows = np.zeros(n, np.intp)
+    counted = np.zeros(n)
+    for term in terms:
+        if isinstance(term, Nuisance):
+            joints = list(term.columns)
+            n_rows[joints] += _width(term)
+            counted[joints] += _width(term) / len(joints)
+    return n_rows, counted
+
+
 def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis (N, r) of columns (N, p), their rank found by a pivoted QR
-    of their triangle."""
+    """Return an orthonormal basis (N, r) of the column space of ``columns`` (N, p).
+
+    The rank r comes from a pivoted QR of the columns' triangular factor, which is
+    small. The basis is orthogonalised once more: twice is enough (Giraud et al. 2005).
+    """
     norms = np.linalg.norm(columns, axis=0)
     unit = columns[:, norms > 1e-12 * norms.max(initial=0.0)]
     if not unit.shape[1]:
@@ -450,13 +549,16 @@ def orthonormal(columns: Array) -> Array:
 
 
 def _unit(columns: Array) -> Array:
-    """Columns (n, M, k) at unit length."""
+    """Scale columns (n joints, M, k) to unit length over all joints; zero columns stay."""
     return columns / nonzero_or_one(np.sqrt(np.sum(columns**2, axis=(0, 1))))
 
 
 def _triangle(gram: Array) -> Array:
-    """(p, p) Cholesky factor of a positive matrix, with a ridge against columns that
-    others make."""
+    """Return the lower Cholesky factor (p, p) of a Gram matrix, with a small ridge.
+
+    The ridge, DEPENDENT^2 of the diagonal, keeps it positive where one column depends
+    on others.
+    """
     return np.asarray(
         np.linalg.cholesky(
             gram + np.diag(DEPENDENT**2 * nonzero_or_one(np.diagonal(gram)))
@@ -465,7 +567,7 @@ def _triangle(gram: Array) -> Array:
 
 
 def with_ridge(A: Array) -> Array:
-    """Positive matrices (..., k, k) with a ridge against rounding."""
+    """Add 1e-10 of the diagonal to positive matrices (..., k, k), against rounding."""
     diagonal = np.diagonal(A, axis1=-2, axis2=-1)
     return np.asarray(A + 1e-10 * (diagonal + 1e-300)[..., None] * np.eye(A.shape[-1]))
 
@@ -475,8 +577,22 @@ def bounded_least_squares(
     pull: Array,
     nonnegative: NDArray[np.bool_],
 ) -> Array:
-    """(k,) minimiser of b'A b / 2 - pull'b, those that may not be negative (``nonnegative``) at
-    least zero."""
+    """Minimise b'A b / 2 - pull'b, with some coefficients not negative.
+
+    Parameters
+    ----------
+    A
+        (k, k) positive matrix.
+    pull
+        (k,) vector.
+    nonnegative
+        (k,) which coefficients must be at least zero.
+
+    Returns
+    -------
+    (k,) array
+        The minimiser; by non-negative least squares if the free one violates a sign.
+    """
     beta = np.linalg.solve(with_ridge(A), pull)
     if not np.any(beta[nonnegative] < 0.0):
         return np.asarray(beta)

@@ -41,7 +41,7 @@ class Rules:
 
     @classmethod
     def names(cls) -> list[str]:
-        """Of all rules."""
+        """Return the names of all rules, as the option ``--without`` takes them."""
         return [f.name for f in fields(cls)]
 
 

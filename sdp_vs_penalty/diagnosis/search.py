@@ -39,13 +39,33 @@ def search(
     rules: Rules = ALL_RULES,
     progress: Progress = no_progress,
 ) -> Search:
-    """Forward selection with exchange: effects are added while J > 10.
+    """Find the effects that a model lacks, by forward selection with exchange and
+    dropping.
 
-    Those are odds of 150 to 1 (Kass, Raftery 1995). Of candidates within 6 (odds of 20
-    to 1) and 4 % of the best the simplest is named: the fewest constants and joints. One
-    effect is exchanged for another that is as good and simpler, or likelier, and stays
-    beside all nuisances; effects of one kind for one that acts on all their joints. One
-    without enough evidence beside all others goes.
+    The evidence J of an effect is twice the logarithm of the odds that it acts. In each
+    step the simplest of the best candidates with J > 10 (odds of 150 to 1; Kass,
+    Raftery 1995) is added: candidates within 6 (odds of 20 to 1) plus 4 % of the best
+    one's J tie, and the one with fewest constants and joints is taken. Where nothing
+    can be added, one effect is exchanged for another that is simpler or likelier, or
+    several effects of one kind for one that acts on all their joints. Effects that fall
+    to J <= 10 beside the others are dropped.
+
+    Parameters
+    ----------
+    data
+        The log's rows in units of their noise, and the model's own columns on them.
+    library
+        All candidates: every effect on every joint, at a grid of shape constants.
+    rules
+        Which optional rules of the search apply.
+    progress
+        Is called with a short text whenever an effect is added.
+
+    Returns
+    -------
+    Search
+        The finished search: its ``terms`` are the effects found, its ``fit`` is the fit
+        of the model with them.
     """
     out = Search(data, library, rules)
     out.run(progress)
@@ -53,9 +73,10 @@ def search(
 
 
 class Search:
-    """A search over one library; afterwards ``terms`` and ``fit``.
+    """A search for missing effects over one library of candidates.
 
-    like : a search beside another model, whose rows may be the same.
+    After :meth:`run`, ``terms`` are the effects found and ``fit`` is the fit of the
+    model with them; ``bare`` is the fit of the model alone.
     """
 
     def __init__(
@@ -65,6 +86,12 @@ class Search:
         rules: Rules = ALL_RULES,
         like: Search | None = None,
     ) -> None:
+        """Prepare a search that has chosen no effect yet.
+
+        ``like`` is an earlier search, beside another model: if its white rows are
+        equal, the orthonormal basis of the model's columns is taken from there instead
+        of computed.
+        """
         self.data = data
         self.library = library
         self.rules = rules
@@ -81,8 +108,9 @@ class Search:
         self.refused = set[Key]()
         #: Terms that are part of the torque to which columns refer.
         self.in_reference = set[Key]()
-        self.fit = self.bare = self.score.fit(())
-        candidates = [f for b in library.batches for f in b.forms]
+        self.bare = self.score.fit(())
+        self.fit = self.bare
+        candidates = [form for batch in library.batches for form in batch.forms]
         self.nuisances = Nuisances(
             data,
             self.bare,
@@ -94,14 +122,21 @@ class Search:
     # What a candidate is worth.
 
     def columns(self, form: Candidate) -> dict[int, Array]:
-        """White columns by joint; kept while the search lasts."""
+        """Return a candidate's white columns, (M rows, k coefficients) by joint (from
+        0).
+
+        They are computed once for each set of shape constants, and kept in ``_columns``
+        under the effect's text.
+        """
         text = form.effect.text
         if text not in self._columns:
             self._columns[text] = self.data.columns(form.effect)
         return self._columns[text]
 
     def evidence_of(self, fit: WhiteFit, form: Candidate) -> ScoredEffect:
-        """A candidate judged beside a fit."""
+        """Score a candidate beside a fit: its evidence J, coefficients and explained
+        squares.
+        """
         return self.score.evidence_of(fit, form, self.columns(form))
 
     def beside(
@@ -109,7 +144,11 @@ class Search:
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> ScoredEffect:
-        """A term judged anew beside others, with the rivals that it had."""
+        """Score a chosen effect again, beside other effects and all nuisances.
+
+        Nuisances are columns of small errors that are tolerated: of friction laws, of
+        the mounting, hums. The effect's list of rivals is carried over unchanged.
+        """
         fit = self.score.fit(self.nuisances.around(term, others), self.fit)
         judged = self.score.evidence_of(fit, term.form, term.columns)
         return replace(judged, rivals=term.rivals)
@@ -120,7 +159,12 @@ class Search:
         start: ScoredEffect,
         fixed: Set[str] = frozenset(),
     ) -> ScoredEffect:
-        """A candidate with the shape constants that explain most beside a fit."""
+        """Return a candidate with the shape constants that give it most evidence beside
+        a fit.
+
+        The search begins at ``start``; the constants named in ``fixed`` keep their
+        values.
+        """
         return refine_constants(partial(self.evidence_of, fit), start, fixed)
 
     # Which candidates there are beside a fit.
@@ -133,36 +177,41 @@ class Search:
         beyond: float = 0.0,
         exact_joints: bool = False,
     ) -> list[ScoredEffect]:
-        """The most likely form of each candidate, refined, the best first.
+        """List the most promising candidates beside a fit, the best first.
 
-        on : some of whose joints, or all of them and no others (``exact_joints``);
-        beyond : the evidence that has to be reached, nearly, to be of use.
+        The library is screened on its grid of shape constants, the constants of
+        promising candidates are refined, and of each candidate (an effect on a joint)
+        the law with most evidence is listed.
+
+        Parameters
+        ----------
+        fit
+            The model with what the candidates have to show beside.
+        terms
+            The effects chosen already; they are no candidates again.
+        on
+            Joints (from 0): only candidates that act on some of them. Default: on any
+            joint.
+        beyond
+            The evidence that a candidate has to reach to be of use, such as that of the
+            effect it may replace. Candidates with less than half of it are not refined.
+        exact_joints
+            True: only candidates that act on exactly the joints ``on``.
         """
-        screened = self._screened(
-            fit,
-            [t.form for t in terms],
-            on,
-            exact_joints,
-        )
+        chosen_forms = [t.form for t in terms]
+        screened = self._screened(fit, chosen_forms, on, exact_joints)
         top = max((t.evidence for t in screened), default=0.0)
-        # A width that is far from those on the grid says little there, and all where it
-        # is right.
+        # Refining may raise the evidence much: a friction width (say) that is far from
+        # the grid's values explains little there, and nearly all where it is right.
         threshold = 0.5 * max(top, beyond) - 3.0 * EVIDENCE_TO_ADD
-        useful = [
+        promising = [
             t
             for t in screened
             if threshold < t.evidence or t.form.replaces_own_constant
         ]
-        ranked = [self.refined(fit, t) for t in useful]
+        ranked = [self.refined(fit, t) for t in promising]
         ranked.sort(key=lambda t: -t.evidence)
-        first = {t.key: t for t in reversed(ranked)}
-        best = dict[Key, ScoredEffect]()
-        for t in ranked:
-            rival = best.setdefault(t.key, t)
-            worth = first[t.key]
-            if t.evidence_with_worth_of(worth) >= rival.evidence_with_worth_of(worth):
-                best[t.key] = t
-        return [t for t in ranked if best[t.key] is t]
+        return _best_law_of_each_candidate(ranked)
 
     def _screened(
         self,
@@ -171,21 +220,30 @@ class Search:
         on: frozenset[int] | None,
         exact_joints: bool,
     ) -> list[ScoredEffect]:
-        """The best form of each law on the grids, of the candidates that take most."""
+        """Score the best grid point of each law, for the candidates that explain most.
+
+        A cheap score of all candidates (the drop of the weighted squared error less a
+        price of log N for each coefficient) chooses up to MAX_CANDIDATES_REFINED
+        candidates; only their laws are scored by the evidence J. Candidates that were
+        refused once are skipped, unless a replacement on certain joints (``on``) is
+        looked for.
+        """
         best = dict[Hashable, tuple[float, Candidate, dict[int, Array]]]()
         for batch in self.library.batches:
             if on is not None and not _acts_on(batch, on, exact_joints):
                 continue
-            values = self.score.screened(fit, batch)
-            free = may_join(batch.forms, picked, self.data.estimate.model)
-            for f in np.argsort(-values)[: np.count_nonzero(values > 0.0)]:
+            scores = self.score.screened(fit, batch)
+            is_allowed = may_join(batch.forms, picked, self.data.estimate.model)
+            for f in np.flatnonzero(scores > 0.0).tolist():
                 form = batch.forms[f]
-                if not free[f] or (on is None and form.key in self.refused):
+                is_refused = on is None and form.key in self.refused
+                if is_refused or not is_allowed[f]:
                     continue
-                if values[f] > best.get(form.discrete_choice, (0.0,))[0]:
-                    columns = batch.columns(int(f))
-                    best[form.discrete_choice] = float(values[f]), form, columns
-        ranked = sorted(best.values(), key=lambda b: -b[0])
+                score = float(scores[f])
+                law = form.discrete_choice
+                if law not in best or score > best[law][0]:
+                    best[law] = (score, form, batch.columns(f))
+        ranked = sorted(best.values(), key=lambda entry: -entry[0])
         return [
             self._judge_screened(fit, form, columns)
             for form, columns in _of_first_candidates(ranked)
@@ -197,57 +255,86 @@ class Search:
         form: Candidate,
         columns: dict[int, Array],
     ) -> ScoredEffect:
-        """A candidate judged in the columns that its batch has already."""
+        """Score a candidate with the white columns that its batch holds already."""
         self._columns.setdefault(form.effect.text, columns)
         return self.score.evidence_of(fit, form, columns)
 
     def simplest(self, ranked: Sequence[ScoredEffect]) -> ScoredEffect | None:
-        """Of candidates, the best first, the simplest that is as good as the best."""
+        """Return the simplest of the candidates that are about as good as the best one.
+
+        "About as good" is within J = 6 (odds of 20 to 1) plus 4 % of the best one's
+        evidence, the accuracy of a law. All evidences use the best one's estimate of
+        how many correlated rows count as one; otherwise the error of that estimate
+        would decide. Refinements of another tied candidate are left out.
+
+        Parameters
+        ----------
+        ranked
+            The candidates, the best first.
+
+        Returns
+        -------
+        ScoredEffect or None
+            The simplest one; the best one where the rule ``simplest`` is switched off;
+            None of an empty list.
+        """
         if not ranked:
             return None
         best = ranked[0]
+        if not self.rules.simplest:
+            return best
         margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * best.evidence
         tied = [
             t for t in ranked if best.evidence - t.evidence_with_worth_of(best) < margin
         ]
-        plain = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
-        simplest = min(
-            plain, key=lambda t: (simplicity(t.form), -t.evidence_with_worth_of(best))
+        unrefined = [t for t in tied if not any(t.form.refines(u.form) for u in tied)]
+        return min(
+            unrefined,
+            key=lambda t: (simplicity(t.form), -t.evidence_with_worth_of(best)),
         )
-        return simplest if simplest is best or self.rules.simplest else best
 
     # The steps.
 
     def run(self, progress: Progress = no_progress) -> list[ScoredEffect]:
-        """Add, exchange, drop until nothing changes."""
-        states_before = set[tuple[str, ...]]()
-        # Each candidate joins, gives way and goes once at most.
+        """Add, exchange and drop effects until nothing changes; return the effects
+        found.
+
+        The search also ends where it comes back to a set of effects that it has had
+        before. A candidate that does not stay once it has joined, or that leads back to
+        a known set, is refused from then on.
+        """
+        known_sets = set[tuple[str, ...]]()
+        # Each candidate is added, exchanged and dropped once at most: three steps each.
         for _ in range(3 * len(self.library.laws)):
-            best = self.best_addition()
-            if best is None:
+            addition = self.best_addition()
+            if addition is None:
                 after = self.exchange_one(self.terms)
             else:
-                progress(f"{len(self.terms) + 1}: {best.form.effect.text}")
-                after = self.drop_weak([*self.terms, best])
+                progress(f"{len(self.terms) + 1}: {addition.text}")
+                after = self.drop_weak([*self.terms, addition])
             if after is None:
                 break
-            state = tuple(sorted(str(t.key) for t in after))
-            is_known = state in states_before
-            if best is not None and (
-                is_known or best.key not in {t.key for t in after}
-            ):
-                self.refused.add(best.key)
-                continue
+            keys_after = tuple(sorted(str(t.key) for t in after))
+            is_known = keys_after in known_sets
+            if addition is not None:
+                stays = addition.key in {t.key for t in after}
+                if is_known or not stays:
+                    self.refused.add(addition.key)
+                    continue
             self.terms = after
             if is_known:
                 break
-            states_before.add(state)
+            known_sets.add(keys_after)
         self.fit = self.score.fit(self.terms)
         return self.terms
 
     def best_addition(self) -> ScoredEffect | None:
-        """What to add next: the simplest of the best candidates that have enough
-        evidence."""
+        """Return the effect to add next, or None where no candidate has enough
+        evidence.
+
+        It is the simplest of the best candidates with J > EVIDENCE_TO_ADD beside the
+        effects chosen so far, what their laws may get wrong, and hums.
+        """
         self.fit = self.score.fit(self.nuisances.with_law_misfits(self.terms), self.fit)
         candidates = self.top_candidates(self.fit, self.terms)
         return self.simplest([t for t in candidates if t.evidence > EVIDENCE_TO_ADD])
@@ -257,32 +344,45 @@ class Search:
         terms: Sequence[ScoredEffect],
         on: Set[int] = frozenset(),
     ) -> list[ScoredEffect]:
-        """The terms that have enough evidence beside all others.
+        """Return the effects that keep enough evidence beside all others.
 
-        The constants of each term on some joints (default: the newest one's) are refined
-        again first.
+        Effects are judged in the order of the list, the oldest first: of two that
+        explain the same torque the newer one stays. An effect with J <= EVIDENCE_TO_ADD
+        is dropped at once, before the next is judged. A second pass follows if anything
+        has changed.
+
+        Parameters
+        ----------
+        terms
+            The chosen effects, the newest last.
+        on
+            Joints (from 0) on which shape constants are refined again before an effect
+            is judged. Default: the joints of the newest effect.
         """
         terms = list(terms)
         if not on and terms:
             on = terms[-1].joints
-        full = self.score.fit(self.nuisances.with_law_misfits(terms), self.fit)
+        fit_of_all = self.score.fit(self.nuisances.with_law_misfits(terms), self.fit)
         for _ in range(2):
-            changed = False
+            has_changed = False
             for term in list(terms):
-                others = [t for t in terms if t != term]
-                fit = self.score.fit(self.nuisances.around(term, others), full)
-                again = self.score.evidence_of(fit, term.form, term.columns)
+                others = [t for t in terms if t is not term]
+                # What the effect has to show beside; it begins at the levels and columns
+                # of the fit of all effects, which is faster.
+                fit = self.score.fit(self.nuisances.around(term, others), fit_of_all)
+                judged = self.score.evidence_of(fit, term.form, term.columns)
                 if term.joints & on:
-                    again = self.refined(fit, again)
-                if again.evidence <= EVIDENCE_TO_ADD:
+                    judged = self.refined(fit, judged)
+                if judged.evidence <= EVIDENCE_TO_ADD:
                     terms = others
-                    changed = True
+                    has_changed = True
                     continue
-                terms[terms.index(term)] = replace(again, rivals=term.rivals)
-                if again.text != term.text:
-                    changed = True
-                    full = self.score.fit(self.nuisances.with_law_misfits(terms), full)
-            if not changed:
+                terms[terms.index(term)] = replace(judged, rivals=term.rivals)
+                if judged.text != term.text:  # its shape constants have changed
+                    has_changed = True
+                    beside = self.nuisances.with_law_misfits(terms)
+                    fit_of_all = self.score.fit(beside, fit_of_all)
+            if not has_changed:
                 break
         return terms
 
@@ -291,29 +391,46 @@ class Search:
         group: Sequence[ScoredEffect],
         others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect]:
-        """Terms judged together: each beside the others and those before it."""
-        return [self.beside(g, [*others, *group[:i]]) for i, g in enumerate(group)]
+        """Score the effects of a group one after the other, so that their evidences add
+        up.
+
+        Each one is scored beside ``others`` and those of the group that stand before
+        it: torque that two of them can explain is counted once.
+        """
+        return [
+            self.beside(term, [*others, *group[:i]]) for i, term in enumerate(group)
+        ]
 
     def exchange_one(self, terms: Sequence[ScoredEffect]) -> list[ScoredEffect] | None:
-        """One term for another that is as good and simpler, or better; or terms of one
-        effect for one.
+        """Exchange one chosen effect for a better or simpler one, and return the new
+        list.
 
-        None where nothing is exchanged; every term then knows its rivals.
+        The effects are tried in order; the first exchange that succeeds is returned.
+        Where no single effect can be exchanged, several effects of one kind may be
+        merged into one that acts on all their joints.
+
+        Returns
+        -------
+        list of ScoredEffect or None
+            The effects after the exchange. None where nothing was exchanged: each
+            effect in ``self.terms`` then lists its rivals, the candidates that fit
+            about as well.
         """
         with_rivals = []
         for term in terms:
-            others = [t for t in terms if t != term]
+            others = [t for t in terms if t is not term]
             judged = self.beside(term, others)
             candidates = self._candidates_instead([term], others, judged.evidence)
+            exchanged = self._exchange(judged, candidates, others)
+            if exchanged is not None:
+                return exchanged
             rivals = self.equivalence_set(judged, candidates)
             with_rivals.append(replace(judged, rivals=rivals))
-            after = self._exchange(judged, candidates, others)
-            if after is not None:
-                return after
         merged = self.merge_one_effect(terms)
-        if merged is None:
-            self.terms = with_rivals
-        return merged
+        if merged is not None:
+            return merged
+        self.terms = with_rivals
+        return None
 
     def _candidates_instead(
         self,
@@ -321,15 +438,26 @@ class Search:
         others: Sequence[ScoredEffect],
         evidence: float,
     ) -> list[ScoredEffect]:
-        """What may stand in the place of a group of terms, the best first."""
-        joints = frozenset[int]().union(*(t.joints for t in group))
+        """List the candidates that may replace a group of effects, the best first.
+
+        They act on a joint of the replaced effect, or on exactly the joints of a group
+        of several. ``evidence`` is what the group has: candidates far below it are not
+        refined.
+        """
+        joints = _joints_of(group)
         fit = self.score.fit(self.nuisances.around(group[0], others), self.fit)
-        is_group = len(group) > 1
-        out = self.top_candidates(fit, others, joints, evidence, exact_joints=is_group)
+        candidates = self.top_candidates(
+            fit,
+            others,
+            on=joints,
+            beyond=evidence,
+            exact_joints=len(group) > 1,
+        )
         if self.in_reference.issuperset(t.key for t in group):
-            # They would explain themselves.
-            out = [t for t in out if not t.form.effect.needs_torque]
-        return out
+            # The columns of effects that need the torque (a gain, a delay) hold the
+            # group's torque: there they would explain the group by itself.
+            candidates = [t for t in candidates if not t.form.effect.needs_torque]
+        return candidates
 
     def _exchange(
         self,
@@ -337,8 +465,13 @@ class Search:
         candidates: Sequence[ScoredEffect],
         others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect] | None:
-        """The terms with another one in the place of this one, if that is as good and
-        simpler, or better."""
+        """Return the effects with ``term`` replaced by a candidate, or None where it
+        stays.
+
+        A candidate replaces the effect if its evidence is higher by the margin (J = 10
+        plus 4 %) or within the margin while it is simpler, or while the effect only
+        refines it.
+        """
         other = self._best_instead([term], candidates)
         if other is None:
             return None
@@ -349,24 +482,31 @@ class Search:
         rank_of_other = simplicity(other.form), -J_other
         is_simpler = not other.form.refines(term.form) and rank_of_other < rank
         is_preferred = is_simpler or term.form.refines(other.form)
-        is_as_good = J + margin < J_other or (J - margin < J_other and is_preferred)
-        if is_as_good and self.rules.exchange:
+        is_better = J + margin < J_other
+        is_as_good = J - margin < J_other
+        replaces = is_better or (is_as_good and is_preferred)
+        if replaces and self.rules.exchange:
             return self._if_it_stays(other, others)
         return None
 
     def merge_one_effect(
         self, terms: Sequence[ScoredEffect]
     ) -> list[ScoredEffect] | None:
-        """Several terms of one effect for a candidate that acts on all of their joints,
-        where that does nearly as well."""
+        """Replace effects of one kind on several joints by one that acts on all these
+        joints.
+
+        The merged effect may have less evidence than the group by the margin of J = 10
+        plus 4 %, since it is simpler. Returns the new list of effects, or None where no
+        group can be merged.
+        """
         for group in self.mergeable_groups(terms):
             others = [t for t in terms if t not in group]
             J = sum(t.evidence for t in self.score_jointly(group, others))
             candidates = self._candidates_instead(group, others, J)
-            other = self._best_instead(group, candidates)
+            merged = self._best_instead(group, candidates)
             margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
-            if other is not None and J - margin < other.evidence:
-                after = self._if_it_stays(other, others)
+            if merged is not None and J - margin < merged.evidence:
+                after = self._if_it_stays(merged, others)
                 if after is not None:
                     return after
         return None
@@ -376,47 +516,65 @@ class Search:
         group: Sequence[ScoredEffect],
         candidates: Sequence[ScoredEffect],
     ) -> ScoredEffect | None:
-        """The simplest of the best candidates that have enough evidence, if that is
-        another one."""
-        enough = [t for t in candidates if t.evidence > EVIDENCE_TO_ADD]
-        other = self.simplest(enough)
-        if other is None or other.key in {t.key for t in group}:
+        """Return the simplest of the best candidates to replace a group, or None.
+
+        None: no candidate has J > EVIDENCE_TO_ADD, or the best one is a member of the
+        group.
+        """
+        convincing = [t for t in candidates if t.evidence > EVIDENCE_TO_ADD]
+        replacement = self.simplest(convincing)
+        if replacement is None or replacement.key in {t.key for t in group}:
             return None
-        return other
+        return replacement
 
     def _if_it_stays(
         self,
         other: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> list[ScoredEffect] | None:
-        """The terms with another one, if that stays beside what is tolerated, too."""
+        """Return ``others`` with one more effect, or None if that effect is dropped at
+        once.
+
+        It has to keep enough evidence beside the tolerated errors of the mounting, too,
+        which :meth:`drop_weak` takes into account.
+        """
         after = self.drop_weak([*others, other])
         return after if any(t.key == other.key for t in after) else None
 
     def mergeable_groups(
         self, terms: Sequence[ScoredEffect]
     ) -> list[list[ScoredEffect]]:
-        """Groups of terms of one effect that may be one candidate that acts on all of
-        their joints."""
+        """List the groups of effects that one candidate on several joints might
+        replace.
+
+        A group has one effect's name (such as a delay of joint 1 and a delay of joint
+        2); it is a pair, or all effects of that name. The library must hold a candidate
+        that acts on exactly the group's joints. Empty where the rule
+        ``merge_one_effect`` is switched off.
+        """
+        if not self.rules.merge_one_effect:
+            return []
         batches = self.library.batches
         joint_sets = {frozenset(b.joints) for b in batches if len(b.joints) > 1}
         findings = [t for t in terms if not t.form.replaces_own_constant]
-        out = list[list[ScoredEffect]]()
+        groups = list[list[ScoredEffect]]()
         for name in dict.fromkeys(t.key[0] for t in findings):
-            same = [t for t in findings if t.key[0] == name]
-            groups = [list(pair) for pair in combinations(same, 2)]
-            if len(same) > 2:
-                groups.append(same)
-            for group in groups:
-                if frozenset().union(*(t.joints for t in group)) in joint_sets:
-                    out.append(group)
-        return out if out and self.rules.merge_one_effect else []
+            same_effect = [t for t in findings if t.key[0] == name]
+            groups += [list(pair) for pair in combinations(same_effect, 2)]
+            if len(same_effect) > 2:
+                groups.append(same_effect)
+        return [g for g in groups if _joints_of(g) in joint_sets]
 
     @staticmethod
     def equivalence_set(
         term: ScoredEffect, candidates: Sequence[ScoredEffect]
     ) -> tuple[ScoredEffect, ...]:
-        """The candidates that these rows do not tell from a term: within 6 of it."""
+        """Return the candidates that these rows do not tell from a chosen effect.
+
+        Their evidence J, with the same number of rows counted as one, falls short of
+        the effect's by less than 6 (odds of 20 to 1). Other values of the model's own
+        constants are left out: they are no effects.
+        """
         threshold = term.evidence - EVIDENCE_TO_DISTINGUISH
         return tuple(
             t
@@ -427,15 +585,20 @@ class Search:
         )
 
     def drop_disfavoured(self, terms: Sequence[ScoredEffect]) -> Search:
-        """The search with some of its terms only, each judged beside those.
+        """Return a copy of the search with only these effects, less those that the rows
+        contradict.
 
-        Where there is evidence against some, the one against which it is most goes, and
-        the others are judged again.
+        Each effect is judged beside the others. While one has evidence against it (J <=
+        0), the one with the lowest J is dropped and the others are judged again. The
+        threshold is 0 and not 10, since these effects have passed 10 before.
         """
         out = copy(self)
         while True:
             out.fit = out.score.fit(out.nuisances.with_law_misfits(terms), self.fit)
-            out.terms = [out.beside(t, [x for x in terms if x != t]) for t in terms]
+            out.terms = []
+            for term in terms:
+                others = [t for t in terms if t is not term]
+                out.terms.append(out.beside(term, others))
             weakest = min(
                 out.terms,
                 key=lambda t: t.evidence,
@@ -453,23 +616,60 @@ def _acts_on(
     joints: frozenset[int],
     exactly: bool,
 ) -> bool:
-    """Whether candidates change the torque of some of the joints, or of exactly these."""
+    """Return whether a batch's candidates act on some of the joints (from 0).
+
+    ``exactly``: whether they act on all of these joints and no others.
+    """
     if exactly:
         return joints == frozenset(batch.joints)
     return bool(joints & frozenset(batch.joints))
 
 
+def _joints_of(group: Sequence[ScoredEffect]) -> frozenset[int]:
+    """Return all joints (from 0) on which the effects of a group act."""
+    return frozenset[int]().union(*(t.joints for t in group))
+
+
+def _best_law_of_each_candidate(
+    ranked: Sequence[ScoredEffect],
+) -> list[ScoredEffect]:
+    """Keep the best law of each candidate (an effect on a joint), in the order given.
+
+    Laws of one candidate are compared with the number of rows counted as one that the
+    first of them has: estimates of that number differ by more than their evidence.
+    ``ranked`` has the highest evidence first.
+    """
+    first = dict[Key, ScoredEffect]()
+    best = dict[Key, ScoredEffect]()
+    for term in ranked:
+        reference = first.setdefault(term.key, term)
+        best_so_far = best.setdefault(term.key, term)
+        evidence_so_far = best_so_far.evidence_with_worth_of(reference)
+        if term.evidence_with_worth_of(reference) >= evidence_so_far:
+            best[term.key] = term
+    return [t for t in ranked if best[t.key] is t]
+
+
 def _of_first_candidates(
     ranked: Sequence[tuple[float, Candidate, dict[int, Array]]],
 ) -> list[tuple[Candidate, dict[int, Array]]]:
-    """The forms, with their columns, of the candidates that come first."""
+    """Return all laws, with their white columns, of the best-ranked candidates.
+
+    ``ranked`` holds (cheap score, law, columns), the best first. A candidate (an effect
+    on a joint) may appear with several laws; those of the first MAX_CANDIDATES_REFINED
+    candidates are returned.
+    """
     keys = list(dict.fromkeys(form.key for _, form, _ in ranked))
-    close = keys[:MAX_CANDIDATES_REFINED]
-    return [(form, columns) for _, form, columns in ranked if form.key in close]
+    best_keys = keys[:MAX_CANDIDATES_REFINED]
+    return [(form, columns) for _, form, columns in ranked if form.key in best_keys]
 
 
 def simplicity(form: Candidate) -> tuple[int, int, bool]:
-    """Fewest constants, fewest joints, what refines nothing else."""
+    """Return the key by which candidates are sorted, the simplest first.
+
+    In this order: number of coefficients and shape constants, number of joints, and
+    whether the effect refines a plainer one.
+    """
     return (
         form.n_coefficients + form.constants,
         len(form.effect.joints),

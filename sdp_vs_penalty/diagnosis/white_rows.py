@@ -1,5 +1,6 @@
-"""White rows: the log's rows in units of their noise, the model's own columns on them,
-and their clusters."""
+"""White rows: the log's rows weighted so that their noise is independent with variance
+1, with the model's own columns on them, and clusters of rows that err together.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.noise import RESIDUAL, Noise, noise_of
 from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks
 from sdp_vs_penalty.signals.preprocessing import Preprocessing
-from sdp_vs_penalty.signals.segments import SegmentedRuns, segmented
+from sdp_vs_penalty.signals.segments import Segment, SegmentedRuns, segmented
 
 
 def diagnosis_rows(
@@ -28,10 +29,26 @@ def diagnosis_rows(
     estimate: Estimate,
     settings: Preprocessing,
 ) -> SegmentedRuns:
-    """Filter all runs; ``settings`` must be resolved. The current model is the
-    estimate.
+    """Filter all runs and attach the estimate as the current model.
 
-    Raises InputError where no run is long enough for the filters.
+    Parameters
+    ----------
+    measurements
+        The runs.
+    estimate
+        The model from which columns that need torque or links are computed.
+    settings
+        Filters, resolved for these measurements (:meth:`Preprocessing.resolve`).
+
+    Returns
+    -------
+    SegmentedRuns
+        The filtered rows.
+
+    Raises
+    ------
+    InputError
+        No run is long enough for the filters.
     """
     runs = segmented(measurements, settings)
     if not runs.segments:
@@ -48,25 +65,36 @@ def with_estimate(
     estimate: Estimate,
     other_effects: Sequence[tuple[Effect, Array]] = (),
 ) -> SegmentedRuns:
-    """The same runs with an estimate as the current model; other_effects : effects beside it,
-    with their parameters, whose torque passes the channels as well."""
+    """Attach an estimate as the current model of filtered runs.
+
+    Parameters
+    ----------
+    runs
+        The filtered runs.
+    estimate
+        The model from which columns that need torque or links are computed.
+    other_effects
+        Effects beside the model, each with its parameters (k,). Their torque is added
+        to the model's, through the gains of the torque channels.
+
+    Returns
+    -------
+    SegmentedRuns
+        The same rows with that model.
+    """
     model = estimate.model
 
-    def beside(motion: Motion) -> Motion:
+    def add_torque_of_others(motion: Motion) -> Motion:
         if not other_effects:
             return motion
         torque_of_others = sum(e.torque(theta, motion) for e, theta in other_effects)
-        return replace(
-            motion,
-            torque=motion.model_torque
-            + torque_of_others * np.array(model.gains or (1.0,)),
-        )
+        gains = np.array(model.gains or (1.0,))
+        return replace(motion, torque=motion.model_torque + torque_of_others * gains)
 
-    return runs.with_model(
-        lambda m: model.seen_along(estimate.theta, m),
-        beside,
-        model.gains,
-    )
+    def motion_seen_by_model(motion: Motion) -> Motion:
+        return model.seen_along(estimate.theta, motion)
+
+    return runs.with_model(motion_seen_by_model, add_torque_of_others, model.gains)
 
 
 #: What errors of an effect's free shape constants make of torque, white.
@@ -75,11 +103,13 @@ ConstantErrors = tuple[ShapeSensitivity, dict[int, Array]]
 
 @dataclass(frozen=True)
 class WhiteData:
-    """Rows whose noise is white and of unit variance, joint by joint.
+    """Rows weighted so that each joint's noise is independent with variance 1, and the
+    model.
 
-    X (n, M, p), y (n, M) : the model's own columns and the torque, or what a frozen
-    model leaves, white; clusters : (M,) labels, by time and by phase; count (n,) : rows
-    that carry information; frozen : X has no columns.
+    X (n joints, M rows, p) : the model's own columns, white; y (n, M) : the white
+    torque. Of a model held fixed (``frozen``) X has no columns and y is what the model
+    leaves. clusters : labels (M,) of rows that err together, by time and by phase of
+    the motion; count (n,) : number of rows that carry information.
     """
 
     rows: SegmentedRuns
@@ -93,74 +123,93 @@ class WhiteData:
 
     @property
     def n(self) -> int:
+        """The number of joints."""
         return self.rows.n
 
     @property
     def known(self) -> bool:
-        """Whether the size of the noise is known, rather than taken from what the model
-        leaves."""
+        """Whether the noise was measured, and not taken from the model's own residual."""
         return self.noise.source != RESIDUAL
 
     @cached_property
     def own_effects(self) -> dict[tuple[str, int], tuple[Effect, int]]:
-        """By name and joint the model's own effects, each alone, whose shape constant
-        may be another one: with one column a joint; and where that stands in X."""
+        """The model's own effects whose shape constant might be re-estimated.
+
+        By (name, joint from 0): the effect on that joint alone, and its column in X.
+        Only effects with one column a joint; none of a model held fixed.
+        """
         if self.frozen:
             return {}
-        model = self.estimate.model
-        return {
-            (e.name, j): (e.with_shape([j]), int(column))
-            for e, columns in model.parts
-            if e.estimated and len(columns) == len(e.joints)
-            for j, column in zip(e.joints, columns, strict=True)
-        }
+        out = dict[tuple[str, int], tuple[Effect, int]]()
+        for effect, columns in self.estimate.model.parts:
+            if not effect.estimated or len(columns) != len(effect.joints):
+                continue
+            for joint, column in zip(effect.joints, columns, strict=True):
+                alone = effect.with_shape([joint])
+                out[effect.name, joint] = alone, int(column)
+        return out
 
     def constant_error_columns(
         self,
         effects: Sequence[Effect] = (),
         thetas: Sequence[Array] = (),
     ) -> list[ConstantErrors]:
-        """What errors of the free shape constants of effects, and of the model's own
-        beside them, make of white torque: what turns over another velocity looks like
-        friction of another size."""
+        """Return the white torque that errors of shape constants would make, to first
+        order.
+
+        Such errors matter for sizes: friction that reverses over another velocity, for
+        example, looks like friction of another size.
+
+        Parameters
+        ----------
+        effects
+            Effects beside the model.
+        thetas
+            Their parameters, (k,) each. The model's own effects are added, unless it is
+            held fixed.
+
+        Returns
+        -------
+        list of (ShapeSensitivity, dict)
+            For each effect with free constants: the derivatives of its torque by these,
+            and their white columns, (M, constants) by joint.
+        """
         model = self.estimate.model
-        theta = self.estimate.theta
         if not self.frozen:
+            thetas_of_model = [self.estimate.theta[k] for k in model.indices]
             effects = [*effects, *model.effects]
-            thetas = [
-                *thetas,
-                *(theta[k] for k in model.indices),
-            ]
-        return [(s, self.columns(s)) for s in sensitivities(effects, thetas)]
+            thetas = [*thetas, *thetas_of_model]
+        derivatives = sensitivities(effects, thetas)
+        return [(d, self.columns(d)) for d in derivatives]
 
     @cached_property
     def constants(self) -> dict[tuple[str, int], Array]:
-        """(M, s) by name and joint the same of the model's own effects in ``own``."""
-        columns_by_effect = (
-            (s.effect.name, columns) for s, columns in self.constant_error_columns()
-        )
-        return {
-            (name, j): z
-            for name, by in columns_by_effect
-            for j, z in by.items()
-            if (name, j) in self.own_effects
-        }
+        """White derivatives of torque by the free constants of the effects in
+        ``own_effects``.
+
+        (M, number of constants) by (name, joint from 0).
+        """
+        out = dict[tuple[str, int], Array]()
+        for derivative, columns in self.constant_error_columns():
+            for joint, white_columns in columns.items():
+                key = derivative.effect.name, joint
+                if key in self.own_effects:
+                    out[key] = white_columns
+        return out
 
     @cached_property
     def raw(self) -> Array:
-        """(n, M, p) the model's own columns, not white."""
+        """(n, M, p) the model's own filtered columns, not whitened."""
         return model_columns(self.rows, self.estimate, self.frozen)
 
     def white(self, columns: Array, joint: int) -> Array:
-        """(M, ...) columns of one joint's torque, white."""
-        return self.noise.whiten(
-            columns,
-            joint,
-            self.rows.pieces[joint],
-        )
+        """Whiten columns (M, ...) of one joint's torque (joint from 0)."""
+        return self.noise.whiten(columns, joint, self.rows.pieces[joint])
 
     def columns(self, effect: Effect) -> dict[int, Array]:
-        """(M, k) white columns of an effect, of each joint whose torque it changes."""
+        """Return an effect's white columns, (M, k) by joint (from 0) whose torque it
+        changes.
+        """
         wide = spread_columns(self.rows, effect)
         return {
             b.joint: self.white(wide[b.joint], b.joint)
@@ -171,7 +220,11 @@ class WhiteData:
 def cluster_sums(
     clusters: Sequence[NDArray[np.intp]], scores: Array
 ) -> Iterator[Array]:
-    """(clusters, k) sums of scores (M, k), by each way to cluster rows."""
+    """Yield, for each way to cluster the M rows, the sums of scores (M, k) over its
+    clusters.
+
+    Each is (number of clusters, k). ``clusters`` holds the labels (M,) of each way.
+    """
     for labels in clusters:
         yield np.stack([np.bincount(labels, column) for column in scores.T], axis=1)
 
@@ -182,8 +235,28 @@ def whiten_rows(
     frozen: bool = False,
     noise_rows: SegmentedRuns | None = None,
 ) -> WhiteData:
-    """White rows with a model attached; noise_rows : what the noise is measured in, if not
-    these."""
+    """Measure the noise of filtered rows, and weight them so that it is independent
+    with variance 1.
+
+    Rows at the begin of a log are masked until friction has forgotten its past, and so
+    are rows in which repetitions of the motion disagree.
+
+    Parameters
+    ----------
+    rows
+        Filtered rows.
+    estimate
+        The model whose columns are whitened too.
+    frozen
+        True: the model is held fixed, and only what it leaves is explained.
+    noise_rows
+        Rows in which the noise is measured; default: ``rows``.
+
+    Returns
+    -------
+    WhiteData
+        White rows with the model's columns.
+    """
     noise = noise_of(rows, noise_rows)
     masked = noise.suspect | mask_unsettled_rows(rows)
     if masked.any():
@@ -192,17 +265,22 @@ def whiten_rows(
 
 
 def mask_unsettled_rows(rows: SegmentedRuns) -> NDArray[np.bool_]:
-    """(M, n) rows before a joint has come so far that friction with a memory has
-    forgotten what bent it before the log began. Of a joint that never comes so far,
-    none."""
+    """Return (M, n) flags of rows in which friction may still remember the time before
+    the log.
+
+    Friction with a memory forgets its initial state over a travel of FORGETS (0.03 rad
+    or m): rows before a joint has travelled that far are flagged. A joint that never
+    does has no rows flagged.
+    """
     out = []
-    for s in rows.segments:
-        path = np.cumsum(
-            np.abs(np.diff(s.motion.q, axis=0, prepend=s.motion.q[:1])), axis=0
-        )
-        out.append(path[s.low_pass.at] < FORGETS)
-    masked = np.concatenate(out)
-    return masked & ~masked.all(axis=0)
+    for segment in rows.segments:
+        q = segment.motion.q
+        steps = np.abs(np.diff(q, axis=0, prepend=q[:1]))
+        travel = np.cumsum(steps, axis=0)
+        out.append(travel[segment.low_pass.at] < FORGETS)
+    is_unsettled = np.concatenate(out)
+    never_settles = is_unsettled.all(axis=0)
+    return is_unsettled & ~never_settles
 
 
 def whitened(
@@ -211,7 +289,10 @@ def whitened(
     estimate: Estimate,
     frozen: bool,
 ) -> WhiteData:
-    """The same where the noise is known."""
+    """Whiten filtered rows with a noise that is known already.
+
+    Parameters are those of :func:`whiten_rows`; ``noise`` is the noise of each joint.
+    """
     torque = rows.residual if frozen else rows.torque
     X, y = white_rows(
         rows,
@@ -220,11 +301,21 @@ def whitened(
         torque,
     )
     clusters = cluster_rows(rows)
-    # Rows behind the past that whitening needs, each by its worth.
+    # The first rows of each piece only serve to whiten the next ones. Each other row
+    # counts by its worth.
     count = np.array(
         [noise.worth[rows.pieces[j].predicted, j].sum() for j in range(rows.n)]
     )
-    return WhiteData(rows, noise, estimate, X, y, clusters, count, frozen)
+    return WhiteData(
+        rows=rows,
+        noise=noise,
+        estimate=estimate,
+        X=X,
+        y=y,
+        clusters=clusters,
+        count=count,
+        frozen=frozen,
+    )
 
 
 def white_rows(
@@ -233,22 +324,28 @@ def white_rows(
     columns: Array,
     residual: Array,
 ) -> tuple[Array, Array]:
-    """White columns (n, M, p) and residual (n, M) from (n, M, p) and (M, n)."""
-    white = np.zeros(columns.shape)
-    target = np.zeros(columns.shape[:2])
+    """Whiten columns (n, M, p) and residual (M, n) joint by joint.
+
+    Returns
+    -------
+    (n, M, p) array
+        White columns.
+    (n, M) array
+        White residual; note that the joint comes first.
+    """
+    white_columns = np.zeros(columns.shape)
+    white_residual = np.zeros(columns.shape[:2])
     for j in range(rows.n):
         pieces = rows.pieces[j]
-        white[j] = noise.whiten(columns[j], j, pieces)
-        target[j] = noise.whiten(
-            residual[:, j],
-            j,
-            pieces,
-        )
-    return white, target
+        white_columns[j] = noise.whiten(columns[j], j, pieces)
+        white_residual[j] = noise.whiten(residual[:, j], j, pieces)
+    return white_columns, white_residual
 
 
 def spread_columns(rows: SegmentedRuns, effect: Effect) -> Array:
-    """(n, M, k) columns of one effect on all joints, not white."""
+    """Return an effect's filtered columns (n joints, M rows, k); zero where it does not
+    act.
+    """
     out = np.zeros((rows.n, len(rows.t), len(effect.parameters)))
     for block in rows.blocks(effect):
         out[block.joint][:, block.parameters] = block.columns
@@ -260,8 +357,10 @@ def model_columns(
     estimate: Estimate,
     frozen: bool = False,
 ) -> Array:
-    """(n, M, p) filtered columns of the model's own parameters; none of a frozen
-    model's."""
+    """Return the filtered columns (n, M, p) of the model's parameters.
+
+    p is 0 for a model held fixed (``frozen``): it has no parameters to fit.
+    """
     if frozen:
         return np.zeros((rows.n, len(rows.t), 0))
     return np.concatenate(
@@ -272,50 +371,64 @@ def model_columns(
 def cluster_rows(
     rows: SegmentedRuns,
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(M,) labels of rows that err together: stretches of time, and stretches of the
-    motion's phase.
+    """Label rows that err together: by stretches of time, and by stretches of the
+    phase.
 
-    What a model lacks comes back with the motion.
+    The second, since an error of the model comes back whenever the motion repeats.
+    Labels are (M,) each.
     """
     return time_clusters(rows), stretches(rows, CLUSTERS)[1]
 
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
-    """(M,) labels of stretches of equal length within runs, of half a second at least."""
-    run = rows.run
-    t = rows.t
-    spans = [np.ptp(t[run == r]) for r in np.unique(run)]
-    length = max(0.5, sum(spans) / CLUSTERS)
-    label = np.zeros(len(t), np.intp)
-    count = 0
-    for r, span in zip(np.unique(run), spans, strict=True):
-        mine = run == r
-        pieces = max(1, round(span / length))
-        edges = np.linspace(t[mine][0], t[mine][-1], pieces + 1)[1:-1]
-        label[mine] = count + np.searchsorted(edges, t[mine], side="right")
-        count += pieces
-    return np.unique(label, return_inverse=True)[1]
+    """Label the rows (M,) by stretches of equal duration within each run.
+
+    There are about CLUSTERS of them, each at least half a second long.
+    """
+    t_by_run = {r: rows.t[rows.run == r] for r in np.unique(rows.run)}
+    seconds = sum(np.ptp(t) for t in t_by_run.values())
+    length = max(0.5, seconds / CLUSTERS)
+    label = np.zeros(len(rows.t), np.intp)
+    n_before = 0
+    for run, t in t_by_run.items():
+        n_stretches = max(1, round(np.ptp(t) / length))
+        inner_edges = np.linspace(t[0], t[-1], n_stretches + 1)[1:-1]
+        stretch = np.searchsorted(inner_edges, t, side="right")
+        label[rows.run == run] = n_before + stretch
+        n_before += n_stretches
+    return np.unique(label, return_inverse=True)[1]  # numbered without gaps
 
 
 def folds_of(rows: SegmentedRuns, count: int) -> NDArray[np.intp]:
-    """(M,) folds by phase, so many at most."""
+    """Return folds (M,) by the phase of the motion, numbered from 0, at most ``count``."""
     return np.unique(stretches(rows, count)[0], return_inverse=True)[1]
 
 
 def stretches(
     rows: SegmentedRuns, count: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(M,) folds, each one stretch of every motion's clock; and (M,) labels of stretch
-    and motion. A run's clock is that of its longest segment."""
-    runs = dict.fromkeys(s.run for s in rows.segments)
-    longest = [
-        max((s for s in rows.segments if s.run == r), key=lambda s: len(s.t))
-        for r in runs
-    ]
-    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in longest])
-    fold, motion = np.zeros((2, len(rows.t)), np.intp)
-    for run, clock in zip(runs, clocks, strict=True):
-        mine = rows.run == run
-        fold[mine] = PhaseFolds((clock,), count).fold(0, rows.t[mine])
-        motion[mine] = clock.motion
-    return fold, np.unique(motion * count + fold, return_inverse=True)[1]
+    """Divide the phase of each motion into ``count`` stretches.
+
+    Returns
+    -------
+    (M,) array
+        The stretch of each row, from 0: a fold is the same phase in all motions.
+    (M,) array
+        A label of stretch and motion together. A run's phase is that of its longest
+        segment.
+    """
+    longest = dict[int, Segment]()
+    for segment in rows.segments:
+        known = longest.setdefault(segment.run, segment)
+        if len(segment.t) > len(known.t):
+            longest[segment.run] = segment
+    clocks = motion_clocks([(s.t_dense, s.q_dense) for s in longest.values()])
+    fold = np.zeros(len(rows.t), np.intp)
+    motion = np.zeros(len(rows.t), np.intp)
+    for run, clock in zip(longest, clocks, strict=True):
+        in_run = rows.run == run
+        fold[in_run] = PhaseFolds((clock,), count).fold(0, rows.t[in_run])
+        motion[in_run] = clock.motion
+    stretch_and_motion = motion * count + fold
+    labels = np.unique(stretch_and_motion, return_inverse=True)[1]  # without gaps
+    return fold, labels
