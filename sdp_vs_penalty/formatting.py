@@ -208,6 +208,35 @@ def number(x: float | None, digits: int = 3) -> str:
     return f"{x:.0f}" if "e+" in text and abs(x) < 1e6 else text
 
 
+def times_noise(
+    ratio: float,
+    error: float,
+    unit: str,
+) -> str:
+    """An error in multiples of its noise, and in its own unit.
+
+    Parameters
+    ----------
+    ratio : float
+        Error over noise.
+    error : float
+        The error [unit].
+    unit : str
+        "N m" or "N".
+
+    Returns
+    -------
+    str
+        Words for a sentence.
+
+    Examples
+    --------
+    >>> times_noise(15.61, 0.0652, "N m")
+    '15.6 times its noise (0.0652 N m)'
+    """
+    return f"{number(ratio)} times its noise ({number(error)} {unit})"
+
+
 def milli(
     value: float,
     unit: str,

@@ -86,4 +86,6 @@ def judge_as_exported(
         runs,
         noise_from=noise_from,
     )
-    return part.verdict, changes(whole.rmse, part.rmse, part.noise_floor)
+    return part.verdict, changes(
+        whole.rmse, part.rmse, part.noise_floor, part.estimate.robot.torque_units
+    )

@@ -237,8 +237,8 @@ def _findings(
             f"{number}. {finding.title}{rating}: {finding.size_and_constants}."
             f" {finding.sentences}"
         )
-    if more := [f.text.partition("@")[0] for f in result.effects[len(shown) :]]:
-        paragraph(f"further weak candidates: {', '.join(more)}")
+    if more := words.findings[len(shown) :]:
+        paragraph(f"further weak candidates: {'; '.join(f.title for f in more)}")
 
 
 def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:

@@ -40,8 +40,6 @@ from sdp_vs_penalty.signals.segments import subsample_sentence, window_subsample
 if TYPE_CHECKING:
     import pandas
 
-    from sdp_vs_penalty.diagnosis.findings import Diagnosis
-
 
 @dataclass(frozen=True)
 class Signals:
@@ -194,8 +192,13 @@ class Comparison(Record):
         self,
         missing: str = "",
         forward: str = "",
+        has_open_finding: bool = False,
     ) -> Verdict:
-        """The same with what a diagnosis and a forward simulation say; the grade stays."""
+        """The same with what a diagnosis and a forward simulation say.
+
+        has_open_finding : whether the diagnosis has found an effect that the model
+        lacks, which is then at most usable.
+        """
         links = self.estimate.model.rigid_indices[::10]
         return judge(
             rmse=self.rmse,
@@ -215,6 +218,8 @@ class Comparison(Record):
             seconds=self.signals.seconds,
             doubt=doubt_of_log(self.estimate.provenance.get("checks", {})),
             highest=self.highest_relative_error,
+            units=self.estimate.robot.torque_units,
+            has_open_finding=has_open_finding,
         )
 
     def plot(
@@ -677,23 +682,3 @@ def predicted(rows: Rows, theta: Array) -> Array:
     """Modelled torque (M, n) of filtered rows: the columns passed the same filter as
     the torque."""
     return np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])
-
-
-def still_missing(diagnosis: Diagnosis, estimate: Estimate) -> str:
-    """What a diagnosis of this model, or of one that it grew from, has found that the
-    model lacks."""
-    there = {(e.name, j + 1) for e in estimate.model.effects for j in e.joints}
-    whole_robot_effects = {e.name for e in estimate.model.effects if e.whole_robot}
-    left = [
-        f"{f.effect} on {formatting.joints(f.joints)}" if f.joints else f.effect
-        for f in diagnosis.effects
-        if f.effect not in whole_robot_effects
-        and not (f.joints and {(f.effect, j) for j in f.joints} <= there)
-    ]
-    if left:
-        return f"Found and not added: {'; '.join(left)}."
-    return (
-        "All effects that `diagnose` found are in the model."
-        if diagnosis.effects
-        else diagnosis.headline
-    )

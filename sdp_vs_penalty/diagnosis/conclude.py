@@ -39,6 +39,7 @@ from sdp_vs_penalty.diagnosis.sizes import (
 )
 from sdp_vs_penalty.diagnosis.unexplained import Remainder
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
+from sdp_vs_penalty.effects import effect_in_words, effect_name
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.verdict import MOSTLY_NEW
 from sdp_vs_penalty.robot.arrays import Array
@@ -113,6 +114,7 @@ class Conclusion:
             new_motion_share=self.new_motion_share,
             retuned=self.retunes(harmful),
             curves=self.described_curves,
+            torque_units=self.explanation.estimate.robot.torque_units,
             remains=tuple(Remaining(j + 1, x) for j, x in sorted(unexplained.items())),
         )
 
@@ -293,11 +295,12 @@ def sentence(
         else "joint " + "+".join(str(j + 1) for j in effect.joints)
     )
     amount = format_size(size, std, unit)
-    head = f"{effect.name} on {where}: {amount}"
+    head = f"{formatting.sentence(effect_name(effect.name))} on {where}: {amount}"
     head += f" ({effect.constants})" if effect.constants else ""
     text = f"{head}. {effect.explanation} {effect.remark(size)}".rstrip()
     if rivals:
-        text += f" Indistinguishable in these data from {', '.join(rivals)}."
+        named = ", ".join(map(effect_in_words, rivals))
+        text += f" Indistinguishable in these data from {named}."
     return text
 
 

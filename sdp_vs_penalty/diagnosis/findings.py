@@ -14,7 +14,12 @@ import numpy as np
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.diagnosis.curves.curve import CURVE, Curve
 from sdp_vs_penalty.diagnosis.events import Event
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import (
+    FittedEffect,
+    effect_name,
+    effect_types,
+    on_the_arm,
+)
 from sdp_vs_penalty.errors import InputError, command_line
 from sdp_vs_penalty.estimation.constants import NORMAL_95
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate
@@ -164,6 +169,19 @@ class Finding(Rated):
         return [re.split("[:@]", name)[0] for name in self.rivals_without_curve]
 
     @property
+    def on_the_arm(self) -> str:
+        """What it is on the arm, in one sentence with its size."""
+        fitted = FittedEffect(
+            name=self.effect,
+            joints=self.joints,
+            size=self.size,
+            unit=self.unit,
+            parameters=self.parameters,
+            shape=self.shape,
+        )
+        return on_the_arm(fitted)
+
+    @property
     def physics(self) -> str:
         """What the effect is, in a sentence or two, without size and rivals."""
         text = self.explanation.partition(". ")[2]
@@ -220,23 +238,21 @@ class Finding(Rated):
         """What adding it, after the findings before it, does to the error of its joint
         on data left out."""
         j = self.main_joint - 1
-        before = self.held_out_rmse_before[j]
-        after = self.held_out_rmse_after[j]
-        unit = "N m or N"
+        before = float(self.held_out_rmse_before[j])
+        after = float(self.held_out_rmse_after[j])
+        is_lower = after < before
+        errors = [before, after] if is_lower else [before]
+        unit = diagnosis.torque_unit(j + 1)
+        amount = f"{' to '.join(map(formatting.number, errors))} {unit}"
         if diagnosis.held_out_over_noise is not None:
-            before = before / diagnosis.noise_floor[j]
-            after = after / diagnosis.noise_floor[j]
-            unit = "times the noise"
-        errors = [formatting.number(float(x)) for x in (before, after)]
-        if after >= before:
+            floor = float(diagnosis.noise_floor[j])
+            times = [formatting.number(x / floor) for x in errors]
+            amount = f"{' to '.join(times)} times the noise ({amount})"
+        if is_lower:
             return (
-                f"Adding it does not lower joint {j + 1}'s error on data left out"
-                f" ({errors[0]} {unit})."
+                f"Adding it cuts joint {j + 1}'s error on data left out from {amount}."
             )
-        return (
-            f"Adding it cuts joint {j + 1}'s error on data left out from {errors[0]} to"
-            f" {errors[1]} {unit}."
-        )
+        return f"Adding it does not lower joint {j + 1}'s error on data left out: {amount}."
 
     @property
     def cooled(self) -> str:
@@ -290,7 +306,7 @@ class Diagnosis(Record, JsonRecord):
     as functions of one variable or two; remarks : sentences; frozen : whether the
     model's parameters were kept, and are kept by :func:`add`; new_motion_share : of the
     test run's rows, those whose motion is not in the runs that were searched; remains :
-    what repeats and is unknown.
+    what repeats and is unknown; torque_units (n,) : of the joints.
     """
 
     verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
@@ -310,6 +326,14 @@ class Diagnosis(Record, JsonRecord):
     retuned: tuple[Retune, ...] = ()
     curves: tuple[Curve, ...] = ()
     remains: tuple[Remaining, ...] = ()
+    torque_units: tuple[str, ...] = ()
+
+    def torque_unit(self, joint: int) -> str:
+        """Unit of the torque of a joint (from 1); "N m or N" where files of older
+        versions do not say it."""
+        if not self.torque_units:
+            return "N m or N"
+        return plain_unit(self.torque_units[joint - 1])
 
     def selected(
         self,
@@ -483,7 +507,7 @@ class Diagnosis(Record, JsonRecord):
         certain = [f for f in self.effects if f.effect_is_certain]
         findings = f"finding{'s' if len(self.effects) != 1 else ''}"
         counted = (
-            f"{_named(certain or self.effects)}"
+            f"{named_on_joints(certain or self.effects)}"
             f" ({rating_counts(self.effects)} {findings})"
         )
         if self.unexplained_sentence:
@@ -496,7 +520,7 @@ class Diagnosis(Record, JsonRecord):
         if self.effects:
             text = f"{'Missing' if certain else 'Possibly missing'}: {counted}."
             if self.retuned:
-                text += f" Settings to re-estimate: {_named(self.retuned)}."
+                text += f" Settings to re-estimate: {named_on_joints(self.retuned)}."
             return (
                 text
                 if self.noise_known
@@ -505,7 +529,7 @@ class Diagnosis(Record, JsonRecord):
         if self.retuned:
             return (
                 "No effect is missing; settings to re-estimate:"
-                f" {_named(self.retuned)}."
+                f" {named_on_joints(self.retuned)}."
             )
         if self.noise_known:
             return self._nothing
@@ -517,16 +541,20 @@ class Diagnosis(Record, JsonRecord):
         over = self.held_out_over_noise
         if over is None or not len(over):
             return "Nothing is missing that these measurements could show."
-        worst = int(np.argmax(over))
-        times = formatting.number(float(over[worst]))
+        worst = int(np.argmax(over)) + 1
+        error = formatting.times_noise(
+            float(over[worst - 1]),
+            float(self.held_out_rmse_with_all[worst - 1]),
+            self.torque_unit(worst),
+        )
         if above := self.joints_above_noise:
             return (
                 "No effect of the library explains the torque beyond the noise on"
-                f" {formatting.joints(above)} (joint {worst + 1}: {times} times)."
+                f" {formatting.joints(above)}: joint {worst} errs {error}."
             )
         return (
-            "Nothing is missing that these measurements could show: no"
-            f" joint errs more than {times} times its noise."
+            "Nothing is missing that these measurements could show: no joint errs more"
+            f" than {error.removesuffix(')')} on joint {worst})."
         )
 
     @property
@@ -559,11 +587,16 @@ class Diagnosis(Record, JsonRecord):
     def left_sentence(self) -> str:
         """What error is left on data left out, joint by joint."""
         start = "Error on data left out, with everything found"
+        facts = self.facts()
+        errors = [
+            f"{error} {self.torque_unit(joint)}"
+            for joint, error in enumerate(facts["left_error"].texts, start=1)
+        ]
         if self.held_out_over_noise is None:
-            errors = self.facts()["left_error"].texts
-            unit = "N m or N; the noise is not known"
+            unit = "the noise is not known"
         else:
-            errors = self.facts()["left_over_noise"].texts
+            times = facts["left_over_noise"].texts
+            errors = [f"{x} ({error})" for x, error in zip(times, errors, strict=True)]
             unit = "in multiples of the noise"
         each = [f"j{joint} {error}" for joint, error in enumerate(errors, start=1)]
         return f"{start} ({unit}): {', '.join(each)}."
@@ -579,13 +612,13 @@ class Diagnosis(Record, JsonRecord):
             if self.remains
             else ""
         )
-        size = max((r.rmse for r in self.remains), default=0.0)
-        upto = (
-            f" ({size:.2g} N m or N RMS{' at most' if len(self.remains) > 1 else ''})"
-            if size
-            else ""
-        )
-        return f"something{where} that no effect of the library explains{upto}"
+        largest = max(self.remains, key=lambda r: r.rmse, default=None)
+        amount = ""
+        if largest is not None:
+            at_most = " at most" if len(self.remains) > 1 else ""
+            unit = self.torque_unit(largest.joint)
+            amount = f" ({largest.rmse:.2g} {unit} RMS{at_most})"
+        return f"something{where} that no effect of the library explains{amount}"
 
     @property
     def advice(self) -> str:
@@ -680,13 +713,15 @@ def rating_counts(found: Sequence[Finding | Retune]) -> str:
     return formatting.words(counts) if counts else ""
 
 
-def _named(findings: Sequence[Finding | Retune]) -> str:
-    """Effects with the joints that each is found on."""
+def named_on_joints(findings: Sequence[Finding | Retune]) -> str:
+    """Effects in words, with the joints that each is found on."""
     joints: dict[str, set[int]] = {}
     for f in findings:
         joints.setdefault(f.effect, set()).update(f.joints)
     return "; ".join(
-        f"{effect} on {formatting.joints(sorted(where))}" if where else effect
+        f"{effect_name(effect)} on {formatting.joints(sorted(where))}"
+        if where
+        else effect_name(effect)
         for effect, where in joints.items()
     )
 

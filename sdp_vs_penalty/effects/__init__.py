@@ -14,6 +14,10 @@ _PARTS = {
     "CurrentModel": "motion",
     "JointCoverage": "effect",
     "Model": "model",
+    "FittedEffect": "plain_words",
+    "effect_in_words": "plain_words",
+    "effect_name": "plain_words",
+    "on_the_arm": "plain_words",
 }
 DEFAULT_EFFECTS = (
     "rigid_body",

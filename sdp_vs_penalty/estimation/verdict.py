@@ -128,18 +128,26 @@ class Verdict(JsonRecord):
         reasons = " ".join(str(line) for line in self.lines)
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
 
-    def with_missing(self, said: str) -> Verdict:
-        """The same with what a diagnosis says in place of what errors alone say."""
+    def with_missing(self, said: str, has_open_finding: bool) -> Verdict:
+        """The same with what a diagnosis says in place of what errors alone say.
+
+        said : a sentence; has_open_finding : whether the diagnosis has found an effect
+        that the model lacks, which is then at most usable.
+        """
         fit = next((line for line in self.lines if line.about == FIT), None)
         over = self.error_over_noise
         alone = fit and _left(fit, None if over is None else np.array(over))
-        lines = [
-            replace(line, text=line.text.replace(alone, said))
-            if alone and line.about == MISSING
-            else line
-            for line in self.lines
-        ]
-        return replace(self, lines=tuple(lines))
+        lines = []
+        for line in self.lines:
+            if alone and line.about == MISSING:
+                grade = line.grade
+                if has_open_finding and grade == "good":
+                    grade = "usable"
+                text = line.text.replace(alone, said)
+                lines.append(replace(line, text=text, grade=grade))
+            else:
+                lines.append(line)
+        return replace(self, lines=_weakest_first(lines))
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -174,6 +182,8 @@ def judge(
     seconds: float | None = None,
     doubt: str = "",
     highest: float | None = None,
+    units: Sequence[str] = (),
+    has_open_finding: bool = False,
 ) -> Verdict:
     """The verdict on one model.
 
@@ -184,27 +194,27 @@ def judge(
     diagnosis says, "" where there was none; forward : what a forward simulation says;
     remark : of long recordings; seconds : of filtered motion that errors are of; doubt :
     what the data check leaves in doubt (:func:`doubt_of_log`); highest : error [%] that
-    motion of this length does not rule out.
+    motion of this length does not rule out; units : of the joints' torques;
+    has_open_finding : whether a diagnosis has found an effect that the model lacks.
     """
     over = over_noise(rmse, floor)
     beyond = relative if floor is None else _beyond_noise(relative, rmse, floor)
+    errors = JointErrors(rmse, over, tuple(units))
     fit = _fit(
-        over,
+        errors,
         beyond,
         relative,
         noise_source,
         np.asarray(r2) < 0.0,
     )
-    prediction_words = missing or _left(fit, over)
+    what_is_missing = missing or _left(fit, over)
     if impossible := implausible(certificate, masses, nominal):
-        last = Line(MISSING, "do not use", f"{impossible} {prediction_words}")
+        last = Line(MISSING, "do not use", f"{impossible} {what_is_missing}")
     else:
         believed = " The links can exist." if len(masses) else ""
-        last = Line(
-            MISSING,
-            "good" if fit.grade == "good" else "usable",
-            prediction_words + believed,
-        )
+        is_complete = fit.grade == "good" and not has_open_finding
+        grade: Grade = "good" if is_complete else "usable"
+        last = Line(MISSING, grade, what_is_missing + believed)
     far = outside > CHANGES or floor is None
     end = "."
     if outside > 0.0:
@@ -219,11 +229,21 @@ def judge(
     ]
     if doubt:
         lines.insert(0, Line(LOG, "usable", doubt))
-    weakest_first = tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
     ratios, source = (
         (None, "") if over is None else (tuple(map(float, over)), noise_source)
     )
-    return Verdict(weakest_first, ratios, source, tuple(judged_on), remark)
+    return Verdict(
+        lines=_weakest_first(lines),
+        error_over_noise=ratios,
+        noise_source=source,
+        judged_on=tuple(judged_on),
+        remark=remark,
+    )
+
+
+def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
+    """Lines by grade; those of one grade keep their order."""
+    return tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
 
 
 def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
@@ -259,8 +279,30 @@ def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     return f"In doubt: {words}; `check` says what to do."
 
 
+@dataclass(frozen=True)
+class JointErrors:
+    """rmse (n,) [N m or N]; over_noise (n,) in multiples of the noise floor, None where
+    that is not known; units : of the joints' torques, none: not said."""
+
+    rmse: Array
+    over_noise: Array | None
+    units: tuple[str, ...]
+
+    def words(self, joint: int) -> str:
+        """The error of a joint (from 1), in multiples of its noise and in its unit."""
+        unit = "N m or N"
+        if self.units:
+            unit = formatting.plain_unit(self.units[joint - 1])
+        assert self.over_noise is not None
+        return formatting.times_noise(
+            float(self.over_noise[joint - 1]),
+            float(self.rmse[joint - 1]),
+            unit,
+        )
+
+
 def _fit(
-    over: Array | None,
+    errors: JointErrors,
     beyond: float,
     relative: float,
     source: str,
@@ -268,13 +310,14 @@ def _fit(
 ) -> Line:
     """Of errors over noise; none (n,) : joints whose mean torque does better."""
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
+    over = errors.over_noise
     if over is None:
         sentence = (
             f"{relative:.3g} % error; the noise floor is unknown: no motion repeats"
         )
     else:
         none = none & (over > ABOVE_NOISE)
-        sentence = _errors_in_words(over)
+        sentence = _worst_in_words(errors, over)
         if source == SPECTRUM:
             sentence += f"; the noise is from the torque's spectrum, {SPECTRUM_KNOWN}"
         if grade == "do not use":
@@ -288,16 +331,13 @@ def _fit(
     return Line(FIT, grade, f"{sentence}.")
 
 
-def _errors_in_words(over: Array) -> str:
-    """The joint that errs most, in multiples of its noise, then every joint."""
-    worst = int(np.argmax(over))
-    each = [f"j{j} {formatting.number(x)}" for j, x in enumerate(over, start=1)]
-    times = formatting.number(float(over[worst]))
-    if over[worst] <= ABOVE_NOISE:
-        start = f"No joint errs more than {times} times its noise"
-    else:
-        start = f"Joint {worst + 1} errs {times} times its noise"
-    return f"{start} (error / noise: {', '.join(each)})"
+def _worst_in_words(errors: JointErrors, over: Array) -> str:
+    """The joint that errs most, in multiples of its noise (over (n,)) and in its unit."""
+    worst = int(np.argmax(over)) + 1
+    if over[worst - 1] <= ABOVE_NOISE:
+        words = errors.words(worst).removesuffix(")")
+        return f"No joint errs more than {words} on joint {worst})"
+    return f"Joint {worst} errs {errors.words(worst)}"
 
 
 def _prediction(
@@ -343,11 +383,7 @@ def _prediction(
 def _left(fit: Line, over: Array | None) -> str:
     """What errors alone say of what is missing."""
     if fit.grade == "good":
-        times = formatting.number(1.0 if over is None else float(np.max(over)))
-        return (
-            "Nothing that these measurements show: no joint errs more than"
-            f" {times} times its noise."
-        )
+        return "Nothing that these measurements show."
     if over is None:
         return "Not known without a noise floor; `diagnose` names causes."
     above = (np.flatnonzero(over > ABOVE_NOISE) + 1).tolist()
@@ -402,10 +438,11 @@ def changes(
     before: Array,
     after: Array,
     floor: Array | None,
+    units: Sequence[str] = (),
 ) -> str:
     """What became of each joint's error (n,), largest fall first, and of every joint
-    that got worse by more than 5 %: in noise floors where they are known, else in N m
-    or N; "" where nothing changed.
+    that got worse by more than 5 %: in multiples of the noise where it is known, and in
+    N m or N; "" where nothing changed.
 
     Parameters
     ----------
@@ -415,11 +452,13 @@ def changes(
         Of the extended one.
     floor : (n,) array or None
         Of the noise.
+    units : sequence of str
+        Torque unit of each joint; none: "N m or N".
 
     Returns
     -------
     str
-        In noise floors where they are known.
+        A sentence, or "".
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(
@@ -428,12 +467,18 @@ def changes(
             np.where(after > 0.0, np.inf, 0.0),
         )
     known = floor is not None and bool(np.all(floor > 0.0))
-    scale = floor if known and floor is not None else np.ones(len(before))
 
     def words(j: int) -> str:
-        percent = f" ({100.0 * share[j]:+.0f} %)" if np.isfinite(share[j]) else ""
-        errors = [formatting.number(float(x[j] / scale[j])) for x in (before, after)]
-        return f"{errors[0]} -> {errors[1]}{percent}"
+        unit = formatting.plain_unit(units[j]) if units else "N m or N"
+        errors = [formatting.number(float(x[j])) for x in (before, after)]
+        more = [f"{100.0 * share[j]:+.0f} %"] if np.isfinite(share[j]) else []
+        if known and floor is not None:
+            more.insert(0, f"{errors[0]} -> {errors[1]} {unit}")
+            times = [formatting.number(float(x[j] / floor[j])) for x in (before, after)]
+            amount = f"{times[0]} -> {times[1]} times the noise"
+        else:
+            amount = f"{errors[0]} -> {errors[1]} {unit}"
+        return f"{amount} ({', '.join(more)})" if more else amount
 
     order = np.argsort(share)
     better = [f"joint {j + 1}: {words(j)}" for j in order if share[j] < -CHANGES]
@@ -442,8 +487,7 @@ def changes(
     ]
     if not better and not worse:
         return ""
-    unit = "times the noise" if known else "N m or N"
-    return f"{'; '.join([*better, *worse])} {unit}."
+    return f"{'; '.join([*better, *worse])}."
 
 
 def over_noise(rmse: Array, floor: Array | None) -> Array | None:

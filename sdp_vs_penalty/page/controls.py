@@ -313,6 +313,15 @@ def judged(models: Sequence[ModelStep]) -> None:
     table(judged_table(rows), "Models judged")
 
 
+def figures(pairs: Sequence[tuple[str, str]]) -> None:
+    """Numbers beside each other, each under its name."""
+    with tag("dl", style="figures"):
+        for name, value in pairs:
+            with tag("div"):
+                tag("dt", name)
+                tag("dd", value)
+
+
 def chart(options: Mapping[str, Any], label: str) -> Any:
     """Draw a plotly chart; ``label`` is its text for screen readers."""
     plot = ui.plotly(dict(options)).classes("chart")

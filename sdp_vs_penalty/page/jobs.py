@@ -29,12 +29,9 @@ from sdp_vs_penalty.data.formats.columns import columns_of
 from sdp_vs_penalty.data.measurements import Measurements, Runs, concatenate
 from sdp_vs_penalty.data.parsing import numbers, pairs, time_windows
 from sdp_vs_penalty.diagnosis.adding import add
-from sdp_vs_penalty.diagnosis.comparison import (
-    compare,
-    predicted,
-    still_missing,
-)
+from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
@@ -833,8 +830,12 @@ def find(job: JobRequest) -> Answer:
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
     curves = [curve.effect(model.robot).text for curve in result.curves]
-    said = still_missing(result, model)
-    return {"diagnosis": result.to_dict(), "curves": curves, "missing": said}
+    return {
+        "diagnosis": result.to_dict(),
+        "curves": curves,
+        "missing": still_missing(result, model),
+        "has_open_finding": has_open_finding(result, model),
+    }
 
 
 def _card_arrays(
@@ -1109,6 +1110,24 @@ def _distinct_names(runs: Sequence[Measurements]) -> list[str]:
     return distinct
 
 
+def _verdict_of(
+    job: JobRequest,
+    estimate: Estimate,
+    comparison: Comparison,
+) -> Answer:
+    """Return the verdict on a model, with what the last diagnosis found that it
+    lacks.
+    """
+    found = job.get("diagnosed")
+    if not found:
+        return comparison.verdict.to_dict()
+    diagnosis = Diagnosis.from_dict(found)
+    return comparison.verdict_with(
+        still_missing(diagnosis, estimate),
+        has_open_finding=has_open_finding(diagnosis, estimate),
+    ).to_dict()
+
+
 def summary(job: JobRequest, estimate: Estimate) -> Answer:
     """Judge a model, save it at ``job["out"]``, and return its record for the history.
 
@@ -1128,7 +1147,8 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     (arm, judge) = driven(estimate, checked.judge)
     (_, train) = driven(estimate, checked.train)
     settings = estimate.preprocessing.resolve(judge)
-    estimate.provenance["verdict"] = comparison.verdict.to_dict()
+    verdict_of_model = _verdict_of(job, estimate, comparison)
+    estimate.provenance["verdict"] = verdict_of_model
     runs = [
         *train.runs(),
         *(judge.runs() if checked.test is not None else ()),
@@ -1173,9 +1193,9 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "effects": asked_effects(
             estimate.model.effects, estimate.details.get("shapes", ())
         ),
-        "comparison": comparison.to_dict(),
+        "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},
         "failures": failures,
-        "judged": tables.judged_cells(comparison),
+        "judged": tables.judged_cells(comparison, verdict_of_model["grade"]),
         "about": about(estimate),
         "on_bounds": estimate.details.get("on_bounds") or [],
         "seconds": seconds,

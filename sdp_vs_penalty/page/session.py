@@ -14,6 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
@@ -175,6 +176,7 @@ class Session:
             np.array(first["rmse"]),
             np.array(last["rmse"]),
             known,
+            self.robot["units"],
         )
         return sentence or "no joint's error changed by more than 5 %."
 
@@ -627,9 +629,14 @@ class Session:
         )
         diagnosis = Diagnosis.from_dict(answer["diagnosis"])
         verdict = Verdict.from_dict(self.current.comparison["verdict"])
-        said = verdict.with_missing(answer["missing"]).to_dict()
+        said = verdict.with_missing(
+            answer["missing"],
+            answer["has_open_finding"],
+        ).to_dict()
+        name, _, *figures = self.current.judged
         self.history[-1] = replace(
             self.current,
+            judged=[name, said["grade"], *figures],
             findings=diagnosis,
             curve_texts=answer["curves"],
             pictures=pictures,
@@ -644,12 +651,13 @@ class Session:
         request: dict[str, Any] = {
             "effect": ",".join(texts),
             "frozen": frozen,
+            "diagnosed": diagnosis and diagnosis.to_dict(),
         }
         if diagnosis is not None and [*texts] == [f.text for f in diagnosis.sure]:
             # As `add --from findings.json --confident`: constants that were found
             # together stay together.
             request["findings"] = diagnosis.to_dict()
-        names = [text.partition("@")[0] for text in texts]
+        names = [effect_in_words(text.partition("@")[0]) for text in texts]
         step = await self._step(
             "Adding what was chosen",
             "extend",
@@ -682,9 +690,11 @@ class Session:
         await self.diagnose()
         assert self.findings is not None
         found = [f.text for f in self.findings.sure]
-        names = formatting.words([f.partition("@")[0] for f in found] or ["nothing"])
+        words = [effect_in_words(text.partition("@")[0]) for text in found]
+        names = formatting.words(words or ["nothing"])
         await self.add(found)
-        self.say(f"Hidden: {HIDDEN}:{joint}; found: {names}.", error=False)
+        hidden = effect_in_words(f"{HIDDEN}:{joint}")
+        self.say(f"Hidden: {hidden}; found: {names}.", error=False)
 
     async def take(
         self,

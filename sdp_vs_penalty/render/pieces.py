@@ -38,9 +38,6 @@ SHADES = dict(
         strict=True,
     )
 )
-#: Errors that differ more than so many times from joint to joint stand on a logarithmic
-#: scale.
-_DWARFED = 8.0
 
 
 def piece(template: str, **context: Any) -> Markup:
@@ -82,11 +79,11 @@ def framed(table: Table, caption: str = "") -> Markup:
 
 @dataclass(frozen=True)
 class _Scale:
-    """Where an error stands between the left (0) and the right end (1) of a bar."""
+    """Where an error stands between the left (0) and the right end (1) of a bar, on a
+    logarithmic scale: all bars of a screen have one kind of scale."""
 
     largest: float
     smallest: float
-    is_logarithmic: bool
 
     @classmethod
     def of(cls, errors: Array, is_over_noise: bool) -> _Scale:
@@ -100,13 +97,10 @@ class _Scale:
         smallest = float(positive.min()) if len(positive) else largest
         if is_over_noise:
             smallest = min(smallest, 1.0)
-        is_logarithmic = bool(largest > _DWARFED * np.median(errors)) and smallest > 0.0
-        return cls(largest, 0.5 * smallest, is_logarithmic)
+        return cls(largest, 0.5 * smallest)
 
     def place(self, error: float) -> str:
         """Position of an error on the bar, from 0 to 1, as a CSS number."""
-        if not self.is_logarithmic:
-            return f"{error / self.largest:.4f}"
         above = np.log(max(error, self.smallest) / self.smallest)
         return f"{above / np.log(self.largest / self.smallest):.4f}"
 
@@ -120,7 +114,8 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
-    """One bar a joint: its error in multiples of its noise, before (orange) and after (blue).
+    """One bar a joint: its error in multiples of its noise, before (orange) and after (blue),
+    and both in N m or N.
 
     Parameters
     ----------
@@ -160,12 +155,12 @@ def bars(
         )
         row |= {"name": f"joint {number_of_joint}", "number": j + 1}
         row |= {"is_chosen": j == chosen}
-        if not is_known:
-            row["value"] += f" {plain_unit(units[j])}"
+        errors = [before[j]] if after is None else [before[j], after[j]]
+        row["amount"] = f"{' → '.join(map(number, errors))} {plain_unit(units[j])}"
         rows.append(row)
     return piece(
         "bars.html",
-        caption=_caption_of_bars(what, scale, is_known, after is not None),
+        caption=_caption_of_bars(what, is_known, after is not None),
         rows=rows,
         has_buttons=chosen is not None,
         has_change=after is not None,
@@ -196,16 +191,18 @@ def _bar(
     if is_known:
         sizes["noise"] = 1.0
     shapes = {kind: scale.place(size) for kind, size in sizes.items()}
+    errors = [old, new] if has_change else [new]
+    times = " → ".join(map(number, errors)) if is_known else ""
     if not has_change:
         return {
             "shapes": shapes,
-            "value": number(new),
+            "times": times,
             "change": "",
             "kind": "",
         }
     return {
         "shapes": shapes,
-        "value": f"{number(old)} → {number(new)}",
+        "times": times,
         "change": change_of(old, new),
         "kind": _kind_of_change(old, new),
     }
@@ -213,21 +210,20 @@ def _bar(
 
 def _caption_of_bars(
     what: str,
-    scale: _Scale,
     is_known: bool,
     has_change: bool,
 ) -> str:
-    """Return the caption of bars: the error's unit, a logarithmic scale, and the
-    colours.
+    """Return the caption of bars: the error's unit, its scale, and the colours.
 
     is_known : whether the errors are multiples of the noise; has_change : whether two
     models are drawn.
     """
-    caption = f"{what} of each joint, RMS; noise floor unknown"
+    caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic scale"
     if is_known:
-        caption = f"{what} of each joint, in multiples of its noise (grey band)"
-    if scale.is_logarithmic:
-        caption += "; logarithmic scale"
+        caption = (
+            f"{what} of each joint, in multiples of its noise (grey band) and in N m or N;"
+            " logarithmic scale"
+        )
     if has_change:
         caption += "; before (orange), after (blue)"
     return caption

@@ -28,13 +28,15 @@ JUDGED_HEADS = (
 JUDGED_WORDS = (0, 1, 4)
 
 
-def judged_cells(compared: Comparison) -> list[str]:
+def judged_cells(compared: Comparison, grade: str = "") -> list[str]:
     """Cells of one model in a table of judged models.
 
     Parameters
     ----------
     compared : Comparison
         The model on the judged runs.
+    grade : str
+        Grade of its verdict where a diagnosis is known; empty: that of its errors.
 
     Returns
     -------
@@ -44,13 +46,25 @@ def judged_cells(compared: Comparison) -> list[str]:
     facts = compared.facts()
     return [
         compared.name,
-        compared.verdict.grade,
+        grade or compared.verdict.grade,
         facts["relative_error"].texts[0],
-        facts["largest_error_over_noise"].texts[0],
+        _largest_error(compared),
         "yes" if compared.links_can_exist else "no",
         facts["thinnest_link"].texts[0],
         facts["distance_to_best_fit"].texts[0],
     ]
+
+
+def _largest_error(compared: Comparison) -> str:
+    """The largest error in multiples of its noise, with its joint and size; without a
+    noise floor the size alone."""
+    facts = compared.facts()
+    joint = compared.worst_joint
+    unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
+    error = f"{facts['joint_error'].of_joint(joint)} {unit}, joint {joint}"
+    if compared.error_over_noise is None:
+        return error
+    return f"{facts['largest_error_over_noise'].texts[0]} ({error})"
 
 
 def judged_table(
@@ -113,24 +127,27 @@ def error_table(
     Returns
     -------
     Table
-        One row for each joint: errors, change from the first model to the last (or R2), and noise.
+        One row for each joint: errors, change from the first model to the last (or R2), noise,
+        and the last model's error over it.
     """
     rows = []
     for j, unit in enumerate(units):
         of_joint = [errors_of_model[j] for errors_of_model in errors]
         change = f"{r2[j]:.4f}" if len(r2) else change_of(of_joint[0], of_joint[-1])
-        known = number(None if floor is None else floor[j])
+        noise = None if floor is None else floor[j]
+        over = None if not noise else of_joint[-1] / noise
         name = f"{j + 1} [{plain_unit(unit)}]"
         rows.append(
             [
                 name,
                 *map(number, of_joint),
                 change,
-                known,
+                number(noise),
+                number(over),
             ]
         )
     last = "R2" if len(r2) else "change"
-    heads = ["joint", *names, last, "noise floor"]
+    heads = ["joint", *names, last, "noise floor", "error / noise"]
     return Table(heads, rows, title=title, style="numbers history")
 
 

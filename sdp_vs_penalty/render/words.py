@@ -32,6 +32,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
     dependences,
     sentences,
 )
+from sdp_vs_penalty.effects import effect_in_words, effect_name
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
@@ -44,13 +45,15 @@ class FindingWords:
     """What is said of one finding, a sentence or a phrase each; "" where there is
     nothing to say.
 
-    title : "Joint spring, joint 4"; rating : confident, near-tie or weak; size : with
-    its 95 % interval; constants : of its law; gain : what adding it does to the error;
-    physics : what the effect is; rivals : what fits as well; doubt : why it is weak;
-    test : the run that decides.
+    title : "Joint spring, joint 4"; on_the_arm : what it is there, in a sentence with
+    its size; rating : confident, near-tie or weak; size : with its 95 % interval;
+    constants : of its law; gain : what adding it does to the error; physics : what the
+    effect is in general; rivals : what fits as well; doubt : why it is weak; test : the
+    run that decides.
     """
 
     title: str
+    on_the_arm: str
     rating: str
     size: str
     constants: str
@@ -72,12 +75,12 @@ class FindingWords:
         """Everything that is said of the finding, without its title, as one
         paragraph.
         """
-        parts = (self.gain, self.physics, self.rivals, self.doubt)
+        parts = (self.on_the_arm, self.gain, self.physics, self.rivals, self.doubt)
         return " ".join(filter(None, parts))
 
 
 def plain_name(effect: str) -> str:
-    """An effect's name as words.
+    """An effect's name at the beginning of a sentence.
 
     Parameters
     ----------
@@ -92,9 +95,9 @@ def plain_name(effect: str) -> str:
     Examples
     --------
     >>> plain_name("presliding_hysteresis")
-    'Presliding hysteresis'
+    'Pre-sliding hysteresis'
     """
-    return effect.replace("_", " ").capitalize()
+    return formatting.sentence(effect_name(effect))
 
 
 def place(joints: Sequence[int]) -> str:
@@ -130,16 +133,17 @@ def describe_finding(
     earlier = diagnosis.effects[: place_in_list - 1]
     if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
-    rivals = finding.indistinguishable_from
+    rivals = [effect_in_words(text) for text in finding.indistinguishable_from]
     run = finding.telling_run(model, place_in_list)
     return FindingWords(
         title=f"{plain_name(finding.effect)}, {place(finding.joints)}",
+        on_the_arm=finding.on_the_arm,
         rating=finding.rating,
         size=finding.size_text,
         constants=finding.constants,
         gain=finding.gain_sentence(diagnosis),
         physics=physics,
-        rivals=f"These data fit as well: {', '.join(rivals)}." if rivals else "",
+        rivals=f"Fits as well: {'; '.join(rivals)}." if rivals else "",
         doubt=doubt_of(finding),
         test=run,
     )
@@ -158,6 +162,7 @@ def describe_constant(constant: Retune) -> FindingWords:
     """
     return FindingWords(
         title=f"{plain_name(constant.effect)}, joint {constant.joint}",
+        on_the_arm="",
         rating=constant.rating,
         size="",
         constants="",
@@ -215,10 +220,9 @@ def describe_diagnosis(
         describe_finding(finding, diagnosis, k, model)
         for k, finding in enumerate(diagnosis.effects, start=1)
     ]
-    invisible: dict[str, list[str]] = {}
+    invisible: dict[str, set[int]] = {}
     for item in diagnosis.invisible:
-        joints = "+".join(map(str, item.joints))
-        invisible.setdefault(item.effect, []).append(joints)
+        invisible.setdefault(item.effect, set()).update(item.joints)
     return DiagnosisWords(
         verdict=diagnosis.headline,
         advice=diagnosis.advice,
@@ -229,7 +233,9 @@ def describe_diagnosis(
         events=tuple(event_lines(diagnosis.events)),
         all_events=tuple(event_lines(diagnosis.events, show_all=True)),
         invisible=tuple(
-            f"{effect}:{'+'.join(joints)}" if joints[0] else effect
+            f"{effect_name(effect)} on {formatting.joints(sorted(joints))}"
+            if joints
+            else effect_name(effect)
             for effect, joints in invisible.items()
         ),
         remarks=diagnosis.remarks,
@@ -297,7 +303,8 @@ def describe_failures(failures: Failures) -> list[str]:
 
 def describe_change(before: Comparison, after: Comparison) -> str:
     """Say how each joint's error changed from one model to another."""
-    sentence = changes(before.rmse, after.rmse, after.noise_floor)
+    units = after.estimate.robot.torque_units
+    sentence = changes(before.rmse, after.rmse, after.noise_floor, units)
     return sentence or "no joint's error changed by more than 5 %."
 
 
@@ -329,23 +336,28 @@ def cause_of(failures: Failures, joint: int) -> str:
     return strongest[0][0] if strongest else UNNAMED
 
 
-def describe_worst(compared: Comparison, failures: Failures) -> str:
-    """Say which joint has the largest error, how large it is, and when it occurs.
-
-    The error is compared with the joint's noise floor, if that is known.
+def error_in_words(compared: Comparison, joint: int) -> str:
+    """Write the error of a joint (from 1), in multiples of its noise if known, and
+    in N m or N.
     """
     facts = compared.facts()
-    joint = compared.worst_joint
+    unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
+    error = f"{facts['joint_error'].of_joint(joint)} {unit}"
     if compared.error_over_noise is None:
-        error = facts["joint_error"].of_joint(joint)
-        unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
-        size = f"Joint {joint} errs by {error} {unit}, the most of all"
+        return error
+    return f"{facts['error_over_noise'].of_joint(joint)} times its noise ({error})"
+
+
+def describe_worst(compared: Comparison, failures: Failures) -> str:
+    """Say which joint has the largest error, how large it is, and when it occurs."""
+    joint = compared.worst_joint
+    error = error_in_words(compared, joint)
+    if compared.error_over_noise is None:
+        size = f"Joint {joint} errs by {error}, the most of all"
     elif compared.is_within_noise:
-        largest = facts["largest_error_over_noise"].texts[0]
-        return f"No joint errs more than {largest} times its noise."
+        return f"No joint errs more than {error.removesuffix(')')} on joint {joint})."
     else:
-        times = facts["error_over_noise"].of_joint(joint)
-        size = f"Joint {joint} errs {times} times its noise"
+        size = f"Joint {joint} errs {error}"
     when = _WHEN.get(cause_of(failures, joint))
     return f"{size}, {when}." if when else f"{size}."
 
@@ -355,7 +367,7 @@ def effect_on_joints(effect: Effect) -> str:
 
     The joints are named only if the person named them.
     """
-    name = plain_name(effect.name).lower()
+    name = effect_name(effect.name)
     if effect.asked_joints is None:
         return name
     return f"{name} on {place([j + 1 for j in effect.asked_joints])}"
@@ -374,13 +386,9 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
     ]
     if not new:
         return ""
-    joint = before.worst_joint
-    if before.error_over_noise is None:
-        error = after.facts()["joint_error"].of_joint(joint)
-        unit = plain_unit(after.estimate.robot.torque_units[joint - 1])
-        return f"With {formatting.words(new)} it errs by {error} {unit}."
-    times = after.facts()["error_over_noise"].of_joint(joint)
-    return f"With {formatting.words(new)} it errs {times} times its noise."
+    error = error_in_words(after, before.worst_joint)
+    by = "by " if after.error_over_noise is None else ""
+    return f"With {formatting.words(new)} it errs {by}{error}."
 
 
 def describe_failure(failure: JointFailure, unit: str) -> str:
@@ -402,12 +410,9 @@ def picture_title(
     text = f"Error of joint {joint} against {against}"
     if before is after:
         return f"{text}: {before.name}."
-    errors = [c.facts()["error_over_noise"].of_joint(joint) for c in (before, after)]
-    if "-" in errors:
-        return f"{text}: {before.name} (orange), {after.name} (blue)."
+    errors = [error_in_words(compared, joint) for compared in (before, after)]
     return (
-        f"{text}: {before.name} (orange) {errors[0]} times the noise, {after.name} (blue)"
-        f" {errors[1]} times."
+        f"{text}: {before.name} (orange) {errors[0]}, {after.name} (blue) {errors[1]}."
     )
 
 

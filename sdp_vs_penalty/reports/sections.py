@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
-from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted, still_missing
+from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
 from sdp_vs_penalty.effects.effect import Motion
@@ -126,10 +127,21 @@ class ReportData:
         went.
         """
         forward_verdict = "" if isinstance(self.forward, str) else self.forward.verdict
-        missing = ""
-        if self.diagnosis is not None:
-            missing = still_missing(self.diagnosis, self.last)
-        return self.comparisons[-1].verdict_with(missing, forward_verdict)
+        return self.verdict_of(self.comparisons[-1], forward_verdict)
+
+    def verdict_of(self, compared: Comparison, forward: str = "") -> Verdict:
+        """Return the verdict on a model, with what the diagnosis found that it lacks.
+
+        forward : the sentence on a forward simulation, if there was one.
+        """
+        diagnosis = self.diagnosis
+        if diagnosis is None:
+            return compared.verdict_with(forward=forward)
+        return compared.verdict_with(
+            still_missing(diagnosis, compared.estimate),
+            forward,
+            has_open_finding(diagnosis, compared.estimate),
+        )
 
     @property
     def name(self) -> str:
@@ -184,7 +196,10 @@ def verdict(data: ReportData) -> Context:
         names=(first.name, last.name),
     )
     grades = [(line.about, line.grade, line.text) for line in record.lines]
-    rows = [tables.judged_cells(compared) for compared in data.comparisons]
+    rows = [
+        tables.judged_cells(compared, data.verdict_of(compared).grade)
+        for compared in data.comparisons
+    ]
     return {
         "grade": record.grade.replace(" ", "-"),
         "headline": record.headline,

@@ -78,7 +78,7 @@ def test_the_headline_names_effects_whose_law_is_open():
         finding("joint_spring", 2, "base_tilt"),
     )
     assert found.headline == (
-        "Missing: presliding_hysteresis on joints 4 and 7"
+        "Missing: pre-sliding hysteresis on joints 4 and 7"
         " (1 confident and 2 near-tie findings)."
     )
 

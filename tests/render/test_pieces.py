@@ -1,6 +1,7 @@
 """Pieces of HTML that report and page share."""
 
 import numpy as np
+import pytest
 
 from sdp_vs_penalty.render import bars, heat_map
 from sdp_vs_penalty.render.charts import mean_curve, since_reversal, spread_rows
@@ -8,12 +9,15 @@ from sdp_vs_penalty.render.charts import mean_curve, since_reversal, spread_rows
 UNITS = ["N*m"] * 4
 
 
-def test_bars_are_logarithmic_where_one_joint_dwarfs_the_others():
-    assert "logarithmic" in bars([1.0, 1.2, 1.1, 40.0], None, [1.0] * 4, UNITS)
+@pytest.mark.parametrize("largest", [2.0, 40.0])
+@pytest.mark.parametrize("floor", [[1.0] * 4, None])
+def test_all_bars_have_one_kind_of_scale(largest, floor):
+    assert "logarithmic" in bars([1.0, 1.2, 1.1, largest], None, floor, UNITS)
 
 
-def test_bars_of_like_errors_are_linear():
-    assert "logarithmic" not in bars([1.0, 1.2, 1.1, 2.0], None, [1.0] * 4, UNITS)
+def test_bars_say_multiples_and_newton_metres():
+    drawn = bars([0.065, 0.3, 0.3, 0.3], None, [0.0042, 0.3, 0.3, 0.3], UNITS)
+    assert "15.5<small>0.065 N m</small>" in drawn
 
 
 def test_a_heat_map_escapes_its_names():
@@ -52,7 +56,7 @@ def test_an_addition_is_said_in_words(two_link):
 
     texts = "presliding_hysteresis:2,viscous_friction"
     spoken = [effect_on_joints(e) for e in parse_effects(texts, two_link.robot)]
-    assert spoken == ["presliding hysteresis on joint 2", "viscous friction"]
+    assert spoken == ["pre-sliding hysteresis on joint 2", "viscous friction"]
 
 
 def test_a_drawn_arm_has_the_axes_of_its_joints(two_link):

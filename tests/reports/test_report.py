@@ -232,8 +232,8 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
         UNITS,
     )
     assert re.findall(r"<td class=\"number\">(.*?)</td>", drawn) == [
-        "1 → 1.1",
-        "12.5 → 4.6",
+        "1 → 1.1<small>0.1 → 0.11 N m</small>",
+        "12.5 → 4.6<small>1.25 → 0.46 N m</small>",
     ]
     assert re.findall(r'class="change (\w+)">(.*?)<', drawn) == [
         ("worse", "+10 %"),
@@ -245,7 +245,8 @@ def test_bars_are_errors_over_noise_cut_at_the_floor():
     widest = max(
         float(x) for x in re.findall(r'class="before"[^>]*--wide:([\d.]+)', drawn)
     )
-    assert floor / widest == pytest.approx(1.0 / 12.5, rel=0.01)
+    # Logarithmic, from half of the noise to the largest error.
+    assert floor / widest == pytest.approx(np.log(2.0) / np.log(25.0), rel=0.01)
     alone = bars([0.1, 1.25], None, None, UNITS)
     assert "noise floor unknown" in alone
     assert 'class="noise"' not in alone

@@ -36,6 +36,7 @@ def verb(
     from sdp_vs_penalty.cli.runs import model_from_options, runs_for, words
     from sdp_vs_penalty.diagnosis.adding import add as run
     from sdp_vs_penalty.diagnosis.comparison import compare
+    from sdp_vs_penalty.effects import effect_in_words
 
     effects = _effects(effect, from_, confident, only)
     estimate = model_from_options(model, gravity)
@@ -60,7 +61,7 @@ def verb(
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)
     added = bigger.model.effects[len(estimate.model.effects) :]
-    console.paragraph(f"added: {', '.join(e.brief for e in added)}")
+    console.paragraph(f"added: {'; '.join(effect_in_words(e.brief) for e in added)}")
     if not isinstance(effects, str) and effects.frozen:
         _say_what_a_held_model_keeps(effects, added)
     _say_sizes(effects, bigger)
@@ -74,6 +75,7 @@ def verb(
 def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
     """Findings of effects that the held model has itself, which stay as they are."""
     from sdp_vs_penalty.cli import console
+    from sdp_vs_penalty.effects import effect_in_words
 
     there = {
         (e.name, () if e.whole_robot else tuple(j + 1 for j in e.joints)) for e in added
@@ -81,7 +83,7 @@ def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
     for finding in diagnosis.beside_curves:
         if (finding.effect, finding.joints) not in there:
             why = "the held model has it: identify it again on runs like these"
-            console.say(f"not added: {finding.text} ({why})")
+            console.say(f"not added: {effect_in_words(finding.text)} ({why})")
 
 
 def _say_sizes(effects: Any, model: Any) -> None:

@@ -130,19 +130,21 @@ def _card(
         with draw.tag("div", style="head"):
             draw.tag("h4", words.title)
             draw.tag("span", words.rating, f"badge {words.rating}")
+        draw.tag("p", words.on_the_arm, "on-the-arm")
         drawn = finding_chart(session, finding)
         if drawn is not None:
             draw.chart(drawn, f"Error of joint {finding.main_joint} against its cause")
         draw.tag("p", words.gain)
         draw.tag("p", f"Size {words.size_and_constants}", "size")
-        if words.physics:
-            draw.tag("p", words.physics)
         if words.rivals:
             draw.tag("p", words.rivals, "rivals")
         if words.test:
             with draw.details("To test it, record", f"tell-{k}"):
                 draw.note("With the model's file, which is under Use:")
                 draw.tag("pre", words.test, tabindex="0")
+        if words.physics:
+            with draw.details("What this effect is", f"physics-{k}"):
+                draw.note(words.physics)
         if words.doubt:
             draw.note(words.doubt)
         for warning in session.warnings_of(finding.main_joint):

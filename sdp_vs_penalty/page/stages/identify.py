@@ -26,7 +26,7 @@ from sdp_vs_penalty.page.view import (
 )
 from sdp_vs_penalty.render import pieces
 from sdp_vs_penalty.render.charts import Curves, friction_figure
-from sdp_vs_penalty.render.tables import parameter_table
+from sdp_vs_penalty.render.tables import JUDGED_HEADS, parameter_table
 from sdp_vs_penalty.render.words import CERTIFICATE, plain_name
 from sdp_vs_penalty.results.table import Table
 
@@ -351,27 +351,25 @@ class _Fit:
 
 
 def _figures(model: ModelStep) -> None:
-    """Draw the model's row of figures, on which data it was judged, and its verdict.
+    """Draw on which data the model was judged, and the verdict without its first line.
 
-    The verdict's first line is left out, because it is the stage's heading.
+    That line is the stage's heading.
     """
-    draw.judged([model])
     facts = model.comparison["facts"]
     runs = model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
     new = facts["new_motion_percent"]["texts"][0]
     seconds = facts["judged_seconds"]["texts"][0]
     band = facts["band"]["texts"][0]
+    heads = JUDGED_HEADS[1:]  # the verdict stands above
+    draw.figures(list(zip(heads, model.judged[2:], strict=True)))
     draw.note(
         f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting, below"
         f" {band} Hz; identified in {model.seconds:.2g} s."
     )
     for line in model.comparison["verdict"]["lines"][1:]:  # the first one stands above
-        draw.tag(
-            "p",
-            f"{line['about'].capitalize()} ({line['grade']}): {spoken(line['text'])}",
-            "line",
-        )
+        text = f"{line['about'].capitalize()}: {spoken(line['text'])}"
+        draw.tag("p", text, "line")
 
 
 def _words(model: ModelStep, j: int, unit: str) -> str:

@@ -1,0 +1,362 @@
+"""Effects in plain words: their names, and what one of a fitted size is on the arm."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import asin, degrees, hypot, radians, sqrt
+
+from sdp_vs_penalty import formatting
+from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
+
+#: Names that are not their code name with spaces.
+_NAMES = {
+    "asymmetric_coulomb_friction": "asymmetric Coulomb friction",
+    "coulomb_friction": "Coulomb friction",
+    "maxwell_slip": "Maxwell slip",
+    "presliding_hysteresis": "pre-sliding hysteresis",
+    "stribeck_friction": "Stribeck friction",
+}
+#: Joints and constants of an effect as it is written for a command.
+_WRITTEN = re.compile(r"(?P<name>\w+)(?::(?P<joints>[\d+]+))?(?:@(?P<constants>.*))?")
+#: Parameters of a joint's misplacement.
+_PLACE = re.compile(r"(?P<kind>slip|turn)_[xyz](?P<joint>\d+)")
+
+
+def effect_name(name: str) -> str:
+    """Name of an effect as it stands within a sentence.
+
+    Parameters
+    ----------
+    name : str
+        The effect's name in commands and files.
+
+    Returns
+    -------
+    str
+        The name in words.
+
+    Examples
+    --------
+    >>> effect_name("joint_spring"), effect_name("presliding_hysteresis")
+    ('joint spring', 'pre-sliding hysteresis')
+    """
+    return _NAMES.get(name, name.replace("_", " "))
+
+
+def effect_in_words(text: str) -> str:
+    """An effect as it is written for a command, in words.
+
+    Parameters
+    ----------
+    text : str
+        Name, joints and shape constants, such as "joint_spring:4".
+
+    Returns
+    -------
+    str
+        Words for a sentence.
+
+    Examples
+    --------
+    >>> effect_in_words("joint_spring:4"), effect_in_words("base_tilt")
+    ('joint spring on joint 4', 'base tilt')
+    >>> effect_in_words("stribeck_friction:1@vs=0.0436203@law=dip")
+    'Stribeck friction on joint 1 (vs 0.0436, law dip)'
+    """
+    match = _WRITTEN.fullmatch(text)
+    if match is None:
+        return text
+    words = effect_name(match["name"])
+    if match["joints"]:
+        words += (
+            f" on {formatting.joints([int(j) for j in match['joints'].split('+')])}"
+        )
+    if match["constants"]:
+        pairs = [pair.partition("=") for pair in match["constants"].split("@")]
+        values = [f"{key} {_short(value)}" for key, _, value in pairs]
+        words += f" ({', '.join(values)})"
+    return words
+
+
+def _short(value: str) -> str:
+    """A shape constant's value with three digits; a word stays."""
+    try:
+        return formatting.number(float(value))
+    except ValueError:
+        return value
+
+
+@dataclass(frozen=True)
+class FittedEffect:
+    """An effect with the size that a fit gives it.
+
+    name : in commands and files; joints : from 1, none for the whole robot; size : of the
+    effect, in ``unit``; parameters : value by name, in SI units; shape : constants by
+    name, in SI units.
+    """
+
+    name: str
+    joints: Sequence[int]
+    size: float
+    unit: str
+    parameters: Mapping[str, float]
+    shape: Mapping[str, float]
+
+
+class _Sign:
+    """Chooses between two words by a sign: f"{sign:more|less}"."""
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+
+    def __format__(self, words: str) -> str:
+        positive, _, negative = words.partition("|")
+        return positive if self.value >= 0.0 else negative
+
+
+#: What each effect is on the arm; :func:`_fields` says what the fields hold.
+SENTENCES = {
+    "rigid_body": "the links of {joint} weigh what the model says",
+    "asymmetric_coulomb_friction": (
+        "{joint} rubs {twice} harder in its {sign:positive|negative} direction than in"
+        " the other one"
+    ),
+    "asymmetric_viscous_friction": (
+        "{joint} is damped by {twice} more in its {sign:positive|negative} direction than"
+        " in the other one, as by a tight seal"
+    ),
+    "backlash": "the gear of {joint} has play: {length} to either side",
+    "base_tilt": (
+        "the base is bolted {tilt} out of level, leaning towards {towards} (that side is"
+        " the low one)"
+    ),
+    "coulomb_friction": "{joint} rubs with {size} at any speed",
+    "drift_friction": "friction of {joint} changes while the arm runs ({size})",
+    "drift_offset": (
+        "the torque reading of {joint} drifts while the arm runs ({size}), as a sensor"
+        " that warms up does"
+    ),
+    "external_wrench": (
+        "something pulls the last link with {size}, mostly towards {towards} of the"
+        " world: a cable, a balancer or a contact"
+    ),
+    "global_delay": "all torques are logged {time} later than the positions",
+    "joint_coupling": (
+        "{joint} is dragged along when {other} moves ({size}), as where one motor drives"
+        " through the other's gear"
+    ),
+    "joint_elasticity": (
+        "the gear of {joint} yields by {length} for each {torque} that it carries"
+    ),
+    "joint_spring": (
+        "{joint} is {sign:pulled back|pushed away} as by a spring of {size}{per_degree}:"
+        " a cable, a hose or a balance spring"
+    ),
+    "joint_zero_error": (
+        "{joint} stands {length} {sign:beyond|short of} what its encoder says"
+    ),
+    "kinematic_error": "the joints sit beside their places in the model, by up to {slip}",
+    "load_dependent_friction": (
+        "the gear of {joint} loses {share} of the torque that it carries"
+    ),
+    "load_dependent_hysteresis": (
+        "the gear of {joint} loses {share} of the torque that it carries, and yields"
+        " {travel} after each reversal before it does"
+    ),
+    "maxwell_slip": (
+        "after each reversal of {joint} its friction of {size} builds up step by step,"
+        " over travels from {travel} on"
+    ),
+    "measured_curve": "{joint} has a torque that repeats and has no name",
+    "motor_inertia": (
+        "the motor of {joint} turns an inertia of {size} that the gear keeps from the link"
+    ),
+    "payload": "the last link carries {size} more than in the model",
+    "position_dependent_friction": (
+        "{joint} rubs harder at some positions than at others, by up to {size}: a bent"
+        " shaft, a pressed cable or a worn gear"
+    ),
+    "power_law_friction": (
+        "friction of {joint} grows with its speed to the power {alpha} ({size})"
+    ),
+    "presliding_hysteresis": (
+        "after each reversal {joint} gives way like a spring for about {travel} before"
+        " its friction of {size} has turned round"
+    ),
+    "rotor_inertia": "the motor's rotor adds {size} to {joint}",
+    "servo_feedforward": (
+        "the drive of {joint} adds torque in proportion to the commanded speed ({size})"
+    ),
+    "servo_integral": "the drive of {joint} adds up its position error ({size})",
+    "servo_position": "the drive of {joint} pulls it to its command with {size}",
+    "servo_velocity_loop": (
+        "the drive of {joint} adds up its velocity error, as a spring of {size} would pull"
+    ),
+    "sigmoid_friction": (
+        "close to standstill {joint} rubs {size} {sign:less|more} than when it moves"
+    ),
+    "stiction": "{joint} sticks at rest with up to {size}",
+    "stribeck_friction": (
+        "{joint} rubs {size} {sign:more|less} when it creeps than when it moves fast"
+    ),
+    "torque_delay": "the torque of {joint} is logged {time} later than its position",
+    "torque_filter": (
+        "all torques have passed a filter of {time} that the positions have not"
+    ),
+    "torque_gain": "the torque reading of {joint} is {share} too {sign:large|small}",
+    "torque_offset": "the torque reading of {joint} is {signed} where it should be zero",
+    "torque_ripple": (
+        "the torque of {joint} waves by {size} as it turns{waves}: motor poles, gear teeth"
+        " or an eccentric gear"
+    ),
+    "transmission_friction": (
+        "the motor that turns {joint} together adds {size} of its own"
+    ),
+    "viscous_friction": "{joint} rubs harder the faster it moves: {size}",
+    "warming_friction": "{joint} rubs {sign:less|more} as it warms up ({size})",
+}
+
+
+def on_the_arm(fitted: FittedEffect) -> str:
+    """What an effect of a fitted size is on the arm, for a mechanical engineer.
+
+    Parameters
+    ----------
+    fitted : FittedEffect
+        The effect.
+
+    Returns
+    -------
+    str
+        A sentence that begins with "On the arm:".
+
+    Examples
+    --------
+    >>> spring = FittedEffect("joint_spring", (4,), 3.1, "N*m/rad", {"k_s4": 3.1}, {})
+    >>> on_the_arm(spring)[:62]
+    'On the arm: joint 4 is pulled back as by a spring of 3.1 N m/r'
+    """
+    default = f"{{joint}} has {effect_name(fitted.name)} of {{size}}"
+    sentence = SENTENCES.get(fitted.name, default)
+    return f"On the arm: {sentence.format(**_fields(fitted))}."
+
+
+def _fields(fitted: FittedEffect) -> dict[str, object]:
+    """What the sentences name: the joint, sizes and directions, in words."""
+    size = abs(fitted.size)
+    unit = formatting.plain_unit(fitted.unit)
+    text = f"{formatting.number(size, 2)} {unit}".rstrip()
+    is_slide = _is_slide(fitted.unit)
+    source = fitted.shape.get("i", 0.0)
+    return {
+        "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",
+        "other": f"joint {source:.0f}" if source else "the joint beside it",
+        "size": text,
+        "twice": f"{formatting.number(2.0 * size, 2)} {unit}".rstrip(),
+        "signed": f"{formatting.number(fitted.size, 2)} {unit}".rstrip(),
+        "sign": _Sign(fitted.size),
+        "share": formatting.percent(size, 2),
+        "time": formatting.milli(size, "s", 2),
+        "length": length_or_angle(size, is_slide),
+        "torque": "N" if is_slide else "N m",
+        "travel": length_or_angle(fitted.shape.get("d", 0.0), is_slide),
+        "alpha": formatting.number(fitted.shape.get("alpha", 1.0), 2),
+        "per_degree": _per_degree(size, is_slide),
+        "waves": _waves(fitted.shape.get("k", 0.0), is_slide),
+        "tilt": _tilt(fitted.parameters),
+        "towards": _direction(fitted.parameters),
+        "slip": _largest_slip(fitted.parameters),
+    }
+
+
+def _is_slide(unit: str) -> bool:
+    """Whether a unit is that of a prismatic joint's parameter."""
+    return unit in ("N", "m", "kg", "m/N") or unit.startswith(("N/", "N*s", "N*("))
+
+
+def length_or_angle(value: float, is_slide: bool) -> str:
+    """A position of a joint as engineers say it: degrees, or millimetres of a slide.
+
+    Parameters
+    ----------
+    value : float
+        Position [rad or m].
+    is_slide : bool
+        Whether the joint is prismatic.
+
+    Returns
+    -------
+    str
+        Number and unit.
+
+    Examples
+    --------
+    >>> length_or_angle(0.00873, False), length_or_angle(0.0012, True)
+    ('0.5°', '1.2 mm')
+    """
+    if is_slide:
+        return formatting.milli(value, "m", 2)
+    return f"{formatting.number(degrees(value), 2)}°"
+
+
+def _per_degree(stiffness: float, is_slide: bool) -> str:
+    """A spring's torque for each degree that a joint turns."""
+    if is_slide:
+        return ""
+    return f" ({formatting.number(radians(stiffness), 2)} N m for each degree)"
+
+
+def _waves(k: float, is_slide: bool) -> str:
+    """How often a torque repeats while a joint turns."""
+    if is_slide or not k:
+        return ""
+    return f", {formatting.number(k)} times per turn"
+
+
+def _components(parameters: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Axis and value of a tilt's or a force's parameters: g_x, F_z ..."""
+    return [
+        (name.rpartition("_")[2], value)
+        for name, value in parameters.items()
+        if name.startswith(("g_", "F_"))
+    ]
+
+
+def _tilt(parameters: Mapping[str, float]) -> str:
+    """Angle between gravity and where the model has it, from its parts across [m/s^2]."""
+    across = hypot(*(value for _, value in _components(parameters)))
+    angle = degrees(asin(min(across / abs(STANDARD_GRAVITY[2]), 1.0)))
+    return f"{formatting.number(angle, 2)}°"
+
+
+def _direction(parameters: Mapping[str, float]) -> str:
+    """The axes along which a tilt or a force points, the largest first; those below a
+    third of it are not named."""
+    components = sorted(_components(parameters), key=lambda part: -abs(part[1]))
+    if not components:
+        return "one side"
+    largest = abs(components[0][1])
+    named = [
+        f"{'+' if value >= 0.0 else '-'}{axis}"
+        for axis, value in components
+        if abs(value) > largest / 3.0 or abs(value) == largest
+    ]
+    return formatting.words(named)
+
+
+def _largest_slip(parameters: Mapping[str, float]) -> str:
+    """The largest displacement and the largest turn of a joint's place."""
+    squares: dict[tuple[str, str], float] = {}
+    for name, value in parameters.items():
+        match = _PLACE.fullmatch(name)
+        if match is not None:
+            place = (match["kind"], match["joint"])
+            squares[place] = squares.get(place, 0.0) + value**2
+    slips = [sqrt(x) for (kind, _), x in squares.items() if kind == "slip"]
+    turns = [sqrt(x) for (kind, _), x in squares.items() if kind == "turn"]
+    amounts = [length_or_angle(max(slips), True)] if slips else []
+    if turns:
+        amounts.append(length_or_angle(max(turns), False))
+    return formatting.words(amounts) if amounts else "little"

@@ -1,0 +1,83 @@
+"""What effects are called, and what they are on an arm."""
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty import load_problem
+from sdp_vs_penalty.effects import FittedEffect, effect_types, on_the_arm, plain_words
+
+ARM = load_problem("panda").robot
+
+
+def fitted(name: str, value: float, **shape: float) -> FittedEffect:
+    """An effect of the library on the arm, all parameters of one value."""
+    kind = effect_types()[name]
+    effect = kind(ARM) if kind.whole_robot or kind.joins else kind(ARM, (3,))
+    parameters = {p.name: value for p in effect.parameters}
+    sized = effect.parameters[effect.sized_by]
+    unit = sized[0].unit if sized else effect.parameters[0].unit
+    joints = () if kind.whole_robot else tuple(j + 1 for j in effect.joints)
+    return FittedEffect(
+        name, joints, value, unit, parameters, {**effect.shape, **shape}
+    )
+
+
+@pytest.mark.parametrize("name", effect_types())
+def test_each_effect_of_the_library_has_a_sentence_of_its_own(name):
+    assert name in plain_words.SENTENCES
+    sentence = on_the_arm(fitted(name, 0.0123))
+    assert sentence.startswith("On the arm: ")
+    assert name not in sentence.split() or "_" not in name
+    assert "{" not in sentence
+
+
+@pytest.mark.parametrize("name", set(effect_types()) - {"rigid_body", "measured_curve"})
+def test_a_sentence_holds_a_number(name):
+    assert any(
+        c.isdigit() for c in on_the_arm(fitted(name, 0.0123)).replace("joint 4", "")
+    )
+
+
+def test_an_effect_of_a_users_own_has_a_sentence():
+    mine = FittedEffect("my_own_effect", (2,), 0.5, "N*m", {}, {})
+    assert on_the_arm(mine) == "On the arm: joint 2 has my own effect of 0.5 N m."
+
+
+@pytest.mark.parametrize("lean", [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)])
+def test_a_base_leans_to_the_side_that_gravity_pulls_to(lean):
+    """Gravity in the frame of a base whose upright axis leans by half a degree."""
+    angle = np.radians(0.5)
+    upright = np.array(
+        [np.sin(angle) * lean[0], np.sin(angle) * lean[1], np.cos(angle)]
+    )
+    sideways = np.array([*lean, 0.0])
+    side = sideways - (sideways @ upright) * upright  # the base's own axis on that side
+    pull = float(np.array([0.0, 0.0, -9.81]) @ side / np.linalg.norm(side))
+    parts = {"g_x": pull * lean[0], "g_y": pull * lean[1]}
+    tilted = FittedEffect("base_tilt", (), abs(pull), "m/s^2", parts, {})
+    axis = ["+x", "-x", "+y", "-y"][[(1, 0), (-1, 0), (0, 1), (0, -1)].index(lean)]
+    assert f"0.5° out of level, leaning towards {axis} " in on_the_arm(tilted)
+
+
+def test_a_tilt_between_two_axes_names_both():
+    tilted = FittedEffect("base_tilt", (), 0.2, "m/s^2", {"g_x": -0.1, "g_y": 0.17}, {})
+    assert "leaning towards +y and -x" in on_the_arm(tilted)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "words"),
+    [
+        ("joint_spring", 3.1, "pulled back as by a spring of 3.1 N m/rad"),
+        ("joint_spring", -3.1, "pushed away as by a spring of 3.1 N m/rad"),
+        ("joint_spring", 3.1, "0.054 N m for each degree"),
+        ("torque_gain", 0.014, "1.4 % too large"),
+        ("torque_gain", -0.014, "1.4 % too small"),
+        ("global_delay", 0.0023, "2.3 ms later"),
+        ("joint_zero_error", 0.01, "joint 4 stands 0.57° beyond"),
+        ("joint_zero_error", -0.01, "joint 4 stands 0.57° short of"),
+        ("payload", 2.8, "carries 2.8 kg more"),
+        ("stribeck_friction", -0.2, "rubs 0.2 N m less when it creeps"),
+    ],
+)
+def test_size_and_sign_are_said_in_everyday_units(name, value, words):
+    assert words in on_the_arm(fitted(name, value))
