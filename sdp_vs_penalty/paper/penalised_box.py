@@ -166,7 +166,8 @@ class BoxedProblem:
         mass = theta[self.links[:, 0]]
         h = theta[self.links[:, 1:4]]
         q = fit.theta[self.first_q :].reshape(n, 6)
-        excess = q[:, [0, 2, 5]] - h**2 / mass[:, None]
+        diagonal = q[:, [0, 2, 5]]  # Q_xx, Q_yy, Q_zz
+        excess = diagonal - h**2 / mass[:, None]
         return lower, problem.optimum(theta, weight, lower), excess
 
     def _bound(self, limit: Array) -> Array:
@@ -203,14 +204,17 @@ class BoxedProblem:
         mass = problem.interior[self.links[:, 0]]
         middle = 0.5 * (low + high)
         widths = (high - low)[:, None]
+        # Q lies strictly between m c c^T and McCormick's upper limits.
         dyads = middle[:, :, None] * middle[:, None, :]
         q = mass[:, None, None] * (dyads + np.eye(3) * widths**2 / 8.0)
         about = self._inside_box(problem.interior[self.links])
+        # Twice the slacks that make the inertias consistent, but below their limits.
         moments = np.linalg.eigvalsh(inertia.inertia_matrix(about))
         needed = np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
         slack = problem.slack_start * np.minimum(limit, 1.0)
         slack[:n] = np.maximum(slack[:n], 2.0 * needed)
         slack[:n] = np.minimum(slack[:n], 0.9 * limit[:n])
+        # Steiner's term of entry e: <Q_e, Q> of link n.
         steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
         first_moments = mass[:, None] * middle
         theta = problem.interior.copy()
@@ -306,15 +310,17 @@ class BoxedProblem:
         c : (3,) array, optional
             Fixed centre of mass [m], with which Q is m c c^T instead.
         """
-        out = list[Constraint]()
+        rows = list[Constraint]()
         for e, (lower, upper) in enumerate(self.inertia_box[k]):
             form = inertia.STEINER_FORMS[e]
-            row = {4 + e: 1.0}
-            if np.trace(form) > 0.0:
-                row[10] = -2.0
+            row = {4 + e: 1.0}  # J' begins at parameter 4
+            is_diagonal = np.trace(form) > 0.0
+            if is_diagonal:
+                row[10] = -2.0  # the slack
             values = _row(row, 11)
             indices = link
             if q is not None:
+                # Entries off the diagonal occur twice in <Q_e, Q>.
                 doubled = inertia.inertia_entries(form) * [1, 2, 1, 2, 2, 1]
                 values = np.concatenate([values, -doubled])
                 indices = np.concatenate([link, q])
@@ -324,18 +330,16 @@ class BoxedProblem:
             for end, sign in ((lower, 1.0), (upper, -1.0)):
                 if not np.isfinite(end):
                     continue
-                name = f"link {k + 1}, {e}, {sign:+g}"
-                column = sign * values[used, None]
-                out.append(
+                rows.append(
                     linear(
                         "barycentric inertia",
-                        name,
+                        f"link {k + 1}, {e}, {sign:+g}",
                         indices[used],
-                        column,
+                        sign * values[used, None],
                         [-sign * end],
                     )
                 )
-        return out
+        return rows
 
     def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
         """Return the optimum inside the box for fixed centres of mass: convex and
@@ -440,30 +444,24 @@ class BoxedProblem:
         list of BoxedOptimum
             One for each weight.
         """
-        out = list[BoxedOptimum]()
+        optima = list[BoxedOptimum]()
         for weight in weights:
-            if out and (best := out[-1].best) is not None:
-                same = self.problem.optimum(
-                    best.theta,
-                    weight,
-                    out[-1].lower,
+            before = optima[-1] if optima else None
+            if before is not None and before.best is not None:
+                same = BoxedOptimum(
+                    best=self.problem.optimum(before.best.theta, weight, before.lower),
+                    lower=before.lower,
+                    root_lower=before.root_lower,
+                    n_cells=0,
                 )
-                held = BoxedOptimum(
-                    same,
-                    out[-1].lower,
-                    out[-1].root_lower,
-                    0,
-                )
-                if held.gap <= self.problem.held_gap:
-                    out.append(held)
+                if same.gap <= self.problem.held_gap:
+                    optima.append(same)
                     continue
-            relaxation = self.branch_and_bound(weight, gap, most_cells)
-            if out:
-                relaxation = replace(
-                    relaxation, lower=max(relaxation.lower, out[-1].lower)
-                )
-            out.append(relaxation)
-        return out
+            found = self.branch_and_bound(weight, gap, most_cells)
+            if before is not None:
+                found = replace(found, lower=max(found.lower, before.lower))
+            optima.append(found)
+        return optima
 
     def branch_and_bound(
         self,
@@ -529,17 +527,18 @@ class BoxedProblem:
 
         The cut lies at the relaxation's centre of mass, but not too close to an end.
         """
+        # Link k, axis a.
         k, a = np.unravel_index(np.argmax(cell.excess), cell.excess.shape)
         low = cell.low[k, a]
         high = cell.high[k, a]
         clear = self.nearest_cut * (high - low)
         centre = self.centres(cell.relaxation.theta)[k, a]
         cut = np.clip(centre, low + clear, high - clear)
-        below = cell.high.copy()
-        below[k, a] = cut
-        above = cell.low.copy()
-        above[k, a] = cut
-        return [(cell.low, below), (above, cell.high)]
+        high_of_lower_half = cell.high.copy()
+        high_of_lower_half[k, a] = cut
+        low_of_upper_half = cell.low.copy()
+        low_of_upper_half[k, a] = cut
+        return [(cell.low, high_of_lower_half), (low_of_upper_half, cell.high)]
 
 
 @dataclass(frozen=True)
@@ -561,14 +560,15 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
     They are the bounds of c times m, and McCormick's inequalities for Q = m c c^T.
     """
     rows = list[Array]()
-    for a in range(3):
+    # Indices of a row: m is 0, h is 1 to 3, J' is 4 to 9, Q is 10 to 15.
+    for a in range(3):  # low m <= h <= high m
         rows.append(_row({1 + a: 1.0, 0: -low[a]}))
         rows.append(_row({1 + a: -1.0, 0: high[a]}))
-    for a in range(3):
-        both = low[a] + high[a]
+    for a in range(3):  # Q_aa <= (low + high) h_a - low high m
+        total = low[a] + high[a]
         product = low[a] * high[a]
-        rows.append(_row({10 + _index_of_entry(a, a): -1.0, 1 + a: both, 0: -product}))
-    for a, b in combinations(range(3), 2):
+        rows.append(_row({10 + _index_of_entry(a, a): -1.0, 1 + a: total, 0: -product}))
+    for a, b in combinations(range(3), 2):  # Q_ab from below, then from above
         corners = (
             (low[a], low[b], 1.0),
             (high[a], high[b], 1.0),
@@ -590,10 +590,10 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
 
 def _row(values: dict[int, float], size: int = 16) -> Array:
     """Return a row (size,) of zeros with these values at their indices."""
-    out = np.zeros(size)
-    for place, value in values.items():
-        out[place] = value
-    return out
+    row = np.zeros(size)
+    for index, value in values.items():
+        row[index] = value
+    return row
 
 
 def _lifted(

@@ -186,10 +186,10 @@ class PenalisedProblem:
     @cached_property
     def links_slack(self) -> Array:
         """(p, n) change of theta' = theta + 2 s j by a unit of each link's slack s."""
-        out = np.zeros((self.p, self.n))
+        change = np.zeros((self.p, self.n))
         for k, link in enumerate(self.task.links):
-            out[link[list(self.moments)], k] = 2.0
-        return out
+            change[link[list(self.moments)], k] = 2.0
+        return change
 
     @cached_property
     def soft(self) -> tuple[Constraint, ...]:
@@ -199,17 +199,18 @@ class PenalisedProblem:
         Variables are theta' (p), the links' slacks (n), then these slacks: one for each
         row, or one for a second-order cone.
         """
-        out = list[Constraint]()
-        at = self.p + self.n
+        softened = list[Constraint]()
+        first = self.p + self.n
         for c in self.demands:
             size = len(c.constant)
-            more = np.eye(size)[: 1 if c.cone == "soc" else size]
-            slacks = np.arange(at, at + len(more))
-            at += len(more)
-            coefficients = np.concatenate([c.coefficients, more])
+            # A second-order cone gets one slack, which widens its first entry.
+            n_slacks = 1 if c.cone == "soc" else size
+            slacks = np.arange(first, first + n_slacks)
+            first += n_slacks
+            coefficients = np.concatenate([c.coefficients, np.eye(size)[:n_slacks]])
             indices = np.concatenate([c.indices, slacks])
-            out.append(replace(c, indices=indices, coefficients=coefficients))
-        return tuple(out)
+            softened.append(replace(c, indices=indices, coefficients=coefficients))
+        return tuple(softened)
 
     @cached_property
     def prices(self) -> Array:
@@ -218,13 +219,14 @@ class PenalisedProblem:
         A slack of a centre-of-mass cone [kg m] is divided by the largest mass, to be in
         metres as in the paper.
         """
-        out = [np.ones(self.n)]
+        prices = [np.ones(self.n)]
         for c in self.demands:
             if c.cone == "soc":
-                out.append(np.array([1.0 / self.task.bound[c.indices[0]]]))
+                largest_mass = self.task.bound[c.indices[0]]
+                prices.append(np.array([1.0 / largest_mass]))
             else:
-                out.append(np.ones(len(c.constant)))
-        return np.concatenate(out)
+                prices.append(np.ones(len(c.constant)))
+        return np.concatenate(prices)
 
     def value(self, theta: Array, weight: float) -> float:
         """Return the published objective, f(theta) + xi times the violations.
@@ -285,9 +287,10 @@ class PenalisedProblem:
 
         Those are mass, centre of mass, and inertia about it.
         """
-        out = theta.copy()
-        out[self.task.links] = inertia.barycentric_from_standard(theta[self.task.links])
-        return out
+        barycentric = theta.copy()
+        links = theta[self.task.links]
+        barycentric[self.task.links] = inertia.barycentric_from_standard(links)
+        return barycentric
 
     def solve(self, weight: float) -> PenalisedOptimum:
         """Solve the relaxation at one weight.
@@ -334,19 +337,19 @@ class PenalisedProblem:
         list of PenalisedOptimum
             One for each weight.
         """
-        out = list[PenalisedOptimum]()
+        optima = list[PenalisedOptimum]()
         for weight in weights:
-            if out:
-                before = out[-1]
+            if optima:
+                before = optima[-1]
                 same = self.optimum(before.theta, weight, before.lower)
                 if same.gap <= self.held_gap:
-                    out.append(same)
+                    optima.append(same)
                     continue
             solved = self.solve(weight)
-            if out:
-                solved = replace(solved, lower=max(solved.lower, out[-1].lower))
-            out.append(solved)
-        return out
+            if optima:
+                solved = replace(solved, lower=max(solved.lower, optima[-1].lower))
+            optima.append(solved)
+        return optima
 
     @cached_property
     def in_slacks(self) -> LeastSquares:
@@ -445,15 +448,16 @@ class PenalisedProblem:
         -------
         PenalisedOptimum
         """
+        value = self.value(theta, weight)
         return PenalisedOptimum(
             theta,
             weight,
-            self.value(theta, weight),
-            lower,
-            self.data.loss(theta),
-            self.triangle(theta),
-            max(self.violations(theta).values()),
-            max(self.value(theta, weight), self.data.loss_scale(theta)),
+            value=value,
+            lower=lower,
+            loss=self.data.loss(theta),
+            triangle=self.triangle(theta),
+            worst=max(self.violations(theta).values()),
+            scale=max(value, self.data.loss_scale(theta)),
         )
 
     @cached_property
@@ -505,12 +509,14 @@ class PenalisedProblem:
         """
         if not self.solve(0.0).is_violated:
             return 0.0
+        # Bracket the weight by factors of 4, then bisect its logarithm.
         low = high = 1.0
         while self.solve(high).is_violated:
             low = high
             high = 4.0 * high
         while low == high or not self.solve(low).is_violated:
-            low, high = 0.25 * low, low
+            high = low
+            low = 0.25 * low
         while high > low * (1.0 + relative):
             middle = float(np.sqrt(low * high))
             if self.solve(middle).is_violated:

@@ -154,17 +154,18 @@ def _draw_unseen(
 
 
 def figure_1(study: Study) -> Any:
-    """Measured torques of unseen motion, and those of p_hat, delta and both routes.
+    """Draw measured torques of unseen motion, and those of p_hat, delta, SDP and
+    penalty.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint the torque, and its error.
     """
     source = "simulated" if study.run is None else "measured"
     routes = routes_of(study)
@@ -191,17 +192,18 @@ def figure_1(study: Study) -> Any:
 
 
 def figure_2(study: Study) -> Any:
-    """The validation motions: all simulated ones, and the real run's.
+    """Draw the motions that estimates are judged on: simulated ones, and the real
+    run's.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint its position and its limits.
     """
     assert study.simulated.test is not None
     runs_by_source = {"simulated": list(study.simulated.test.runs())}
@@ -270,17 +272,17 @@ def _mark_folds(axes: Any, starts: Sequence[float]) -> None:
 
 
 def figure_3(study: Study) -> Any:
-    """Torques along all validation motions, all of it unseen.
+    """Draw torques along all validation motions, none of which an estimate has seen.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint torque and error, on simulated and on measured motion.
     """
     sources = ["simulated"] if study.run is None else ["simulated", "measured"]
     n = study.problem.robot.n
@@ -406,18 +408,19 @@ def _engines(
 
 
 def figure_5(study: Study) -> Any:
-    """Torques of physics engines and of the identified model, beside the measured torque
-    where there is one: along the real run, else along sinusoidal velocities.
+    """Draw torques of physics engines, of the identified model, and measured ones.
+
+    The motion is the real run's; without it, sinusoidal velocities.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        One panel for each joint.
     """
     if study.measured is None:
         text = "Torques of physics engines on sinusoidal velocities (nothing measured)"
@@ -461,17 +464,17 @@ def figure_5(study: Study) -> Any:
 
 
 def figure_6(study: Study) -> Any:
-    """Torque errors of physics engines against the identified model.
+    """Draw the torque of physics engines minus that of the identified model.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        One panel for each joint, on sinusoidal velocities.
     """
     text = "Torque of the engine less that of the identified model"
     figure, axes = _engines(study, lambda run: run.error, "torque error", text)
@@ -492,17 +495,17 @@ def figure_6(study: Study) -> Any:
 
 
 def figure_7(study: Study) -> Any:
-    """Where the end effector goes in physics engines: position and orientation errors.
+    """Draw how far physics engines put the end effector from where it is commanded.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        Errors of position and orientation over time.
     """
     groups = {"sinusoids (simulated)": study.once(table_v.sinusoidal_runs)}
     if study.measured is not None:

@@ -24,17 +24,18 @@ PROBLEM = "two_link"
 
 
 def figure_8(study: Study) -> Any:
-    """The 2R from its parameters: shapes, frames, centres of mass, inertia ellipsoids.
+    """Draw the 2R from its parameters: shapes, frames, centres of mass, inertia
+    ellipsoids.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The 2R's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        The arm in 3D, and a section of each link.
     """
     problem = study.problem
     figure, axes = new_figure(
@@ -230,17 +231,18 @@ def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
 
 
 def figure_9(study: Study) -> Any:
-    """Torques of the 2R, true ones and with parameters retrieved by penalty and by SDP.
+    """Draw the true torques of the 2R, and those with links estimated by SDP and
+    penalty.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The 2R's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint the torque, and its error in thousandths.
     """
     robot = study.problem.robot
     x = study.experiment
@@ -288,18 +290,18 @@ def figure_9(study: Study) -> Any:
 
 
 def figure_10(study: Study) -> Any:
-    """Internal wrenches of the 2R: real, feasible, unfeasible, and all that are
-    possible.
+    """Draw the internal wrenches of the 2R: true, feasible, unfeasible, and all
+    possible ones.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The 2R's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        One row for each component of force and moment, one column for each joint.
     """
     w = study.once(wrench_study)
     n = study.problem.robot.n

@@ -257,11 +257,8 @@ def refitted(data: LeastSquares, links_given: Array) -> Array:
     """
     free = np.isnan(links_given)
     theta = np.nan_to_num(links_given)
-    theta[free] = np.linalg.lstsq(
-        data.R[:, free],
-        data.rho - data.R @ theta,
-        rcond=None,
-    )[0]
+    left_to_explain = data.rho - data.R @ theta
+    theta[free] = np.linalg.lstsq(data.R[:, free], left_to_explain, rcond=None)[0]
     return theta
 
 
@@ -323,7 +320,8 @@ class Study:
         Any
             What ``make`` returned the first time.
         """
-        if (key := (make, *of)) not in self._made:
+        key = (make, *of)
+        if key not in self._made:
             self._made[key] = make(self, *of)
         return cast(Made, self._made[key])
 
@@ -568,12 +566,14 @@ class Study:
         Those with a joint prior are left out if no joint has parameters such as
         friction.
         """
-        own_methods = [
+        has_joint_parameters = any(
             len(data.model.parameters) > len(data.model.rigid_indices)
             for data in self.whole
-        ]
+        )
         return {
-            k: m for k, m in METHODS.items() if any(own_methods) or m not in WITH_PRIOR
+            column: method
+            for column, method in METHODS.items()
+            if has_joint_parameters or method not in WITH_PRIOR
         }
 
     def theta(self, method: str | Estimator, data: Data) -> Array:
@@ -674,11 +674,11 @@ class Study:
         column.
         """
         tables = box_tables(self.problem)
-        held = self.problem.published[tables[0]][0] if tables else {}
+        first_row = self.problem.published[tables[0]][0] if tables else {}
         return {
-            c: published_links(self.problem, c)
-            for c in ("p_real", "p_hat", "delta")
-            if c in held
+            column: published_links(self.problem, column)
+            for column in ("p_real", "p_hat", "delta")
+            if column in first_row
         }
 
     @cached_property
@@ -691,12 +691,10 @@ class Study:
         """
         robot = self.problem.robot
         file = real_file(self.problem.name, "good_configurations_1010.txt")
-        # Where the authors' file is absent as many as theirs.
-        q = (
-            robot.random_configurations(1010, self.seed)
-            if file is None
-            else np.loadtxt(file, ndmin=2)
-        )
+        if file is None:
+            q = robot.random_configurations(1010, self.seed)
+        else:
+            q = np.loadtxt(file, ndmin=2)
         return BlackBox.of_links(robot, self.experiment.links, q), file is not None
 
     @cached_property
