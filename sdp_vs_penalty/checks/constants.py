@@ -29,6 +29,9 @@ LOUDEST_INERTIA = 12.0
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
 #: logarithm): one log in some hundred has a given fault.
 ODDS = 6.0
+#: A repair that lowers the log-likelihood by so much is not tried again before another
+#: fault is repaired: a law of friction brings no such repair back.
+HOPELESS = 100.0
 #: Standard errors by which what the arm leaves of parts that it was not fitted to has
 #: to fall (half of them where a number tells as well), and that a number has to lie
 #: beyond what is usual (Student's t of PARTS, 99.5 %).

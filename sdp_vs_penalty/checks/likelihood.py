@@ -66,6 +66,7 @@ class Likelihood:
             self._make_columns
         )
         self._rows = lru_cache(6)(self._make_rows)
+        self._raw = lru_cache(6)(self._make_raw)
         self._model = lru_cache(12)(self._make_model)
         self._basis = lru_cache(20)(self._make_basis)
         self._inertia_and_weight = lru_cache(12)(self._make_inertia_and_weight)
@@ -109,6 +110,10 @@ class Likelihood:
 
     def channels(self, repair: LogTransform) -> Array:
         """(n, M) the torque as repaired, 0 where it is not asked for."""
+        if not any((*repair.lead, *repair.lag, *repair.bend)):
+            # As most repairs, which leave time and shape of the channels alone.
+            values = self._channels_at(0.0)[0].T[list(repair.tau_order)]
+            return np.array(repair.gain)[:, None] * values * self.filter_gain(repair)
         out = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             values, rates = self._channels_at(repair.lead[j])
@@ -163,11 +168,15 @@ class Likelihood:
     def raw(self, repair: LogTransform) -> Array:
         """(n, M, s) the columns of the parameters that joints share, 0 where torque is
         not asked for."""
+        return self._raw(repair.of_motion.reset("events"))
+
+    def _make_raw(self, repair: LogTransform) -> Array:
         columns = self.shared(repair)
         if any(repair.lacks):
             weight = self.shared(repair, 0.0, 0.0)
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
-        return np.asarray(self.filter_gain(repair)[:, :, None] * columns)
+        columns *= self.filter_gain(repair)[:, :, None]
+        return columns
 
     def _make_model(
         self,
@@ -279,31 +288,33 @@ class Likelihood:
         return grams, rows.basis.shape[2]
 
     def scores(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """One arm fitted to each."""
-        rows = [self.rows(repair) for repair in repairs]
-        channels = [self.channels(repair) for repair in repairs]
-        pairs = list(zip(rows, channels, strict=True))
-        cross = [
-            np.einsum(
-                "jms,jm->js",
-                row.apart,
-                torque,
-            )
-            for row, torque in pairs
-        ]
-        left = [row.rest(torque[:, :, None])[:, :, 0] for row, torque in pairs]
+        """One arm fitted to each; repairs of the same motion share its rows."""
+        by_motion: dict[LogTransform, list[int]] = {}
+        for k, repair in enumerate(repairs):
+            by_motion.setdefault(repair.of_motion, []).append(k)
+        fits: dict[int, ArmFit] = {}
+        for numbers in by_motion.values():
+            of_motion = self._fits_of_motion([repairs[k] for k in numbers])
+            fits.update(zip(numbers, of_motion, strict=True))
+        return [fits[k] for k in range(len(repairs))]
+
+    def _fits_of_motion(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
+        """One arm fitted to each of K repairs, which differ in their torques alone."""
+        rows = self.rows(repairs[0])
+        channels = np.stack([self.channels(repair) for repair in repairs], axis=2)
+        left = rows.rest(channels)  # (n, M, K)
         equations = NormalEquations(
-            gram=np.stack([row.gram for row in rows]),
-            cross=np.stack(cross),
-            energy=np.sum(np.square(left), axis=2),
-            total=positive(np.sum(np.square(channels), axis=2)),
+            gram=rows.gram,
+            cross=(np.swapaxes(channels, 1, 2) @ rows.apart).swapaxes(0, 1),
+            energy=np.sum(np.square(left), axis=1).T,
+            total=positive(np.sum(np.square(channels), axis=1).T),
         )
         thetas, lefts = equations.fitted(self.moving)
         return [
             ArmFit(
                 moving=self.moving,
-                rows=rows[k],
-                channels=channels[k],
+                rows=rows,
+                channels=channels[:, :, k],
                 theta=thetas[k],
                 left=lefts[k],
                 total=equations.total[k],

@@ -149,6 +149,12 @@ class LogTransform:
         """But for an event."""
         return replace(self, events=tuple(e for e in self.events if e != event))
 
+    @cached_property
+    def without_laws(self) -> LogTransform:
+        """But for the laws of joints' own motions."""
+        others = tuple(e for e in self.events if not isinstance(e.at, str))
+        return self if others == self.events else replace(self, events=others)
+
     def changed(self, name: str) -> list[tuple[tuple[int, ...], float]]:
         """Joints whose entry of a tuple is not zero, and the entry: all where it is
         one."""

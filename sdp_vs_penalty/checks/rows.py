@@ -262,6 +262,8 @@ def zeros(g: RunSummary) -> Iterator[Issue]:
 
 def _filled(x: Array) -> Rows:
     """(N,) rows of zeros between samples far from zero on one side of it."""
+    if not np.any(x == 0.0):
+        return np.zeros(len(x), bool)
     changes = np.abs(np.diff(x))
     usual = float(np.median(changes[changes > 0.0]))
     threshold = max(6.0 * usual, 3.0 * lattice_step(x[x != 0.0]))
@@ -415,10 +417,13 @@ def _stuck(
 ) -> Rows:
     """(N,) where a channel of joint j is frozen: the same number for long, and then not
     the next one."""
+    pauses = _long_pauses(g, x)
+    if not pauses:
+        return np.zeros(len(x), bool)
     steps = np.abs(np.diff(x))
     level = 3.0 * lattice_step(x)
     frozen_parts = []
-    for a, b in _long_pauses(g, x):
+    for a, b in pauses:
         if x[a] in (x.min(), x.max()):
             continue  # clipped there
         if is_position and _velocity_goes_on(g.run.dq, j, a, b):

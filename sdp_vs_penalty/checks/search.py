@@ -52,6 +52,8 @@ class RepairSearch:
         self.is_poor = in_all_runs and is_low
         self.elements = lru_cache(99)(self._elements)
         self.posterior = lru_cache(99)(self._posterior)
+        #: Repairs, laws apart, that no law makes likely.
+        self.hopeless: set[LogTransform] = set()
 
     def _elements(self, repair: LogTransform) -> tuple[Fault, ...]:
         return tuple(e for kind in FAULTS for e in kind.elements(self.log, repair))
@@ -101,7 +103,10 @@ class RepairSearch:
             better = self.add_best_fault(now)
             if better is None:
                 break
+            before = now
             now = self.rounded(better)
+            if now.without_laws != before.without_laws:
+                self.hopeless.clear()
         return self.with_settled_signs(now)
 
     def add_best_fault(self, now: LogTransform) -> LogTransform | None:
@@ -152,7 +157,11 @@ class RepairSearch:
         repairs: list[LogTransform] = []
         for kind in self.faults:
             repairs += kind.proposals(self.log, now, score)
-        return [repair for repair in dict.fromkeys(repairs) if repair != now]
+        return [
+            repair
+            for repair in dict.fromkeys(repairs)
+            if repair != now and repair.without_laws not in self.hopeless
+        ]
 
     def _gains_on_few_rows(
         self,
@@ -176,6 +185,8 @@ class RepairSearch:
         for repair, fit in zip(repairs, fits, strict=True):
             fall = 0.5 * self.samples * (fit_now.score - fit.score)
             at_best_number = max(fall, 0.0)
+            if fall < -c.HOPELESS:
+                self.hopeless.add(repair.without_laws)
             # Before the repair's cost, which takes longer to work out.
             if fall + at_best_number <= least:
                 continue

@@ -236,12 +236,14 @@ class Model:
         Array
             (n, N, p) columns, zero where a parameter does not act on a joint.
         """
-        return np.stack(
-            [
-                columns_of_joint.dense_columns(len(self.parameters))
-                for columns_of_joint in self.columns(motion)
-            ]
-        )
+        blocks = self.blocks(motion)
+        out = np.zeros((self.robot.n, len(motion.t), len(self.parameters)))
+        for k, indices in enumerate(self.indices):
+            for block in blocks.get(k, ()):
+                out[block.joint][:, indices[block.parameters]] = block.columns
+        if self.gains is not None:
+            out *= np.asarray(self.gains)[:, None, None]
+        return out
 
     def blocks(
         self,

@@ -82,8 +82,12 @@ class PoseOptions:
     instruments: str | None = None
 
     def recipe(self) -> dict[str, Any]:
-        """Plain JSON of what :meth:`following` takes; only those shape constants that
-        were given."""
+        """Return the options as plain JSON, from which :meth:`following` poses the
+        problem again.
+
+        Of the effects' shape constants only those that the user gave are kept: the
+        others are estimated again.
+        """
         effects: list[dict[str, Any]] | None = None
         if self.effects is not None:
             effect_objects = [e for e in self.effects if isinstance(e, Effect)]
@@ -101,7 +105,10 @@ class PoseOptions:
     def following(
         cls, recipe: Mapping[str, Any], robot: Robot, **others: Any
     ) -> PoseOptions:
-        """The options of a :meth:`recipe`; InputError for one that is none."""
+        """Return the options of a :meth:`recipe`; ``others`` are further fields.
+
+        Raises InputError for a damaged recipe.
+        """
         try:
             settings = recipe["effects"]
             known = {k: float(x) for k, x in recipe["known"].items()}
@@ -150,26 +157,26 @@ def build_problem(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> EstimationProblem:
-    """The optimisation problem of identifying a problem from measurements, both as
-    users give them.
+    """Pose the optimisation problem of an identification, from problem and
+    measurements.
 
     Parameters
     ----------
     problem : str, Path or Problem
         As in :func:`sdp_vs_penalty.identify`.
     measurements : path, arrays, Measurements, FilteredRuns or BlackBox
-        The same.
+        As in :func:`sdp_vs_penalty.identify`.
     options : PoseOptions, optional
-        Everything else that a user may choose.
+        Effects, filters, weighting and further choices.
     progress : callable
-        Hears where the computation stands.
+        Receives a line of text at each stage.
     workers : Workers
-        Who compresses the runs.
+        Processes that compress the runs.
 
     Returns
     -------
     EstimationProblem
-        What an estimator minimises, and what made it.
+        Optimisation problem with its data.
 
     Raises
     ------
@@ -194,30 +201,30 @@ def pose_filtered(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> EstimationProblem:
-    """The optimisation problem of identifying a problem from runs behind their filters.
+    """Pose the optimisation problem of an identification, from filtered runs.
 
-    Open shape constants are estimated first, then gains from known loads, then the
-    current model that some effects refer to; rows in these columns are compressed, and
-    weighted by joint. A black box has no friction, filters or noise: one effect, equal
-    weights.
+    In this order: shape constants are estimated, gains from known loads, and the
+    current model to which torque-dependent effects refer; then rows are compressed and
+    weighted by joint. A black box (answers of a simulator) has no friction, filters or
+    noise: one effect and equal weights.
 
     Parameters
     ----------
     problem : Problem
-        To identify.
+        Robot, bounds and nominal links.
     data : FilteredRuns or BlackBox
-        Measured, or answered.
+        Measurements behind their filters, or answers of a black box.
     options : PoseOptions
-        What a user chose.
+        Effects, weighting and further choices.
     progress : callable
-        Hears where the computation stands.
+        Receives a line of text at each stage.
     workers : Workers
-        Who compresses the runs.
+        Processes that compress the runs.
 
     Returns
     -------
     EstimationProblem
-        What an estimator minimises, and what made it.
+        Optimisation problem with its data.
 
     Raises
     ------
@@ -283,7 +290,7 @@ def _pose_black_box(
     options: PoseOptions,
     progress: Progress,
 ) -> EstimationProblem:
-    """Of a black box's answers: one effect, equal weights."""
+    """Pose the problem of a black box's answers: rigid links by default, equal weights."""
     effects = "rigid_body" if options.effects is None else options.effects
     model = problem.model(effects)
     progress("compressing the black box's answers")
@@ -300,7 +307,7 @@ def _pose_torque_log(
     progress: Progress,
     workers: Workers,
 ) -> _PosedLog:
-    """A log with torque: open shape constants, then gains from known loads."""
+    """Prepare a log with torque: estimate shape constants, then gains from known loads."""
     log = runs.measurements
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     details: dict[str, Any] = {}
@@ -337,8 +344,11 @@ def _pose_servo_log(
     options: PoseOptions,
     progress: Progress,
 ) -> _PosedLog:
-    """A log without torque: the servos' law stands for it, a known parameter or load
-    for its scale."""
+    """Prepare a log without torque: servos' law in place of the torque, then the scale.
+
+    A known parameter, motor constant or load sets the scale. Its error is one further
+    column of the gains' covariance factor, common to all joints.
+    """
     errors = independent_gains(options.gain_uncertainty, problem.robot.n)
     model, runs, servo = servo_log(
         problem,
@@ -372,24 +382,25 @@ def in_columns(
     model: Model,
     workers: Workers = ALONE,
 ) -> Regression:
-    """Measurements in the columns of a model.
+    """Compress runs in the columns of a model.
 
-    Without torque the model's own errors are what is left, and periods repeat them:
-    blocks are stretches of the motion then, in all its periods.
+    Blocks are stretches of time. Without torque the residual is the model's error,
+    which repeats with the motion: blocks then are phases of the motion, over all its
+    periods.
 
     Parameters
     ----------
     runs : FilteredRuns
-        Behind their filters.
+        Runs behind their filters.
     model : Model
-        In whose columns.
+        Model whose columns are used.
     workers : Workers
-        Who does it.
+        Processes that compress the runs.
 
     Returns
     -------
     Regression
-        Compressed.
+        Compressed rows.
     """
     if runs.measurements.torque_logged:
         return compress(runs, model, workers=workers)
@@ -401,14 +412,15 @@ def in_columns(
 
 
 def independent_gains(uncertainty: float | Array, joints: int) -> Array:
-    """A factor of the covariance of the torque channels' gains.
+    """Return a covariance factor of the relative errors of the torque channels' gains.
 
     Parameters
     ----------
     uncertainty : float or (n, e) array
-        Relative standard deviation, of each gain by itself; or the factor.
+        Relative standard deviation of each gain, independent of the others; or the
+        factor.
     joints : int
-        n.
+        Number n of joints.
 
     Returns
     -------
@@ -418,7 +430,7 @@ def independent_gains(uncertainty: float | Array, joints: int) -> Array:
     Raises
     ------
     InputError
-        For a standard deviation that is none.
+        For a standard deviation outside of [0, 1).
     """
     if isinstance(uncertainty, np.ndarray):
         return uncertainty
@@ -429,17 +441,17 @@ def independent_gains(uncertainty: float | Array, joints: int) -> Array:
 
 
 def logged(data: Measurements | FilteredRuns) -> Measurements:
-    """The log itself.
+    """Return the measurements of a log with or without filters.
 
     Parameters
     ----------
     data : Measurements or FilteredRuns
-        With or without filters.
+        The log.
 
     Returns
     -------
     Measurements
-        The log.
+        The unfiltered log.
     """
     return data.measurements if isinstance(data, FilteredRuns) else data
 
@@ -449,16 +461,18 @@ def load_and_check(
     measurements: Source | FilteredRuns | BlackBox,
     what: str,
 ) -> Measurements | FilteredRuns | BlackBox:
-    """What was given as measurements, read. What lies behind filters has been read.
+    """Read measurements in any form that users give, and check that they fit the robot.
+
+    Filtered runs have been read before and are returned as they are.
 
     Parameters
     ----------
     problem : Problem
-        Whose measurements they are.
+        Problem with the robot.
     measurements : path, arrays, Measurements, FilteredRuns or BlackBox
-        As users give them.
+        The measurements.
     what : str
-        How an error names them.
+        Name of the argument in messages.
 
     Returns
     -------
@@ -468,7 +482,7 @@ def load_and_check(
     Raises
     ------
     InputError
-        Where they cannot be this robot's.
+        For another number of joints or implausible values.
     """
     n = problem.robot.n
     names = problem.robot.joint_names
@@ -493,28 +507,28 @@ def read_and_filter(
     settings: Preprocessing | None = None,
     what: str = "measurements",
 ) -> FilteredRuns | BlackBox:
-    """The runs behind their filters, or a black box's answers, read and checked once.
+    """Read, check and filter measurements; a black box's answers have no filters.
 
     Parameters
     ----------
     problem : Problem
-        Whose measurements they are.
+        Problem with the robot.
     measurements : path, arrays, Measurements, FilteredRuns or BlackBox
-        As users give them.
+        The measurements.
     settings : Preprocessing, optional
         Filters; default: the problem's.
     what : str
-        How an error names the measurements.
+        Name of the argument in messages.
 
     Returns
     -------
     FilteredRuns or BlackBox
-        Ready for :func:`pose_filtered`.
+        Input of :func:`pose_filtered`.
 
     Raises
     ------
     InputError
-        Where they cannot be this robot's.
+        For another number of joints or implausible values.
     """
     data = load_and_check(problem, measurements, what)
     if isinstance(data, BlackBox):
@@ -527,21 +541,22 @@ def filter_runs(
     data: Measurements | FilteredRuns,
     settings: Preprocessing | None = None,
 ) -> FilteredRuns:
-    """The log behind its filters.
+    """Return a log behind its filters.
 
     Parameters
     ----------
     problem : Problem
-        With default filters.
+        Problem with default filters.
     data : Measurements or FilteredRuns
-        The latter keep their filters.
+        The log; filtered runs keep their filters.
     settings : Preprocessing, optional
-        Filters; default: the problem's.
+        Filters; default: the problem's. A log without torque gets the cut-off of
+        :func:`servo_filters`.
 
     Returns
     -------
     FilteredRuns
-        Of the log.
+        The filtered log.
     """
     if isinstance(data, FilteredRuns):
         return data
@@ -558,21 +573,24 @@ def with_reference(
     weighting: str = "noise",
     progress: Progress = no_progress,
 ) -> Model:
-    """The model with the current model that its torque-dependent effects refer to,
-    itself where there are none: least squares without those effects, then with them.
+    """Return the model with its reference: the current model's parameters (p,).
+
+    The columns of torque-dependent effects are computed with the torque of the current
+    model. Two passes find it: least squares without these effects, then with them. A
+    model without such effects is returned as it is.
 
     Parameters
     ----------
     problem : Problem
-        To identify.
+        Robot, bounds and nominal links.
     model : Model
-        With all effects.
+        Model with all effects.
     compressed : callable
-        The training data in the columns of a model.
+        Returns the training data in the columns of a model.
     weighting : {"noise", "none"}
-        Of the joints' rows.
+        Weight the joints' rows by their noise, or equally.
     progress : callable
-        Hears where the computation stands.
+        Receives a line of text at each pass.
 
     Returns
     -------
@@ -581,13 +599,15 @@ def with_reference(
     """
     if not model.needs_reference:
         return model
-    part = into = model.reference_free
+    part = model.reference_free
+    kept = model.reference_free  # the effects whose parameters a pass keeps
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")
         theta = make_task(problem, part, compressed(part), weighting).ols
         reference = np.zeros(len(model.parameters))
-        at = model.places(into)
-        reference[at] = theta[at] if k else theta
+        places = model.places(kept)
+        # In the second pass theta holds all effects.
+        reference[places] = theta[places] if k else theta
         part = replace(model, reference=reference)
-        into = model.before_channels
+        kept = model.before_channels
     return part

@@ -41,12 +41,12 @@ class Certificate(Shown, JsonRecord):
 
     @property
     def worst(self) -> float:
-        """The largest violation of all families, each in its own unit."""
+        """Largest violation of all families of constraints, each in its own unit."""
         return max(self.violations.values(), default=0.0)
 
     @property
     def not_found(self) -> str:
-        """A sentence where the gap says that no optimum was found, else ""."""
+        """A sentence if the gap shows that the optimum was not found, else ""."""
         if self.gap is None or self.gap <= FAR_GAP:
             return ""
         return (
@@ -55,7 +55,7 @@ class Certificate(Shown, JsonRecord):
         )
 
     def __str__(self) -> str:
-        """Everything in words, a line each."""
+        """Return the certificate in words, one line a fact."""
         families = ", ".join(
             f"{family} {value:.2g}" for family, value in self.violations.items()
         )
@@ -75,10 +75,11 @@ class Certificate(Shown, JsonRecord):
         )
 
     def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
         return "Certificate", self.summary()[:4]
 
     def summary(self) -> list[tuple[str, str]]:
-        """What matters of it: names and texts."""
+        """Return the facts as (label, text), in the order in which they matter."""
         out = [
             ("worst violation", self._violations_text()),
             ("loss", f"{self.loss:.6g} (sum of squared weighted torque errors)"),
@@ -101,7 +102,7 @@ class Certificate(Shown, JsonRecord):
         return out
 
     def _violations_text(self) -> str:
-        """The violated constraints, the worst first."""
+        """Return the violated families of constraints as text, the worst first."""
         broken = {family: v for family, v in self.violations.items() if v > 0.0}
         if not broken:
             return "0 (every constraint holds)"
@@ -112,7 +113,10 @@ class Certificate(Shown, JsonRecord):
         return text
 
     def _gap_text(self) -> str:
-        """The distance to the optimum, or why there is none."""
+        """Return the certified distance to the optimum, or why there is none.
+
+        Names the effects that were held fixed, each once.
+        """
         if self.gap is None:
             return "no lower bound: this method is not convex, or has no constraints"
         # Once each: a joint may have its effect with a shape constant of its own.
@@ -121,7 +125,9 @@ class Certificate(Shown, JsonRecord):
         return f"{self.gap:.1e} of the loss (certified lower bound){held}"
 
     def _gyration_text(self) -> str:
-        """The largest radius of gyration beside its link's body."""
+        """Return the largest radius of gyration and its ratio to the link's body as
+        text.
+        """
         fits = "at most"
         if self.body_share is not None and self.body_share > 1.0:
             fits = "beyond what any mass inside can have:"

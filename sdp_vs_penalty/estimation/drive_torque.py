@@ -11,6 +11,7 @@ consistent, and convex under the same constraints (Janot, Vandanjon, Gautier, IE
 Trans. Control Systems Technology 2014).
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -36,8 +37,23 @@ def with_simulated_motion(
     model: Model,
     theta: Array,
 ) -> Measurements:
-    """The same runs with the positions "qsim" that the model's servo loop makes of
-    their commands."""
+    """Attach the motion that a model's servo loop makes of each run's command.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        Runs with commands.
+    model : Model
+        Load and drives.
+    theta : (p,) array
+        Parameters of the model.
+
+    Returns
+    -------
+    Measurements
+        The same runs with simulated positions "qsim" [rad, m] and their integral
+        "isim".
+    """
     loop = ServoLoop(model, theta)
     runs = []
     for run in measurements.runs():
@@ -50,50 +66,57 @@ def with_simulated_motion(
 
 
 def _parts(run: Measurements) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
-    """The stretches of a run, each with the samples (N,) that lie in it."""
+    """Yield the stretches of a run between gaps, with a mask (N,) of the samples in
+    each.
+    """
     for part in split_at_gaps(run):
         yield part, (run.t >= part.t[0]) & (run.t <= part.t[-1])
 
 
 def _simulated(part: Stretch, loop: ServoLoop) -> tuple[Array, Array]:
-    """(N, n) positions at the samples of a stretch, and their integral."""
+    """Simulate the servo loop along a stretch's command.
+
+    Returns (N, n) positions at the stretch's samples, and their integral over time. The
+    stretch is cut into windows of 0.5 s, simulated side by side. Each window starts 0.5
+    s early at a measured position, whose noise has faded when the window begins.
+    """
     command = sampled_command(part)
-    count = max(1, int(np.ceil(part.dt / _STEP - 1e-9)))
-    skip = max(1, int(_STEP / part.dt + 1e-9))
-    h = part.dt * skip / count
-    total = (
-        -(-(part.count - 1) // skip) * count + 1
-    )  # instants from the start to beyond the end
-    # Windows of half a second side by side, each of which runs as long again from a
-    # measured position before it counts, until the noise of that is forgotten.
-    long = early = max(1, round(0.5 / h))
-    first = np.arange(0, total, long)
-    start = np.maximum(first - early, 0)
+    # A step h of at most _STEP [s]: several a sample, or one for several samples.
+    steps_per_sample = max(1, int(np.ceil(part.dt / _STEP - 1e-9)))
+    samples_per_step = max(1, int(_STEP / part.dt + 1e-9))
+    h = part.dt * samples_per_step / steps_per_sample
+    n_intervals = math.ceil((part.count - 1) / samples_per_step)
+    n_instants = n_intervals * steps_per_sample + 1
+    length = max(1, round(0.5 / h))  # of a window, and how much earlier it starts
+    first = np.arange(0, n_instants, length)
+    start = np.maximum(first - length, 0)
     t = part.t[0] + h * start
     positions = interpolated(t, part.t, part.q)
     path = interpolated(t, part.t, part.integrals[1])
     state = loop.start(command, t, positions, path)
-    q, sums = np.empty((2, len(first) * long, part.q.shape[1]))
-    for k in range(early + long):
-        on = (start + k >= first) & (start + k < first + long)
-        q[start[on] + k], sums[start[on] + k] = state.q[on], state.position_integral[on]
+    q, integral = np.empty((2, len(first) * length, part.q.shape[1]))
+    for k in range(2 * length):
+        instant = start + k
+        counts = (instant >= first) & (instant < first + length)
+        q[instant[counts]] = state.q[counts]
+        integral[instant[counts]] = state.position_integral[counts]
         state = loop.step(state, command, h)
     clock = part.t[0] + h * np.arange(len(q))
-    return interpolated(part.t, clock, q), interpolated(part.t, clock, sums)
+    return interpolated(part.t, clock, q), interpolated(part.t, clock, integral)
 
 
 def sampled_command(part: Stretch) -> Command:
-    """The command of a stretch as it was logged, on the grid of its clock.
+    """Return the logged command of a stretch on an even grid of time.
 
     Parameters
     ----------
     part : Stretch
-        Of a log.
+        A stretch of a log with commands.
 
     Returns
     -------
     Command
-        Positions over time.
+        Position, velocity and integral over time; the acceleration is zero.
     """
     assert part.qcmd is not None
     clock = part.clock(np.arange(part.count))
@@ -106,16 +129,34 @@ def sampled_command(part: Stretch) -> Command:
 def driven(
     estimate: Estimate, measurements: Measurements
 ) -> tuple[Estimate, Measurements]:
-    """The plant, and the log with the drives' torque; both as they are where torque was
-    logged.
+    """Return a model and a log that can be compared by torque.
 
-    Raises InputError for a log without torque where the model knows no servo.
+    A log with torque stays as it is. For a log without torque the model's servos make
+    the drives' torque of it. The model is returned without its servos.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Model, with or without servos.
+    measurements : Measurements
+        Log, with or without torque.
+
+    Returns
+    -------
+    Estimate
+        Links and friction.
+    Measurements
+        Log with torque.
+
+    Raises
+    ------
+    InputError
+        For a log without torque if the model has no servos.
     """
+    has_servos = bool(estimate.model.drives.any())
     if measurements.torque_logged:
-        return (
-            plant(estimate) if estimate.model.drives.any() else estimate
-        ), measurements
-    if not estimate.model.drives.any():
+        return plant(estimate) if has_servos else estimate, measurements
+    if not has_servos:
         what = (
             "this log holds no torque, and the model no servo that would stand for it"
         )
@@ -133,16 +174,16 @@ def with_drive_torque(
     theta: Array,
     measurements: Measurements,
 ) -> Measurements:
-    """The log with the torque that the servos of a model make of it.
+    """Add the torque that a model's servos make to a log without torque.
 
     Parameters
     ----------
     model : Model
-        With servos.
+        Model with servos.
     theta : (p,) array
         Its parameters.
     measurements : Measurements
-        Without torque.
+        Log with commands.
 
     Returns
     -------
@@ -171,32 +212,30 @@ def with_drive_torque(
 
 
 def plant(estimate: Estimate) -> Estimate:
-    """The same without its drives.
+    """Return the estimate without its servos: links and friction.
 
     Parameters
     ----------
     estimate : Estimate
-        With or without drives.
+        Model with or without servos.
 
     Returns
     -------
     Estimate
-        Links and friction alone.
+        With the parameters, intervals and covariance that remain; base parameters have
+        none.
     """
-    keep = ~estimate.model.drives
-    known = estimate.uncertainty
-    reference = estimate.model.reference
-    standard = tuple(known.standard[k] for k in np.flatnonzero(keep))
-    spread = known.spread[keep]
-    gains = known.gain_response[keep]
+    keep = ~estimate.model.drives  # (p,)
     uncertainty = replace(
-        known,
-        standard=standard,
+        estimate.uncertainty,
+        standard=tuple(estimate.uncertainty.standard[k] for k in np.flatnonzero(keep)),
         base=(),
-        spread=spread,
-        gain_response=gains,
+        spread=estimate.uncertainty.spread[keep],
+        gain_response=estimate.uncertainty.gain_response[keep],
     )
-    reference = None if reference is None else reference[keep]
+    reference = estimate.model.reference
+    if reference is not None:
+        reference = reference[keep]
     effects = estimate.model.without_drives.effects
     model = replace(
         estimate.model,

@@ -100,85 +100,94 @@ class Estimate(Record):
 
     @property
     def robot(self) -> Robot:
-        """The robot of the model."""
+        """Robot of the model."""
         return self.model.robot
 
     @property
     def links(self) -> Array:
-        """(n, 10) standard parameters of the links."""
+        """(links, 10) standard parameters of the links: m [kg], m c [kg m], inertia [kg
+        m^2].
+        """
         return self.theta[self.model.rigid_indices].reshape(-1, 10)
 
     @property
     def covariance(self) -> Array:
-        """(p, p) of the parameters; NaN rows and columns for what the data do not
-        determine."""
+        """(p, p) covariance of theta; NaN rows and columns where the data do not
+        determine it.
+        """
         return self.uncertainty.covariance
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """(p,) who decides each parameter: the "data", else its method's "prior" or the
-        "bounds"."""
+        """(p,) what determines each parameter: "data", "prior", "bounds" or "given"."""
         undetermined = self.details.get("undetermined", {})
         return tuple(undetermined.get(p.name, "data") for p in self.model.parameters)
 
     @property
     def determined_by_data(self) -> list[tuple[str, str]]:
-        """How many parameters the data determine, and which base parameters the prior
-        or the bounds decide: names and texts; empty without base parameters.
+        """Lines (label, text) that say which parameters the data determine.
 
-        Where a base parameter that should be the data's has no standard deviation, none
-        of it is known.
+        The first line counts them; a second one names the base parameters that the
+        prior or the bounds determine. Empty for a model without base parameters. If a
+        base parameter that the data determine has no standard deviation, the only line
+        says so.
         """
         base = self.details.get("base_parameters") or []
         if not base:
             return []
         std = {interval.name: interval.std for interval in self.uncertainty.base}
-        blind = sum(
+        n_without_std = sum(
             entry["source"] == "data" and bool(np.isnan(std.get(entry["name"], 0.0)))
             for entry in base
         )
-        if blind:
+        if n_without_std:
             text = (
-                f"nothing is known of the intervals: {blind} of {len(base)} base"
+                f"nothing is known of the intervals: {n_without_std} of {len(base)} base"
                 " parameters have none"
             )
             return [("determined by the data", text)]
-        prior = {
+        undetermined = {
             entry["name"]: entry["source"]
             for entry in base
             if entry["source"] not in ("data", "given")
         }
         text = (
-            f"{len(base) - len(prior)} of {len(base)} base parameters,"
+            f"{len(base) - len(undetermined)} of {len(base)} base parameters,"
             f" {self.n_from_data} of {self.n_parameters} standard"
         )
-        entries = [("determined by the data", text)]
-        if prior:
-            names = f"{', '.join(prior)}; see `source` in the file"
-            entries.append((f"from the {next(iter(prior.values()))}", names))
-        return entries
+        lines = [("determined by the data", text)]
+        if undetermined:
+            names = f"{', '.join(undetermined)}; see `source` in the file"
+            source = next(iter(undetermined.values()))  # one method: one source
+            lines.append((f"from the {source}", names))
+        return lines
 
     @property
     def unweighed(self) -> str:
-        """A sentence about links whose mass the data do not determine, "" where they
-        determine all."""
-        first = self.model.rigid_indices[::10]
+        """A sentence on links whose mass the data do not determine; "" if there is
+        none.
+
+        It also names masses that differ from the nominal ones by more than the factor
+        FAR_MASS.
+        """
+        first = self.model.rigid_indices[::10]  # ten parameters a link, the mass first
         masses = self.links[:, 0]
         sources = self.sources
         links = [i for i, k in enumerate(first) if sources[k] not in ("data", "given")]
         if not links:
             return ""
         nominal = self.nominal[first]
-        known = [i for i in links if nominal[i] > 0.0]
+        with_nominal = [i for i in links if nominal[i] > 0.0]
         far = [
-            i for i in known if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS
+            i
+            for i in with_nominal
+            if not 1.0 / FAR_MASS < masses[i] / nominal[i] < FAR_MASS
         ]
-        numbers = (
-            "s" * (len(links) > 1) + " " + formatting.words([i + 1 for i in links])
-        )
+        plural = "s" if len(links) > 1 else ""
+        numbers = formatting.words([i + 1 for i in links])
         explanation = (
-            f"the data do not determine the mass of link{numbers}, only sums with"
-            f" others; the value comes from the {sources[first[links[0]]]}"
+            f"the data do not determine the mass of link{plural} {numbers}, only sums"
+            f" with others; the value comes from the {sources[first[links[0]]]}"
         )
         if np.any(self.problem.guessed_links[links]):
             explanation += (
@@ -195,23 +204,24 @@ class Estimate(Record):
 
     @property
     def verdict(self) -> Verdict | None:
-        """How good the model was when it was identified or extended; None if nobody
-        asked."""
+        """Verdict on the model when it was identified or extended; None if it was not
+        judged.
+        """
         stored = self.provenance.get("verdict")
         return None if stored is None else Verdict.from_dict(stored)
 
     def with_gravity(self, gravity: Sequence[float]) -> Estimate:
-        """The same parameters for a base that is mounted otherwise.
+        """Return the same parameters for a base that is mounted in another direction.
 
         Parameters
         ----------
         gravity : (3,) sequence of float
-            The gravity vector in the base frame [m/s^2].
+            Gravity vector in the base frame [m/s^2].
 
         Returns
         -------
         Estimate
-            Its torque and its base parameters are those of the new mounting.
+            With torque and base parameters of the new mounting.
         """
         problem = self.problem.with_gravity(gravity)
         effects = [
@@ -227,17 +237,21 @@ class Estimate(Record):
 
     @property
     def nominal(self) -> Array:
-        """(p,) the nominal links' parameters, NaN for those of other effects."""
-        known = np.full(len(self.theta), np.nan)
-        known[self.model.rigid_indices] = self.problem.nominal(self.model)[
-            self.model.rigid_indices
-        ]
-        return known
+        """(p,) nominal parameters of the links [kg, kg m, kg m^2]; NaN for other
+        effects.
+        """
+        of_links = self.model.rigid_indices
+        nominal = np.full(len(self.theta), np.nan)
+        nominal[of_links] = self.problem.nominal(self.model)[of_links]
+        return nominal
 
     @property
     def identity(self) -> str:
-        """SHA-256 of what decides the model's torque: robot, effects, reference, gains,
-        parameters."""
+        """SHA-256 (hex) of everything on which the model's torque depends.
+
+        It covers robot, effects, reference (the parameters of the current model),
+        gains, and the parameters' names and values.
+        """
         gains = self.problem.gains
         body = {
             "robot": self.robot.to_dict(),
@@ -253,57 +267,67 @@ class Estimate(Record):
 
     @fact("", digits=9)
     def n_parameters(self) -> int:
-        """Parameters of the model."""
+        """Number of the model's parameters."""
         return len(self.theta)
 
     @fact("", digits=9, name="n parameters from data")
     def n_from_data(self) -> int:
-        """Parameters that the data determine; prior or bounds decide the others."""
+        """Number of parameters that the data determine; prior or bounds determine the
+        others.
+        """
         return self.sources.count("data")
 
     @fact("kg")
     def total_mass(self) -> float | None:
-        """Sum of the links' masses."""
+        """Sum of the links' masses [kg]; None for a model without links."""
         return float(self.links[:, 0].sum()) if len(self.links) else None
 
     @fact("")
     def largest_violation(self) -> float:
-        """The largest violation of a constraint, in its own unit; 0 for physically
-        consistent links."""
+        """Largest violation of a constraint, in its own unit; 0 for physically
+        consistent links.
+        """
         return self.certificate.worst
 
     @fact("", digits=1)
     def distance_to_best_fit(self) -> float | None:
-        """The certified gap: how far the loss can be above the best possible one, as a
-        share of it."""
+        """Certified gap: how far the loss can be above the optimum, as a share of the
+        loss.
+        """
         return self.certificate.gap
 
     def links_frame(self) -> pandas.DataFrame:
-        """One row a link: mass, centre of mass, inertia about it, nominal mass, least
-        thickness, and what the mass is from; units in the columns' names."""
+        """Return a DataFrame with one row a link; units stand in the columns' names.
+
+        Columns: mass, centre of mass, inertia about it, nominal mass, smallest
+        thickness, and what determines the mass.
+        """
         from sdp_vs_penalty.estimation.frames import links_frame
 
         return links_frame(self)
 
     def base_frame(self) -> pandas.DataFrame:
-        """One row a base parameter: its full expression ("Izz1 + Iyy2 + 0.0998 m3"),
-        value, 95 % interval, verdict, unit."""
+        """Return a DataFrame with one row a base parameter.
+
+        Columns: full expression ("Izz1 + Iyy2 + 0.0998 m3"), value, 95 % interval,
+        verdict and unit.
+        """
         from sdp_vs_penalty.estimation.frames import base_frame
 
         return base_frame(self)
 
     def covariance_frame(self, base: bool = False) -> pandas.DataFrame:
-        """Covariance with labelled rows and columns.
+        """Return the covariance as a DataFrame with labelled rows and columns.
 
         Parameters
         ----------
         base : bool
-            Of the base parameters, not of all parameters.
+            True for the b base parameters, False for all p parameters.
 
         Returns
         -------
         DataFrame
-            (p, p) or (b, b), NaN for parameters that the data do not determine.
+            (p, p) or (b, b); NaN for parameters that the data do not determine.
         """
         from sdp_vs_penalty.estimation import frames
 
@@ -312,12 +336,12 @@ class Estimate(Record):
         return frames.covariance_frame(self)
 
     def to_pinocchio(self, force: bool = False) -> Any:
-        """The links, armature and friction as a Pinocchio Model.
+        """Return the links, armature and friction as a Pinocchio Model.
 
         Parameters
         ----------
         force : bool
-            Also for links whose mass lies farther out than their bodies reach.
+            Export even if the mass of a link lies outside of its body.
 
         Returns
         -------
@@ -327,12 +351,12 @@ class Estimate(Record):
         return _SIMULATORS("to_pinocchio")(self, force)
 
     def to_mjspec(self, force: bool = False) -> Any:
-        """The model as MuJoCo's MjSpec.
+        """Return the model as MuJoCo's MjSpec.
 
         Parameters
         ----------
         force : bool
-            Also for links whose mass lies farther out than their bodies reach.
+            Export even if the mass of a link lies outside of its body.
 
         Returns
         -------
@@ -348,28 +372,28 @@ class Estimate(Record):
         Parameters
         ----------
         data : dict
-            What :meth:`to_dict` wrote.
+            The dictionary that :meth:`to_dict` wrote.
 
         Returns
         -------
         Estimate
-            The same.
+            Equal to the one that was written.
 
         Raises
         ------
         InputError
-            For a dictionary that is none.
+            For a dictionary that is no estimate.
         """
         return _from_dict(data)
 
     @property
     def weighting(self) -> str:
-        """How the joints' rows were weighted."""
+        """How the joints' rows were weighted: "noise" or "none"."""
         return str(self.settings.get("weighting", "noise"))
 
     @property
     def estimator(self) -> Estimator:
-        """The method with the settings that it had."""
+        """Estimator of the method, with the settings of the identification."""
         default = make_estimator(self.method)
         known = {f.name for f in dataclasses.fields(default)}  # type: ignore[arg-type]
         settings = {
@@ -378,17 +402,17 @@ class Estimate(Record):
         return dataclasses.replace(default, **settings)  # type: ignore[type-var]
 
     def torque(self, motion: Motion) -> Array:
-        """Modelled torque of a motion.
+        """Return the modelled torque of a motion.
 
         Parameters
         ----------
         motion : Motion
-            At N instants.
+            Motion at N instants.
 
         Returns
         -------
         (N, n) array
-            [N m, N].
+            Torque [N m, N].
         """
         return self.model.torque(self.theta, motion)
 
@@ -446,7 +470,7 @@ class Estimate(Record):
         )
 
     def _require_no_time(self) -> None:
-        """Raises InputError where an effect depends on time or on earlier motion."""
+        """Raise InputError if an effect depends on time or on earlier motion."""
         for effect in self.model.effects:
             has_clock = any(s.role == "clock" for s in effect.shapes.values())
             if effect.has_memory or has_clock:
@@ -503,6 +527,7 @@ class Estimate(Record):
         return panels
 
     def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
         title = (
             f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)}"
             " parameters"
@@ -525,6 +550,7 @@ class Estimate(Record):
         ]
 
     def _table(self) -> Table:
+        """Return the printed table: one row a parameter with its 95 % interval."""
         rows: list[tuple[str, ...]] = []
         for p, value, spread, known, source in zip(
             self.model.parameters,
@@ -544,14 +570,21 @@ class Estimate(Record):
         return Table(heads, rows, words=(0, 3, 4, 5))
 
     def to_frame(self) -> pandas.DataFrame:
-        """The parameters as a table, indexed by name: value, std, 95 % interval, unit,
-        effect, joint."""
+        """Return a DataFrame of the parameters, indexed by name.
+
+        Columns: value, std, ends of the 95 % interval, verdict, nominal value, source,
+        unit, effect, joint.
+        """
         import pandas
 
         return pandas.DataFrame(self.to_dict()["parameters"]).set_index("name")
 
     def to_dict(self) -> dict[str, Any]:
-        """What model.json holds."""
+        """Return the content of model.json as plain JSON.
+
+        The covariance holds only parameters with a finite standard deviation, listed by
+        name.
+        """
         parameters = [
             {
                 **interval.to_dict(),
@@ -601,13 +634,17 @@ class Estimate(Record):
         measurements: Measurements,
         what: str = "measurements",
     ) -> None:
-        """Raises InputError unless the measurements have as many joints as the robot."""
+        """Raise InputError unless the measurements have as many joints as the robot.
+
+        ``what`` names the measurements in the message.
+        """
         if measurements.n != self.robot.n:
             raise other_robot(measurements.n, self.robot.n, what, "model")
 
     def save(self, path: str | Path) -> None:
-        """Write model.json, whole or not at all: a field, and of a list of records
-        each, on a line."""
+        """Write model.json atomically, with one field, or one record of a list, on each
+        line.
+        """
         fields = []
         for name, value in self.to_dict().items():
             text = json.dumps(value)
@@ -640,6 +677,11 @@ def load_estimate(path: str | Path) -> Estimate:
 
 
 def _from_dict(data: dict[str, Any]) -> Estimate:
+    """Read an Estimate from the dictionary of a model.json.
+
+    Raises KeyError, TypeError or ValueError for a damaged file; read_json makes an
+    InputError of these. The intervals of the standard parameters stand in "parameters".
+    """
     require_format(
         data,
         FORMAT,
@@ -678,7 +720,11 @@ def _from_dict(data: dict[str, Any]) -> Estimate:
 
 
 def _model_from_dict(data: dict[str, Any], problem: Problem) -> Model:
-    """The model of a problem's robot, with the current model that it refers to."""
+    """Build the model of a problem's robot from a model.json.
+
+    "reference" holds the parameters (p,) of the current model, to which
+    torque-dependent effects refer; null where there are none.
+    """
     effects = tuple(effect_from_dict(e, problem.robot) for e in data["effects"])
     reference = data.get("reference")
     if reference is not None:
@@ -690,7 +736,10 @@ def _model_from_dict(data: dict[str, Any], problem: Problem) -> Model:
 
 
 def _entries_of(listed: list[dict[str, Any]], model: Model) -> list[dict[str, Any]]:
-    """What a file says of each of the model's parameters, in their order."""
+    """Return the file's entry for each of the model's parameters, in the model's order.
+
+    Raises KeyError for a parameter without an entry.
+    """
     by_name = {entry["name"]: entry for entry in listed}
     for parameter in model.parameters:
         if parameter.name not in by_name:
@@ -699,7 +748,7 @@ def _entries_of(listed: list[dict[str, Any]], model: Model) -> list[dict[str, An
 
 
 def _motion_from_dict(data: dict[str, Any] | None, n: int) -> MotionRecord | None:
-    """The training motion of n joints; earlier versions did not keep it."""
+    """Read the training motion of n joints; None for a file that does not hold it."""
     if data is None:
         return None
     motion = MotionRecord.from_dict(data)
@@ -709,8 +758,10 @@ def _motion_from_dict(data: dict[str, Any] | None, n: int) -> MotionRecord | Non
 
 
 def _check_provenance(provenance: dict[str, Any], n: int) -> None:
-    """Raises ValueError for a verdict or noise that whoever asks for it could not
-    read."""
+    """Raise ValueError for a verdict or noise floor that cannot be read later.
+
+    ``n`` is the number of joints.
+    """
     if provenance.get("verdict") is not None:
         Verdict.from_dict(provenance["verdict"])
     if provenance.get("noise") is not None:
@@ -725,14 +776,14 @@ Models: TypeAlias = Any
 
 
 def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estimate:
-    """An Estimate as it is, or that of a model.json.
+    """Return an Estimate as it is, or read it from a model.json.
 
     Parameters
     ----------
     source : Estimate, str or Path
-        The model.
+        The model, or its file.
     what : str
-        How messages call it, such as "diagnose(estimate=...)".
+        Name of the argument in messages, such as "diagnose(estimate=...)".
 
     Returns
     -------
@@ -742,7 +793,7 @@ def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estima
     Raises
     ------
     InputError
-        Where it is neither, or the file cannot be used.
+        If it is neither, or the file cannot be used.
     """
     if isinstance(source, Estimate):
         return source
@@ -753,20 +804,21 @@ def as_estimate(source: Estimate | str | Path, what: str = "estimate") -> Estima
 
 
 def as_estimates(models: Models, what: str = "models") -> dict[str, Estimate]:
-    """Models by name: that of the file, else of the method, numbered where there are
-    several.
+    """Return models by name: their file's path, or else the method.
+
+    In a sequence models without a file are numbered: "1 (lmi-sdp)".
 
     Parameters
     ----------
     models : Estimate, path, sequence of these, or mapping of names to these
         The models.
     what : str
-        How messages call them.
+        Name of the argument in messages.
 
     Returns
     -------
     dict of str to Estimate
-        In their order.
+        In the given order.
 
     Raises
     ------
@@ -801,27 +853,28 @@ LINK_HEADS = (
 
 
 def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
-    """Mass, centre of mass and radius of gyration of each link beside the nominal ones,
-    as text.
+    """Return the links' masses, centres of mass and radii of gyration as text.
 
     Parameters
     ----------
     estimate : Estimate
-        With links.
+        Model with links.
 
     Returns
     -------
     list of tuple of str
-        A row a link, under :data:`LINK_HEADS`.
+        One row a link, with the columns :data:`LINK_HEADS`.
     """
-    at = estimate.model.rigid_indices
-    if not len(at):
+    indices = estimate.model.rigid_indices
+    if not len(indices):
         return []
     links = estimate.links
-    nominal = estimate.nominal[at].reshape(-1, 10)
+    nominal = estimate.nominal[indices].reshape(-1, 10)
     robot = estimate.robot
-    thick = inertia.thickness(links)
-    gyration = inertia.gyration(links), inertia.gyration(nominal)
+    thickness = inertia.thickness(links)
+    gyration = inertia.gyration(links)
+    nominal_gyration = inertia.gyration(nominal)
+    # A link without mass has no centre of mass: NaN is shown as unknown.
     com = np.where(
         links[:, :1] > 0.0,
         inertia.barycentric_from_standard(links)[:, 1:4],
@@ -832,26 +885,27 @@ def link_rows(estimate: Estimate) -> list[tuple[str, ...]]:
             f"{i + 1} ({robot.tree[robot.link_joints[i]].name})",
             number(links[i, 0], 4),
             number(nominal[i, 0], 4),
-            estimate.sources[at[10 * i]],
-            ", ".join(number(seen(c)) for c in com[i]),
-            *(number(g[i]) for g in gyration),
-            number(1e3 * thick[i]),
+            estimate.sources[indices[10 * i]],
+            ", ".join(number(zero_if_rounding(c)) for c in com[i]),
+            number(gyration[i]),
+            number(nominal_gyration[i]),
+            number(1e3 * thickness[i]),
         )
         for i in range(len(links))
     ]
 
 
-def seen(value: float | None) -> float | None:
-    """Zero for what rounding alone keeps from it.
+def zero_if_rounding(value: float | None) -> float | None:
+    """Return 0 for a number that differs from zero by rounding alone.
 
     Parameters
     ----------
     value : float or None
-        To be shown.
+        Number to be shown, in SI units.
 
     Returns
     -------
     float or None
-        The same, or 0.
+        0 below ROUNDING (1e-9) in absolute value, else the number.
     """
     return 0.0 if value is not None and abs(value) < ROUNDING else value

@@ -66,7 +66,7 @@ class Regressor:
         dq: Array,
         ddq: Array,
     ) -> Array:
-        """Rows of states.
+        """Return the regressor rows of states.
 
         Parameters
         ----------
@@ -82,44 +82,42 @@ class Regressor:
         Returns
         -------
         (N, n, p) array
-            Of each instant and joint.
+            Regressor of each instant and joint, rows of a joint times its scale.
         """
-        wide = np.stack(
-            list(self.model.dense_columns(Motion(t, q, dq, ddq))[..., self.columns]),
-            axis=1,
-        )
-        return wide * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
+        by_joint = self.model.dense_columns(Motion(t, q, dq, ddq))  # (n, N, p)
+        by_instant = np.stack(list(by_joint[..., self.columns]), axis=1)
+        return by_instant * np.broadcast_to(self.scale, self.model.robot.n)[:, None]
 
     def along(self, trajectory: FourierTrajectory, rate: float = RATE) -> Array:
-        """W of a trajectory.
+        """Return the stacked regressor W of a trajectory.
 
         Parameters
         ----------
         trajectory : FourierTrajectory
-            To be sampled.
+            Trajectory of n joints.
         rate : float
-            At which [Hz].
+            Sampling rate [Hz].
 
         Returns
         -------
         (N n, p) array
-            W.
+            W: n rows for each of N instants.
         """
         t = np.arange(0.0, trajectory.duration, 1.0 / rate)
         return self.at(t, *trajectory.states(t)).reshape(-1, len(self.columns))
 
     def condition(self, trajectory: FourierTrajectory) -> float:
-        """Condition number of W.
+        """Return the condition number of the regressor W along a trajectory.
 
         Parameters
         ----------
         trajectory : FourierTrajectory
-            Along which.
+            Trajectory of n joints.
 
         Returns
         -------
         float
-            Ratio of the extreme singular values.
+            Largest over smallest singular value [-].
         """
         return float(np.linalg.cond(self.along(trajectory)))
 
@@ -129,24 +127,24 @@ class Regressor:
         problem: Problem,
         effects: str | None = None,
     ) -> Regressor:
-        """The columns of a problem's own base parameters.
+        """Return the regressor of a problem's base parameters.
 
         Parameters
         ----------
         problem : Problem
-            With its robot.
+            Problem with its robot.
         effects : str, optional
-            Names with commas between them; default: the problem's.
+            Names of effects, separated by commas; default: the problem's.
 
         Returns
         -------
         Regressor
-            Of the parameters that lead the base parameters.
+            Its columns are the parameters that lead the base parameters.
 
         Raises
         ------
         InputError
-            For effects with a memory.
+            For effects whose columns depend on more than the present state.
         """
         model = problem.model(effects)
         for effect in model.effects:
@@ -175,6 +173,7 @@ class Limits:
     acceleration: Array
 
     def __post_init__(self) -> None:
+        """Raise InputError, naming the joint, for limits within which nothing can move."""
         rows = np.column_stack(
             [self.lower, self.upper, self.velocity, self.acceleration]
         )
@@ -191,27 +190,28 @@ class Limits:
 
     @property
     def middle(self) -> Array:
-        """(n,) of the range [rad, m]."""
+        """(n,) middle of the position range [rad, m]."""
         return 0.5 * (self.lower + self.upper)
 
     @property
     def half(self) -> Array:
-        """(n,) half of the range [rad, m]."""
+        """(n,) half of the position range [rad, m]."""
         return 0.5 * (self.upper - self.lower)
 
     @classmethod
     def of_robot(cls, robot: Robot) -> Limits:
-        """The robot's own limits, with plain assumptions where it states none.
+        """Return the robot's limits, with assumptions where it states none.
 
         Parameters
         ----------
         robot : Robot
-            With its joints.
+            Robot with n joints.
 
         Returns
         -------
         Limits
-            Of its n joints.
+            Acceleration limits are such that a joint reaches its velocity limit in 0.25
+            s.
         """
         lower, upper, velocity = joint_limits(robot)
         # Acceleration limit of a joint whose robot states none: reached from rest
@@ -220,17 +220,17 @@ class Limits:
 
     @classmethod
     def of_trajectory(cls, trajectory: FourierTrajectory) -> Limits:
-        """The limits that a trajectory uses up.
+        """Return the limits that a trajectory just keeps.
 
         Parameters
         ----------
         trajectory : FourierTrajectory
-            Any.
+            Trajectory of n joints.
 
         Returns
         -------
         Limits
-            Its extremes of position, velocity and acceleration.
+            Extremes of its position, velocity and acceleration.
         """
         q, dq, ddq = trajectory.states(_instants(trajectory))
         return cls(
@@ -241,17 +241,18 @@ class Limits:
         )
 
     def excess(self, trajectory: FourierTrajectory) -> float:
-        """Largest ratio of a motion to its limits, about the middle of the range.
+        """Return the largest ratio of position, velocity or acceleration to its limit.
 
         Parameters
         ----------
         trajectory : FourierTrajectory
-            Looked at 1000 times a second.
+            Trajectory of n joints, sampled at 1 kHz.
 
         Returns
         -------
         float
-            At most 1 where all limits are kept.
+            At most 1 if all limits hold. Positions count from the middle of their
+            range.
         """
         q, dq, ddq = trajectory.states(_instants(trajectory))
         ratios = (
@@ -272,6 +273,7 @@ class Excitation(Shown):
     history: tuple[float, ...]
 
     def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
         n = self.trajectory.a.shape[0]
         rows = [("length", f"{self.trajectory.duration:g} s"), ("joints", str(n))]
         return (
@@ -280,7 +282,7 @@ class Excitation(Shown):
         )
 
     def save(self, path: str | Path) -> None:
-        """Write t, q, dq, ddq at 1 kHz.
+        """Write t, q, dq and ddq at 1 kHz to a CSV file, atomically.
 
         Parameters
         ----------
@@ -290,7 +292,7 @@ class Excitation(Shown):
         Returns
         -------
         None
-            The file is written whole, or not at all.
+            The file is written completely, or not at all.
         """
         save_trajectory(self.trajectory, path)
 
@@ -378,10 +380,34 @@ def optimised(
     moving: Sequence[int] | None = None,
     progress: Progress = no_progress,
 ) -> Excitation:
-    """The best motion for a regressor that is found from a start, and within limits.
+    """Improve a trajectory for a regressor within limits, by sequential linear
+    programming.
 
-    moving : the joints (from 0) whose motion is free, default all; the others move as
-    in the start.
+    Each step minimises the linearised objective in a trust region. The region shrinks
+    if the step gains less than 5 % of the prediction and grows if it gains more than
+    half.
+
+    Parameters
+    ----------
+    regressor : Regressor
+        Columns whose conditioning counts.
+    limits : Limits
+        Limits of position, velocity and acceleration.
+    start : FourierTrajectory
+        Where the search begins; first shrunk into the limits.
+    objective : {"condition", "d-optimal"}
+        What is minimised.
+    iterations : int
+        Largest number of accepted steps.
+    moving : sequence of int, optional
+        Joints (from 0) whose motion is free, default all; others move as in the start.
+    progress : callable
+        Receives a line of text a step.
+
+    Returns
+    -------
+    Excitation
+        Best trajectory, its condition number, and the condition number after each step.
     """
     start = shrunk(start, limits)
     search = _Search(regressor, limits, start, objective, moving)
@@ -393,17 +419,20 @@ def optimised(
         ]
     )
     history = [regressor.condition(start)]
+    # The trust region's half-width, as a share of the limits: at first, and at which
+    # the search ends.
     radius = 0.2
+    smallest_radius = 1e-4
     value, slope = search.evaluated(x)
-    # A trust region smaller than this share of the limits ends the search.
-    while len(history) <= iterations and radius > 1e-4:
+    while len(history) <= iterations and radius > smallest_radius:
         candidate = search.best_of_linear_model(x, slope, radius)
-        predicted = float(np.sum(slope * (candidate - x)))
-        new = search.at(candidate)[1]
-        if not new < value + 0.05 * predicted < value:
+        predicted_change = float(np.sum(slope * (candidate - x)))  # negative
+        new_value = search.at(candidate)[1]
+        if not new_value < value + 0.05 * predicted_change < value:
             radius *= 0.4
             continue
-        radius *= 2.0 if new < value + 0.5 * predicted else 1.0
+        if new_value < value + 0.5 * predicted_change:
+            radius *= 2.0
         x = candidate
         value, slope = search.evaluated(x)
         history.append(regressor.condition(_with(start, x)))
@@ -416,8 +445,11 @@ def optimised(
 
 
 def _with(like: FourierTrajectory, x: Array) -> FourierTrajectory:
-    """The motion of x (n, 2 L + 1) = (a, b, q_0), of the same frequency, blend and
-    duration."""
+    """Return the trajectory with coefficients x (n, 2 L + 1) = (a, b, q_0) of L
+    harmonics.
+
+    Frequency, blend and duration are those of ``like``.
+    """
     a, b = np.split(
         x[:, :-1],
         2,
@@ -447,6 +479,11 @@ class _Search:
         objective: str,
         moving: Sequence[int] | None,
     ) -> None:
+        """Precompute the linear maps from a joint's coefficients to its states and
+        limits.
+
+        ``moving``: joints (from 0) whose coefficients are free; None: all.
+        """
         self.regressor = regressor
         self.objective = objective
         self.joints = range(start.a.shape[0]) if moving is None else moving
@@ -462,40 +499,39 @@ class _Search:
             ]
         )
         width = 2 * start.a.shape[1] + 1
-        constraints = _with(
-            start, np.eye(width)
-        )  # as if each coefficient moved a joint of its own
+        # States are linear in the coefficients: with the unit matrix for coefficients,
+        # "joint" k moves as the kth coefficient alone makes a joint move.
+        unit_motions = _with(start, np.eye(width))
         sizes = np.repeat(units, len(instants), axis=1)[:, :, None]
-        self.rows = np.concatenate(constraints.states(instants)) / sizes
-        self.offset = np.outer(
-            -limits.middle / limits.half, np.arange(3 * len(instants)) < len(instants)
-        )
-        # A joint's amplitudes of velocity are of the size of its limit, its centre of
-        # the range.
+        self.rows = np.concatenate(unit_motions.states(instants)) / sizes
+        # Only positions, the first third of the rows, count from the middle.
+        is_position = np.arange(3 * len(instants)) < len(instants)
+        self.offset = np.outer(-limits.middle / limits.half, is_position)
+        # Sizes of a joint's coefficients: amplitudes of velocity, then the centre q_0.
         self.unit = np.column_stack(
             [
                 *[limits.velocity] * (width - 1),
                 limits.half,
             ]
         )
-        self.maps = np.array(constraints.states(self.t))
+        self.maps = np.array(unit_motions.states(self.t))
 
     def at(self, x: Array) -> tuple[Array, float, Array]:
-        """The objective of coefficients.
+        """Return states, objective and the objective's gradient by W.
 
         Parameters
         ----------
         x : (n, w) array
-            Coefficients of each joint.
+            Fourier coefficients of each joint, w = 2 L + 1.
 
         Returns
         -------
         (3, K, n) array
             Positions, velocities and accelerations at K instants.
         float
-            The objective.
+            Objective.
         (K, n, p) array
-            Its gradient with respect to W.
+            Gradient of the objective by the regressor W.
         """
         states = np.stack([linear @ x.T for linear in self.maps])
         regressor = self.regressor.at(self.t, *states)
@@ -505,28 +541,33 @@ class _Search:
         return states, value, outer.reshape(regressor.shape)
 
     def evaluated(self, x: Array) -> tuple[float, Array]:
-        """The objective of coefficients, and its slope.
+        """Return the objective and its gradient by the Fourier coefficients.
+
+        The regressor's derivative by the states is a central difference.
 
         Parameters
         ----------
         x : (n, w) array
-            Coefficients of each joint.
+            Fourier coefficients of each joint.
 
         Returns
         -------
         float
-            The objective.
+            Objective.
         (n, w) array
-            Its gradient with respect to x.
+            Gradient of the objective by x; zero for joints that are not free.
         """
         states, value, outer = self.at(x)
         slope = np.zeros_like(x)
-        for (which, linear), j in product(enumerate(self.maps), self.joints):
+        # derivative: 0 for position, 1 for velocity, 2 for acceleration.
+        for (derivative, linear), j in product(enumerate(self.maps), self.joints):
             step = np.zeros_like(states)
-            step[which, :, j] = DIFFERENCE
+            step[derivative, :, j] = DIFFERENCE
             above = self.regressor.at(self.t, *states + 1.0 * step)
             below = self.regressor.at(self.t, *states + -1.0 * step)
-            rate = np.einsum("kjc,kjc->k", outer, above - below) / (2.0 * DIFFERENCE)
+            # Sum over joints j and columns c at each instant k.
+            change = np.einsum("kjc,kjc->k", outer, above - below)
+            rate = change / (2.0 * DIFFERENCE)
             slope[j] += rate @ linear
         return value, slope
 
@@ -536,79 +577,86 @@ class _Search:
         slope: Array,
         radius: float,
     ) -> Array:
-        """The coefficients with the least linear model of the objective.
+        """Minimise the linear model of the objective by one linear program a joint.
+
+        The limits do not couple joints.
 
         Parameters
         ----------
         x : (n, w) array
-            Present coefficients.
+            Present Fourier coefficients.
         slope : (n, w) array
-            Gradient of the objective there.
+            Gradient of the objective at x.
         radius : float
-            Of the trust region, in units of the amplitudes.
+            Half-width of the trust region, as a share of each coefficient's ``unit``.
 
         Returns
         -------
         (n, w) array
-            Within the trust region and the limits, which do not couple joints.
+            Coefficients within the trust region and the limits.
         """
         out = x.copy()
         for j in self.joints:
             rows = self.rows[j]
             offset = self.offset[j]
             unit = self.unit[j]
-            # A share is kept for what happens between the instants; what the start
-            # uses, it may.
-            room = np.maximum(0.998, np.abs(rows @ x[j] + offset))
-            scaled = rows * unit
-            now = x[j] / unit
+            # Limits are kept to 99.8 % at the instants, for what happens between them;
+            # where the present motion uses more, to what it uses.
+            bound = np.maximum(0.998, np.abs(rows @ x[j] + offset))
+            scaled_rows = rows * unit
+            present = x[j] / unit
             solution = scipy.optimize.linprog(
                 slope[j] * unit,
-                A_ub=np.vstack([scaled, -scaled]),
-                b_ub=np.concatenate([room - offset, room + offset]),
-                bounds=np.column_stack([now - radius, now + radius]),
+                A_ub=np.vstack([scaled_rows, -scaled_rows]),
+                b_ub=np.concatenate([bound - offset, bound + offset]),
+                bounds=np.column_stack([present - radius, present + radius]),
                 method="highs-ds",
             )
-            if solution.status == 0:
+            is_solved = solution.status == 0
+            if is_solved:
                 out[j] = solution.x * unit
         return out
 
 
 def _objective(w: Array, objective: str) -> tuple[float, Array]:
-    """The objective and its gradient (rows, p) with respect to W."""
+    """Return the objective of the regressor w (rows, p), and its gradient (rows, p).
+
+    "d-optimal": -log det(W^T W) / p. "condition": log(|W|_F |W^+|_F), which is half the
+    logarithm of tr(W^T W) tr((W^T W)^-1).
+    """
     gram = w.T @ w
     inverse = np.linalg.pinv(gram, hermitian=True)
     p = len(gram)
     if objective == "d-optimal":
-        return -float(np.linalg.slogdet(gram)[1]) / p, -2.0 / p * (w @ inverse)
-    outer = float(np.trace(gram))
-    inner = float(np.trace(inverse))
-    return (
-        0.5 * float(np.log(outer * inner)),
-        w / outer - w @ (inverse @ inverse) / inner,
-    )
+        log_det = float(np.linalg.slogdet(gram)[1])
+        return -log_det / p, -2.0 / p * (w @ inverse)
+    trace = float(np.trace(gram))
+    trace_of_inverse = float(np.trace(inverse))
+    value = 0.5 * float(np.log(trace * trace_of_inverse))
+    gradient = w / trace - w @ (inverse @ inverse) / trace_of_inverse
+    return value, gradient
 
 
 def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
-    """The trajectory, or its largest part about the middle of the range that keeps the
+    """Return the trajectory, scaled about the middle of the ranges until it keeps the
     limits.
 
     Parameters
     ----------
     trajectory : FourierTrajectory
-        Any.
+        Any trajectory of n joints.
     limits : Limits
-        To be kept.
+        Limits to keep.
 
     Returns
     -------
     FourierTrajectory
-        Within them.
+        The same trajectory if it keeps the limits.
     """
     excess = limits.excess(trajectory)
     if excess <= 1.0:
         return trajectory
-    share = (1.0 - 1e-9) / excess
+    share = (1.0 - 1e-9) / excess  # rounding stays inside of the limits
     q_0 = limits.middle + share * (trajectory.q_0 - limits.middle)
     return replace(
         trajectory,
@@ -621,21 +669,23 @@ def shrunk(trajectory: FourierTrajectory, limits: Limits) -> FourierTrajectory:
 def save_trajectory(
     trajectory: FourierTrajectory | PointTrajectory, path: str | Path
 ) -> None:
-    """Write t, q1..qn, dq1..dqn, ddq1..ddqn at 1 kHz: what a robot's controller plays.
+    """Write t, q1..qn, dq1..dqn, ddq1..ddqn at 1 kHz, for a robot's controller.
 
     Parameters
     ----------
-    trajectory : FourierTrajectory
-        To be played.
+    trajectory : FourierTrajectory or PointTrajectory
+        Trajectory to write.
     path : str or Path
-        A .csv file.
+        A .csv file, written atomically.
 
     Returns
     -------
     None
-        The file is written whole, or not at all.
+        The file is written completely, or not at all.
     """
-    t = np.arange(int(np.floor(trajectory.duration * 1e3 + 1e-9)) + 1) / 1e3
+    rate = 1e3  # Hz
+    n_instants = int(np.floor(trajectory.duration * rate + 1e-9)) + 1
+    t = np.arange(n_instants) / rate
     n = trajectory.states(t[:1])[0].shape[1]
     header = [
         "t",
@@ -649,8 +699,11 @@ def save_trajectory(
 
 
 def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
-    """So many evenly, or 1 kHz, and those where the acceleration jumps or peaks in the
-    blends."""
+    """Return the instants [s] at which the limits of a trajectory are checked.
+
+    They are ``count`` evenly spaced ones (0: 1 kHz), and those at which the blends'
+    acceleration jumps or peaks: the ends and the middles of the blends.
+    """
     blend = trajectory.blend
     end = trajectory.duration - trajectory.blend
     instants = np.linspace(
@@ -662,34 +715,34 @@ def _instants(trajectory: FourierTrajectory, count: int = 0) -> Array:
 
 
 def independent_rate(estimate: Estimate) -> float:
-    """How many independent rows a second has, below the cut-off of a model's torque.
+    """Return how many independent rows a second filtered torque contains [Hz].
 
     Parameters
     ----------
     estimate : Estimate
-        With its filters.
+        Model with the filters of its identification.
 
     Returns
     -------
     float
-        [Hz].
+        Twice the torque's cut-off frequency [Hz].
     """
     # Two independent samples a period of the cut-off; 8 Hz where a model states none.
     return 2.0 * (estimate.preprocessing.torque_cutoff or 8.0)
 
 
 def noise_of_model(estimate: Estimate) -> Array:
-    """Standard deviation of the torque that a model has left.
+    """Return the standard deviation of the torque that a model leaves unexplained.
 
     Parameters
     ----------
     estimate : Estimate
-        With its uncertainty.
+        Model with its uncertainty.
 
     Returns
     -------
     (n,) array
-        [N m or N].
+        Standard deviation [N m or N], at least 1e-12 so that it can be a divisor.
     """
     return np.maximum(estimate.uncertainty.torque_noise, 1e-12)
 
@@ -715,48 +768,75 @@ def payload_run(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> PayloadRun:
-    """A motion of ``joints`` (from 0; default the last three) that determines a load at
-    the flange, the others in the middle of their ranges; noise and cut-off are those of
-    the model's data.
+    """Plan a short motion that determines the ten parameters of a load at the flange.
 
-    Raises InputError for a joint that does not exist.
+    It is d-optimal for the noise and cut-off of the model's data. Joints that do not
+    move stay in the middle of their ranges.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Model of the arm.
+    joints : sequence of int, optional
+        Joints (from 0) that move; default: the last three.
+    duration : float
+        Length of the motion [s].
+    harmonics : int
+        Harmonics of each joint's Fourier series.
+    iterations : int
+        Largest number of steps of the search.
+    seed : int
+        Seed of the random start.
+    progress : callable
+        Receives a line of text a step.
+
+    Returns
+    -------
+    PayloadRun
+        Trajectory, and standard deviations of the load's parameters after one such run.
+
+    Raises
+    ------
+    InputError
+        For a joint that does not exist.
     """
     robot = estimate.robot
-    moving = (
-        list(range(max(robot.n - 3, 0), robot.n)) if joints is None else list(joints)
-    )
+    last_three = range(max(robot.n - 3, 0), robot.n)
+    moving = list(last_three if joints is None else joints)
     if not moving or not all(0 <= j < robot.n for j in moving):
-        named = ", ".join(str(j + 1) for j in moving) or "none"
-        raise InputError(f"joints that move: {named}", f"name some of 1 to {robot.n}")
+        numbers = ", ".join(str(j + 1) for j in moving) or "none"
+        raise InputError(f"joints that move: {numbers}", f"name some of 1 to {robot.n}")
     limits = Limits.of_robot(robot)
-    # Periods of the motion's own length, blended over an eighth of it.
+    # One period of the first harmonic, blended from and to rest over an eighth of it.
     start = random_trajectory(
         robot,
         seed,
         duration,
         harmonics,
-        2 * np.pi / duration,
-        0.125 * duration,
+        frequency=2 * np.pi / duration,
+        blend=0.125 * duration,
     )
     still = np.setdiff1d(np.arange(robot.n), moving)
-    start.a[still], start.b[still], start.q_0[still] = 0.0, 0.0, limits.middle[still]
-    scale = 1.0 / noise_of_model(estimate)
-    rate = independent_rate(estimate)
+    start.a[still] = 0.0
+    start.b[still] = 0.0
+    start.q_0[still] = limits.middle[still]
     regressor = Regressor(
         Model(robot, (Payload(robot),)),
-        np.arange(10),
-        scale,
+        columns=np.arange(10),
+        scale=1.0 / noise_of_model(estimate),
     )
     excitation = optimised(
         regressor,
         limits,
         start,
-        "d-optimal",
-        iterations,
-        moving,
-        progress,
+        objective="d-optimal",
+        iterations=iterations,
+        moving=moving,
+        progress=progress,
     )
-    deviation_by_run = (
-        deviations(regressor.along(x, rate)) for x in (excitation.trajectory, start)
+    rate = independent_rate(estimate)
+    return PayloadRun(
+        excitation.trajectory,
+        deviation=deviations(regressor.along(excitation.trajectory, rate)),
+        started=deviations(regressor.along(start, rate)),
     )
-    return PayloadRun(excitation.trajectory, *deviation_by_run)

@@ -50,18 +50,20 @@ _SYMBOLS = ("Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 
 
 def links_frame(estimate: Parameters) -> pandas.DataFrame:
-    """One row a link: mass, centre of mass, inertia about it, the nominal mass, the
-    least thickness, and what the mass is from.
+    """Return a DataFrame with one row a link.
+
+    Columns: mass, centre of mass, inertia about it, nominal mass, smallest thickness,
+    and what determines the mass; units in the columns' names.
 
     Parameters
     ----------
     estimate : Estimate
-        With links.
+        Model with links.
 
     Returns
     -------
     DataFrame
-        A row a link. One without mass has no centre of mass: NaN stands there.
+        A link without mass has NaN for its centre of mass.
     """
     import pandas
 
@@ -87,18 +89,20 @@ def links_frame(estimate: Parameters) -> pandas.DataFrame:
 
 
 def base_frame(estimate: Parameters) -> pandas.DataFrame:
-    """One row a base parameter, the combinations that make torque: its full expression
-    ("Izz1 + Iyy2 + 0.0998 m3"), value, 95 % interval, verdict and unit.
+    """Return a DataFrame with one row a base parameter (combinations that make torque).
+
+    Columns: full expression ("Izz1 + Iyy2 + 0.0998 m3"), value, standard deviation, 95
+    % interval, verdict, source, nominal value and unit.
 
     Parameters
     ----------
     estimate : Estimate
-        Any.
+        Any model.
 
     Returns
     -------
     DataFrame
-        A row a base parameter.
+        Indexed by the leading standard parameter.
     """
     import pandas
 
@@ -132,17 +136,17 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
 
 
 def base_expressions(estimate: Parameters) -> list[str]:
-    """Each base parameter as a sum of standard ones, in the order of their intervals.
+    """Return each base parameter as a sum of standard parameters.
 
     Parameters
     ----------
     estimate : Estimate
-        Any.
+        Any model.
 
     Returns
     -------
     list of str
-        Sums, such as "Izz1 + Iyy2".
+        Sums such as "Izz1 + Iyy2", in the order of the estimate's base intervals.
     """
     base = base_rows(estimate.problem, estimate.model)
     names = [p.name for p in estimate.model.parameters]
@@ -157,9 +161,10 @@ def expression(
     names: Sequence[str],
     leading: int,
 ) -> str:
-    """A combination of parameters as a sum, the leading one first.
+    """Return a linear combination of parameters as a sum, the leading parameter first.
 
-    row : (p,) coefficients; names : (p,).
+    row : (p,) coefficients; names : (p,) names; leading : index of the leading
+    parameter.
 
     >>> expression(np.array([0.0998, 0.0, 1.0, -1.0]), ["m3", "m4", "Izz1", "Iyy2"], 2)
     'Izz1 + 0.0998 m3 - Iyy2'
@@ -182,35 +187,35 @@ def expression(
 
 
 def covariance_frame(estimate: Parameters) -> pandas.DataFrame:
-    """Covariance of the parameters, labelled by name on both sides.
+    """Return the covariance of the parameters, labelled by name on both sides.
 
     Parameters
     ----------
     estimate : Estimate
-        Any.
+        Any model.
 
     Returns
     -------
     (p, p) DataFrame
-        NaN for parameters that the data do not determine. Units are products of the
-        parameters'.
+        Units are products of the parameters' units; NaN for parameters that the data do
+        not determine.
     """
     names = [p.name for p in estimate.model.parameters]
     return _labelled(estimate.uncertainty.covariance, names)
 
 
 def base_covariance_frame(estimate: Parameters) -> pandas.DataFrame:
-    """Covariance of the base parameters, labelled on both sides.
+    """Return the covariance of the base parameters, labelled on both sides.
 
     Parameters
     ----------
     estimate : Estimate
-        Any.
+        Any model.
 
     Returns
     -------
     (b, b) DataFrame
-        Units are products of the parameters'.
+        Units are products of the parameters' units.
     """
     base = base_rows(estimate.problem, estimate.model)
     names = [p.name for p in estimate.model.parameters]
@@ -219,6 +224,7 @@ def base_covariance_frame(estimate: Parameters) -> pandas.DataFrame:
 
 
 def _labelled(matrix: Array, names: Sequence[str]) -> pandas.DataFrame:
+    """Return a square matrix as a DataFrame with the same names for rows and columns."""
     import pandas
 
     index = pandas.Index(list(names), name="parameter")

@@ -21,8 +21,11 @@ class Gain:
 
     @property
     def spread(self) -> str:
-        """Half the 95 % interval in words. Where it holds zero, no motion of this log
-        shows the gain."""
+        """Half-width of the 95 % interval in words.
+
+        "given" for an exact value; "not determined" if the interval contains zero,
+        since then no motion of the log shows the gain.
+        """
         if self.half_width is None:
             return "given"
         if not self.half_width < abs(self.value):
@@ -31,17 +34,17 @@ class Gain:
 
 
 def channel_gains(estimate: Estimate) -> list[Gain]:
-    """What the torque channels read over the true torque, where a known load told it.
+    """Return the gains of the torque channels (reading over true torque).
 
     Parameters
     ----------
     estimate : Estimate
-        From runs with torque.
+        Estimate from runs with torque.
 
     Returns
     -------
     list of Gain
-        One a joint; none without a known load.
+        One a joint; empty if no known load determined them.
     """
     gains = estimate.details.get("gains")
     if not gains:
@@ -54,17 +57,17 @@ def channel_gains(estimate: Estimate) -> list[Gain]:
 
 
 def loop_gains(estimate: Estimate) -> list[Gain]:
-    """Of the servos' loops beside a logged torque.
+    """Return the gains of servo loops that were fitted to a logged torque.
 
     Parameters
     ----------
     estimate : Estimate
-        From runs with torque and commands.
+        Estimate from runs with torque and commands.
 
     Returns
     -------
     list of Gain
-        In the order of the model's drives.
+        In the order of the model's drives; empty without servo effects.
     """
     loop = estimate.details.get("loop") or {"gains": {}}
     return [
@@ -79,19 +82,19 @@ def loop_gains(estimate: Estimate) -> list[Gain]:
 
 
 def drive_gains(estimate: Estimate) -> Iterator[Gain]:
-    """Of the servos that stand for a torque.
+    """Yield the gains of the servos whose law stands for the torque.
 
-    The gain that sets the scale is as uncertain as what set it.
+    The gain that sets the scale has the interval of the scale; without one it is exact.
 
     Parameters
     ----------
     estimate : Estimate
-        From runs without torque.
+        Estimate from runs without torque.
 
     Returns
     -------
     iterator of Gain
-        One a servo's gain.
+        One a gain of a servo.
     """
     model = estimate.model
     scale_error = estimate.details["servo"].get("scale_error", 0.0)

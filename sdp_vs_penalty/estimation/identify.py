@@ -80,24 +80,25 @@ def parameter_sources(
     base: BaseParameters,
     undetermined_by: str,
 ) -> dict[str, Any]:
-    """Who determines each parameter, for the details of an estimate.
+    """Return what determines each parameter, as fields of an estimate's details.
 
     Parameters
     ----------
     task : Task
-        What was solved.
+        The optimisation problem.
     theta : (p,) array
         The estimate.
     base : BaseParameters
-        Combinations that make torque.
+        Base parameters (identifiable combinations).
     undetermined_by : str
-        What decides where the data do not (:attr:`Estimator.undetermined_by`).
+        What decides where the data do not: "prior" or "bounds"
+        (:attr:`Estimator.undetermined_by`).
 
     Returns
     -------
     dict
-        "undetermined": the parameters that the data leave open, and who determines
-        them; "base_parameters": all, with name, value, nominal value and source.
+        "undetermined": source by name of each standard parameter that the data do not
+        determine; "base_parameters": name, value, nominal value and source of each.
     """
     rows = np.vstack(
         [
@@ -109,53 +110,52 @@ def parameter_sources(
         *(p.name for p in task.model.parameters),
         *base.names,
     ]
-    is_determined = is_data_determined(task, rows).tolist()
-    bounds, (values, before) = (
-        task.model.known,
-        ((rows @ x).tolist() for x in (theta, task.nominal)),
-    )
-    listed = [
-        {
-            "name": k,
-            "value": x,
-            "nominal": y,
-            "source": "given"
-            if k in bounds
-            else DATA
-            if determined
-            else undetermined_by,
-        }
-        for k, determined, x, y in zip(
-            names,
-            is_determined,
-            values,
-            before,
-            strict=True,
+    entries = []
+    for name, is_determined, value, nominal in zip(
+        names,
+        is_data_determined(task, rows).tolist(),
+        (rows @ theta).tolist(),
+        (rows @ task.nominal).tolist(),
+        strict=True,
+    ):
+        source = DATA if is_determined else undetermined_by
+        if name in task.model.known:
+            source = "given"
+        entries.append(
+            {"name": name, "value": value, "nominal": nominal, "source": source}
         )
-    ]
-    determined = listed[: len(theta)]
+    standard = entries[: len(theta)]
     return {
         "undetermined": {
-            x["name"]: x["source"] for x in determined if x["source"] != DATA
+            entry["name"]: entry["source"]
+            for entry in standard
+            if entry["source"] != DATA
         },
-        "base_parameters": listed[len(theta) :],
+        "base_parameters": entries[len(theta) :],
     }
 
 
 def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
-    """Whether the data determine linear functions of theta better than the prior does.
+    """Return whether the data determine linear functions of theta better than the
+    prior.
+
+    The data alone know a' theta with the variance a' H^-1 a, H = R' R over the residual
+    variance; the prior with a' H_prior^-1 a. H_prior is one measurement a link (the
+    curvature of the entropic pull at the nominal pseudo-inertia P0), and 1 / scale^2
+    for the parameters of joints. The data determine the function if their variance is
+    smaller.
 
     Parameters
     ----------
     task : Task
-        What was solved.
+        The optimisation problem.
     rows : (b, p) array
-        The functions.
+        Coefficients of the functions.
 
     Returns
     -------
     (b,) array of bool
-        One each.
+        True where the data determine a function.
     """
     variance = max(sample_variance(task), 1e-18 * task.data.tau_squared) or 1.0
     scale = task.bound if task.joint_scale is None else task.joint_scale
@@ -170,25 +170,25 @@ def is_data_determined(task: Task, rows: Array) -> NDArray[np.bool_]:
         whitened = (root @ inertia.PSEUDO_INERTIA_BASIS @ root.T).reshape(10, 16)
         # -log det has the curvature |P0^-1 dP|^2 / 2 beside |R theta|^2.
         curvature = 0.5 * LmiSdp.entropy * variance * (whitened @ whitened.T)
-        size = np.sqrt(
-            np.diagonal(curvature)
-        )  # balanced first: masses and moments differ by 1e6
+        # Unit diagonal before the factorisation: masses and moments differ by 1e6.
+        size = np.sqrt(np.diagonal(curvature))
         upper = scipy.linalg.cholesky(curvature / np.outer(size, size)) * size
         half[np.ix_(indices, indices)] = upper
-    # In coordinates z = half theta the prior is the identity: H becomes A^T A.
-    into = scipy.linalg.solve_triangular(
+    # In coordinates z = half theta the prior's information is the identity, and that of
+    # the data A^T A with A = R half^-1.
+    inverse_half = scipy.linalg.solve_triangular(
         half,
         np.eye(len(half)),
         lower=False,
     )
-    _, s, vt = np.linalg.svd(task.data.R @ into, full_matrices=True)
+    _, s, vt = np.linalg.svd(task.data.R @ inverse_half, full_matrices=True)
     information = np.zeros(len(half))
     information[: len(s)] = s**2
-    weight = (rows @ into @ vt.T) ** 2
-    # Information of the data in a direction that no torque shows, in the prior's.
-    data = weight @ (1.0 / np.maximum(information, 1e-12))
-    prior = weight.sum(axis=1)
-    return np.asarray(data < prior)
+    weight = (rows @ inverse_half @ vt.T) ** 2
+    # Directions that no torque shows have next to no information: 1e-12 of the prior's.
+    variance_by_data = weight @ (1.0 / np.maximum(information, 1e-12))
+    variance_by_prior = weight.sum(axis=1)
+    return np.asarray(variance_by_data < variance_by_prior)
 
 
 def build_estimate(
@@ -197,18 +197,18 @@ def build_estimate(
     fit: Fit,
     workers: Workers = ALONE,
 ) -> Estimate:
-    """Certify a fit, and put everything that made it into an Estimate.
+    """Certify a fit and collect everything that made it in an Estimate.
 
     Parameters
     ----------
     posed : EstimationProblem
-        What was solved.
+        Optimisation problem and its data.
     estimator : Estimator
-        By whom.
+        Method that solved it.
     fit : Fit
-        Its answer.
+        Its solution.
     workers : Workers
-        Who compresses the columns of the constants' errors.
+        Processes that compress the columns of the shape constants.
 
     Returns
     -------
@@ -252,17 +252,17 @@ def build_estimate(
         "versions": versions(),
     }
     return Estimate(
-        problem,
-        task.model,
-        theta,
-        uncertainty,
-        estimator.name,
-        certificate,
-        problem.preprocessing if runs is None else runs.settings,
-        settings,
-        details,
-        provenance,
-        None if runs is None else record_motion(runs),
+        problem=problem,
+        model=task.model,
+        theta=theta,
+        uncertainty=uncertainty,
+        method=estimator.name,
+        certificate=certificate,
+        preprocessing=problem.preprocessing if runs is None else runs.settings,
+        settings=settings,
+        details=details,
+        provenance=provenance,
+        training_motion=None if runs is None else record_motion(runs),
     )
 
 
@@ -273,21 +273,20 @@ def proved(
     method: str,
     made_of: Mapping[str, str] | None = None,
 ) -> Proof:
-    """The proof that the objective of a certified theta is within its interval of the
-    optimum.
+    """Build the proof that theta's objective is within its interval of the optimum.
 
     Parameters
     ----------
     task : Task
-        What was solved.
+        The optimisation problem.
     fit : Fit
-        The method's answer.
+        The method's solution with its multipliers.
     theta : (p,) array
-        As certified.
+        The certified estimate.
     method : str
-        Its name.
+        Name of the method.
     made_of : mapping of str to str, optional
-        The hashes of model and data that the proof names.
+        Hashes of model and data, which the proof names.
 
     Returns
     -------
@@ -297,7 +296,7 @@ def proved(
     Raises
     ------
     InputError
-        Where the method is not convex, or has no constraints: nothing bounds it.
+        For a method without a lower bound (not convex, or without constraints).
     """
     if fit.multipliers is None:
         what = f"method {method} has no lower bound to prove"
@@ -313,48 +312,50 @@ def proved(
 
 
 def on_bounds(constraints: ConstraintSet, theta: Array) -> list[str]:
-    """Masses, extents and ranges on their bounds: there the bound speaks, not the data.
+    """List the masses, extents and ranges that lie on their bounds.
+
+    There the bound determines the value, not the data.
 
     Parameters
     ----------
     constraints : ConstraintSet
-        All of a fit.
+        Constraints of a fit.
     theta : (p,) array
         The estimate.
 
     Returns
     -------
     list of str
-        In words.
+        Such as "mass of link 3".
     """
-    listed = []
+    active = []
     for c in constraints.convex:
         if c.family in ("mass", "bounding ellipsoid", "body", "range"):
-            size = np.abs(c.constant) + np.abs(c.coefficients.T) @ np.abs(
-                theta[c.indices]
-            )
+            # A constraint is active if its value is a millionth of its terms.
+            terms = np.abs(c.coefficients.T) @ np.abs(theta[c.indices])
+            size = np.abs(c.constant) + terms
             if np.any(c.value(theta) <= 1e-6 * size):
-                listed.append(f"{c.family} of {c.name}")
-    return listed
+                active.append(f"{c.family} of {c.name}")
+    return active
 
 
 def certify(task: Task, fit: Fit) -> tuple[Array, Certificate]:
-    """The estimate, moved into the feasible set where the method promises that, and its
-    certificate.
+    """Repair the estimate where the method promises feasibility, and certify it.
 
     Parameters
     ----------
     task : Task
-        What was solved.
+        The optimisation problem.
     fit : Fit
-        The method's answer.
+        The method's solution.
 
     Returns
     -------
     (p,) array
-        theta.
+        theta, moved into the feasible set if the fit has multipliers and an interior
+        point.
     Certificate
-        Violations, loss and, for a convex method, the gap.
+        Violations and loss; for a convex method also the gap to the optimum.
     """
     theta = fit.theta
     if fit.multipliers is not None and fit.interior is not None:
@@ -381,26 +382,26 @@ def certify_beside(
     theta: Array,
     part: Certificate,
 ) -> Certificate:
-    """The certificate of a whole model of which only the last effects were optimised.
+    """Certify a whole model of which only the last effects were optimised.
 
-    Every constraint of the problem is judged at the whole theta; what only the method
-    demanded (a thickness) stays as judged.
+    All constraints of the problem are evaluated at the whole theta. Constraints of the
+    method alone (a smallest thickness) keep the violations of their own fits.
 
     Parameters
     ----------
     estimate : Estimate
-        That was extended.
+        The model that was extended.
     model : Model
-        The whole, beginning with the estimate's own effects.
+        The whole model, which begins with the estimate's effects.
     theta : (p,) array
-        Of the whole.
+        Parameters of the whole model.
     part : Certificate
-        Of the new effects alone, whose objective and gap remain.
+        Certificate of the new effects; its objective and gap stay.
 
     Returns
     -------
     Certificate
-        Of the whole.
+        Of the whole model.
     """
     own_violations = violations(estimate.problem.constraints(model), theta)
     return replace(
@@ -416,19 +417,20 @@ def certify_beside(
 
 
 def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
-    """What a certificate says of the links themselves; empty for a model without them.
+    """Return the fields of a Certificate that describe the links.
 
     Parameters
     ----------
     problem : Problem
-        With the links' bodies.
+        Robot, and bodies of the links.
     links : (n, 10) array
-        Standard parameters.
+        Standard parameters of the links.
 
     Returns
     -------
     dict
-        Fields of a Certificate.
+        Share of poses with M(q) > 0, smallest thickness [m], largest radius of gyration
+        [m], its ratio to the body, density [kg/m^3]; empty for a model without links.
     """
     if not len(links):
         return {}
@@ -454,23 +456,25 @@ def link_figures(problem: Problem, links: Array) -> dict[str, Any]:
 
 
 def consistent(links: Array) -> bool:
-    """Whether every pseudo-inertia is positive definite, beyond rounding.
+    """Return whether the pseudo-inertia of every link is positive definite, beyond
+    rounding.
 
-    With it every M(q) = sum J_i^T I_i J_i is, since whatever moves a joint moves a link
-    (Traversaro et al., IROS 2016).
+    Then M(q) = sum J_i' I_i J_i is positive definite in every pose, since whatever
+    moves a joint moves a link (Traversaro et al., IROS 2016).
 
     Parameters
     ----------
     links : (n, 10) array
-        Standard parameters.
+        Standard parameters of the links.
 
     Returns
     -------
     bool
-        Of all links together.
+        True if all links are physically consistent.
     """
-    eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))
-    return bool(np.all(eigenvalues[:, 0] > 1e-12 * eigenvalues[:, -1]))
+    eigenvalues = np.linalg.eigvalsh(inertia.pseudo_inertia(links))  # ascending
+    rounding = 1e-12 * eigenvalues[:, -1]
+    return bool(np.all(eigenvalues[:, 0] > rounding))
 
 
 def positive_mass_matrices(
@@ -478,35 +482,41 @@ def positive_mass_matrices(
     links: Array,
     poses: int = 10_000,
 ) -> float:
-    """Share of random poses at which the joint-space inertia matrix M(q) is positive
+    """Return the share of random poses at which the inertia matrix M(q) is positive
     definite.
 
     Parameters
     ----------
     robot : Robot
-        The arm.
-    links : (n, 10) array
-        Standard parameters.
+        Robot with n joints.
+    links : (links, 10) array
+        Standard parameters of the links.
     poses : int
-        How many are drawn.
+        Number of random poses.
 
     Returns
     -------
     float
-        From 0 to 1.
+        Share from 0 to 1.
     """
     matrices = robot.mass_matrices(links, robot.random_configurations(poses, 0))
     return float(np.mean(np.linalg.eigvalsh(matrices)[:, 0] > 0.0))
 
 
 def versions() -> dict[str, str]:
-    """Versions of everything that may have taken part in a figure: of what is imported."""
-    others = {"pin": "pinocchio"} | {
+    """Return the versions of this package, Python, and the imported numerical packages.
+
+    Packages that are not imported took no part in a result and are left out.
+    """
+    module_by_package = {"pin": "pinocchio"}
+    module_by_package |= {
         name: name for name in ("numpy", "scipy", "clarabel", "cvxpy")
     }
     by_package = {"sdp_vs_penalty": __version__, "python": platform.python_version()}
     return by_package | {
-        k: sys.modules[m].__version__ for k, m in others.items() if m in sys.modules
+        package: sys.modules[module].__version__
+        for package, module in module_by_package.items()
+        if module in sys.modules
     }
 
 
@@ -520,28 +530,27 @@ def estimate_parameters(
     proof: str | Path | None = None,
     workers: Workers = ALONE,
 ) -> Estimate:
-    """The certified estimate of a method from runs behind their filters.
+    """Identify a problem from filtered runs by one method, with a certificate.
 
-    This is what :func:`sdp_vs_penalty.identify` does with runs once they are read,
-    checked and filtered
+    :func:`sdp_vs_penalty.identify` calls this once runs are read, checked and filtered
     (:func:`~sdp_vs_penalty.estimation.build_problem.read_and_filter`).
 
     Parameters
     ----------
     problem : Problem
-        To identify.
+        Robot, bounds and nominal links.
     data : FilteredRuns or BlackBox
-        Measured, or answered.
+        Measurements behind their filters, or answers of a black box.
     method : str or Estimator
-        Who estimates.
+        Method, or its name.
     options : PoseOptions, optional
-        How the problem is posed.
+        Effects, filters, weighting and further choices.
     progress : callable
-        Hears where the computation stands.
+        Receives a line of text at each stage.
     proof : str or Path, optional
-        A file for the proof of optimality, or that nothing satisfies all constraints.
+        File for the proof of optimality, or of infeasibility.
     workers : Workers
-        Who compresses the runs.
+        Processes that compress the runs.
 
     Returns
     -------
@@ -551,8 +560,8 @@ def estimate_parameters(
     Raises
     ------
     InputError
-        For a method that these data or the proof do not suit. Infeasible, a kind of it,
-        where nothing satisfies the constraints.
+        For a method that these data or the proof do not suit; Infeasible (a subclass)
+        if nothing satisfies all constraints.
     """
     options = options or PoseOptions()
     by_simulation = method == OUTPUT_ERROR
@@ -586,15 +595,20 @@ def estimate_parameters(
 
 
 def _wider_than_certified(proof: Mapping[str, Any], model: Estimate) -> str:
-    """Says where the proof's interval is wider than the model's certificate; "" where it
-    is not, up to the promised gap, since the two are found in different arithmetic."""
+    """Return a sentence if the proof's gap is wider than the model's certified one,
+    else "".
+
+    The two are computed in different arithmetic, so that a difference of TIGHT is
+    allowed.
+    """
     gap = verify_proof.relative_gap(proof)
-    stated = model.certificate.gap
-    if stated is None or (gap is not None and gap <= stated + TIGHT):
+    certified = model.certificate.gap
+    if certified is None or (gap is not None and gap <= certified + TIGHT):
         return ""
     share = "infinite" if gap is None else verify_proof.in_words(gap)
     return (
-        f"its gap of {share} is wider than the {stated:.1e} of the model's certificate"
+        f"its gap of {share} is wider than the {certified:.1e} of the model's"
+        " certificate"
     )
 
 
@@ -604,7 +618,10 @@ def _require_suitable(
     data: FilteredRuns | BlackBox,
     with_proof: bool,
 ) -> None:
-    """Raises InputError where the method needs other data, or has nothing to prove."""
+    """Raise InputError if the method needs other data, or has no optimum to prove.
+
+    ``by_simulation``: the method minimises the error of a forward simulation.
+    """
     black_box = isinstance(data, BlackBox)
     remedy = "choose another method, or leave the proof out"
     if estimator.needs_black_box and not black_box:
@@ -633,24 +650,26 @@ def verify_proof_file(
     model: Estimate | None = None,
     data: Source | None = None,
 ) -> tuple[bool, str]:
-    """Whether the proof in a file holds (:mod:`~sdp_vs_penalty.solvers.verify_proof`),
-    and is about a model and its measurements.
+    """Verify the proof in a file, and whether it belongs to a model and its
+    measurements.
+
+    See :mod:`~sdp_vs_penalty.solvers.verify_proof`.
 
     Parameters
     ----------
     path : str or Path
-        The proof.
+        File of the proof.
     model : Estimate, optional
-        The model that it should be about.
+        Model to which it should belong.
     data : path, arrays, Measurements, optional
-        The measurements.
+        Measurements from which the model was identified.
 
     Returns
     -------
     bool
-        Whether it holds.
+        Whether the proof holds.
     str
-        What is proved, or why it is refused.
+        What is proved, or why the proof is refused.
 
     Raises
     ------
@@ -695,8 +714,11 @@ def verify_proof_file(
 def _what_is_proved(
     proof: Mapping[str, Any], interval: tuple[Fraction, Fraction] | None
 ) -> str:
-    """What a proof says of its own numbers; interval : of the least objective, None
-    where nothing satisfies the constraints."""
+    """Return what a proof says of the numbers in its file, in a sentence.
+
+    ``interval`` contains the smallest objective; None means that the proof shows that
+    nothing satisfies the constraints.
+    """
     if interval is None:
         return "no parameters satisfy all constraints, in exact arithmetic"
     low, high = map(float, interval)
@@ -718,8 +740,11 @@ def _other_data(
     model: Estimate,
     runs: Measurements,
 ) -> tuple[str, str]:
-    """In what a proof is of other measurements, "" where it is of these; and what these
-    have to do with it."""
+    """Compare a proof with measurements.
+
+    Returns two sentences: how the proof differs from the problem that these
+    measurements make ("" if it does not), and what was compared ("" if it differs).
+    """
     if proof["data"] != runs.data_hash:
         return "it is of other measurements (or of another --window)", ""
     reposed = _reposed(model, runs)
@@ -735,7 +760,7 @@ def _other_data(
 
 
 def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:
-    """In what a proof is of another model; "" where it is of this one."""
+    """Return a sentence on how a proof differs from a model, "" if it is of this model."""
     if proof["model"] != model.identity or "theta" not in proof:
         return "it is of another model"
     if proof["parameters"] != [p.name for p in model.model.parameters]:
@@ -747,10 +772,11 @@ def _other_model(proof: Mapping[str, Any], model: Estimate) -> str:
 
 
 def _reposed(model: Estimate, data: Measurements) -> Proof | None:
-    """The problem that the data make, posed as the model says.
+    """Pose the optimisation problem of a model again, from its measurements.
 
-    None for a method that poses none. The scale that known loads gave a log without
-    torque is the model's: their runs are not given here.
+    Returns None for a method that poses no SDP, and for a log without torque whose
+    recipe the model does not keep. For such a log the recipe holds the scale that known
+    loads gave, since the runs with loads are not at hand.
     """
     estimator = model.estimator
     recipe = model.details.get("recipe")

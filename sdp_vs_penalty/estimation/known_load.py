@@ -54,8 +54,10 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 def _loaded(
     loads: Sequence[tuple[Source, float]], robot: Robot
 ) -> Iterator[tuple[Measurements, float]]:
-    """The runs with a load, read, each with its mass [kg]; InputError for a mass that
-    is none."""
+    """Read the runs with a known load; yield each with its mass [kg].
+
+    Raises InputError for a mass that is not positive and finite.
+    """
     for source, mass in loads:
         if not 0.0 < mass < np.inf:
             raise InputError(
@@ -77,32 +79,34 @@ def gains_from_loads(
     loads: Sequence[tuple[Source, float]],
     prior: float,
 ) -> tuple[Array, Array]:
-    """The gains that make loads weigh what they weigh: what each torque channel reads
-    over the true torque.
+    """Estimate the gains of the torque channels from runs with known masses.
+
+    A channel reads gain times the true torque. A load of known mass on the last link
+    makes a known torque, which determines the gain. The problem is linear in all
+    unknowns about the present gains: Gauss-Newton iterations.
 
     Parameters
     ----------
     model : Model
-        Of the robot without load.
+        Model of the robot without load.
     runs : FilteredRuns
-        Without load.
+        Runs without load.
     loads : sequence of (run, mass)
-        Further runs, each with the mass [kg] of a body on the last link.
+        Runs with a body on the last link, and its mass [kg].
     prior : float
-        Standard deviation of the gains' relative errors before the loads are known; 0
-        for the usual one.
+        Prior standard deviation of the gains' relative errors; 0: GAIN_PRIOR.
 
     Returns
     -------
     (n,) array
-        Gains.
+        Gains [-].
     (n, r) array
-        A factor of the covariance of their relative errors.
+        Factor of the covariance of the gains' relative errors.
 
     Raises
     ------
     InputError
-        For a mass that is none.
+        For a mass that is not positive and finite.
     """
     payload = Payload(model.robot)
     bare = replace(model.reference_free, gains=None)
@@ -115,39 +119,41 @@ def gains_from_loads(
     ]
     p = len(bare.parameters)
     n = model.robot.n
-    load = [
-        mass * reach
-        for _, mass in parts[1:]
-        for reach in (*[c.LOAD_REACH] * 3, *[c.LOAD_REACH**2] * 6)
-    ]
-    scale = np.concatenate(
+    # Prior standard deviations: none of the robot's parameters; of each load's three
+    # first moments [kg m] and six moments of inertia [kg m^2]; of ln g.
+    reaches = [c.LOAD_REACH] * 3 + [c.LOAD_REACH**2] * 6
+    of_loads = [mass * reach for _, mass in parts[1:] for reach in reaches]
+    prior_std = np.concatenate(
         [
             np.full(p, np.inf),
-            load,
+            of_loads,
             np.full(n, prior or c.GAIN_PRIOR),
         ]
     )
     log_gain = np.zeros(n)
     weights = np.ones(n)
-    x = np.zeros(len(scale))
+    x = np.zeros(len(prior_std))
     for step in range(50):
         linear = _linearised(parts, p, x, log_gain)
         data = linear.least_squares(weights)
+        # Rounding counts as noise, so that exact data leave the prior a weight.
         strength = max(
             white_variance(data, linear.oversampling),
             1e-18 * data.tau_squared / data.rows,
         )
-        bounded = data.with_prior(scale, strength)
-        x = min_norm_lstsq(bounded.R, bounded.rho)
-        moved = x[-n:] - log_gain
-        log_gain = log_gain + np.clip(moved, -0.5, 0.5)
+        with_prior = data.with_prior(prior_std, strength)
+        x = min_norm_lstsq(with_prior.R, with_prior.rho)
+        change = x[-n:] - log_gain
+        log_gain = log_gain + np.clip(change, -0.5, 0.5)
+        # Three steps find the weights; then they stay, so that the steps converge.
         if step < 3:
             weights = joint_weights(linear, x)
-        elif np.abs(moved).max() < 1e-9:
+        elif np.abs(change).max() < 1e-9:
             break
-    known = Sandwich(_linearised(parts, p, x, log_gain), weights, scale)
-    std = known.half_widths(np.eye(len(scale))[-n:]) / c.NORMAL_95
-    return np.exp(log_gain), stretched(known.factor[-n:], std)
+    sandwich = Sandwich(_linearised(parts, p, x, log_gain), weights, prior_std)
+    of_gains = np.eye(len(prior_std))[-n:]
+    std = sandwich.half_widths(of_gains) / c.NORMAL_95
+    return np.exp(log_gain), stretched(sandwich.factor[-n:], std)
 
 
 def _linearised(
@@ -156,33 +162,45 @@ def _linearised(
     x: Array,
     log_gain: Array,
 ) -> Regression:
-    """Runs without and with loads [kg] about x and the gains, linear in x: theta (p,),
-    nine parameters a load, ln g (n,)."""
+    """Linearise the rows of all runs about x and the gains.
+
+    The unknowns are theta (p,), nine parameters of each load (all but its known mass),
+    and ln g (n,): size s in total.
+
+    Parameters: ``parts`` are the compressed rows of the runs without load (mass 0) and
+    of each load's runs, with its mass [kg]; p the number of the robot's parameters; x
+    (s,) the present unknowns; log_gain (n,) the logarithms of the present gains.
+    """
     factors = list[Factor]()
     blocks = list[TimeBlock]()
     run = 0
     size = len(x)
     n = len(log_gain)
-    for k, (regression, mass) in enumerate(parts):
+    for part, (regression, mass) in enumerate(parts):
         first = len(blocks)
-        blocks += [(of + run, start, stop) for of, start, stop in regression.blocks]
-        run = 1 + max(k for k, *_ in blocks)
+        blocks += [
+            (number + run, start, stop) for number, start, stop in regression.blocks
+        ]
+        run = 1 + max(number for number, *_ in blocks)
         for f in regression.factors:
             columns = np.exp(log_gain[f.joint]) * f.triangle[:, :-1]
-            known = f.indices == p  # the load's mass comes first of its ten parameters
-            weighs = columns[:, known].sum(axis=1) * mass
-            indices = f.indices[~known]
+            is_mass = f.indices == p  # the load's mass, first of its ten parameters
+            torque_of_mass = columns[:, is_mass].sum(axis=1) * mass
+            # Without the mass a load has nine unknowns; part 0 has no load.
+            indices = f.indices[~is_mass]
             indices = np.where(
                 indices > p,
-                indices - 1 + 9 * (k - 1),
+                indices - 1 + 9 * (part - 1),
                 indices,
             )
-            slope = columns[:, ~known] @ x[indices] + weighs
-            rows = np.zeros(
-                (len(columns), size + 1)
-            )  # the same columns for each run of a joint
-            rows[:, indices], rows[:, size - n + f.joint] = columns[:, ~known], slope
-            rows[:, -1] = f.triangle[:, -1] - weighs + slope * log_gain[f.joint]
+            # Modelled torque of the channel, which is its derivative by ln g as well.
+            slope = columns[:, ~is_mass] @ x[indices] + torque_of_mass
+            # All unknowns, so that every run of a joint has the same columns.
+            rows = np.zeros((len(columns), size + 1))
+            rows[:, indices] = columns[:, ~is_mass]
+            rows[:, size - n + f.joint] = slope
+            torque = f.triangle[:, -1] - torque_of_mass
+            rows[:, -1] = torque + slope * log_gain[f.joint]
             factors.append(
                 Factor(
                     f.joint,
@@ -211,48 +229,76 @@ def _linearised(
 
 
 def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> Array:
-    """theta (p,) that minimises sum_j |e_j - L_j psi / kp_j|^2 / s_j^2, up to a factor:
-    that which makes the links weigh what the problem says.
+    """Fit load and servo gains of a log without torque, up to a common factor.
 
-    e_j is joint j's error, L_j all other columns, s_j what L_j leaves of e_j with
-    coefficients of its own. Solved in ln kp, psi eliminated (variable projection;
-    Golub, Pereyra, SIAM J. Numer. Anal. 1973): it converged from any start in all cases
-    tried. Raises InputError where no joint follows its command.
+    The error e_j of joint j's servo is L_j psi / kp_j, with L_j all columns but the
+    error itself. Minimises sum_j |e_j - L_j psi / kp_j|^2 / s_j^2, where s_j is the
+    residual of e_j with coefficients of its own. Solved in ln kp, psi eliminated
+    (variable projection; Golub, Pereyra, SIAM J. Numer. Anal. 1973); it converged from
+    any start in all cases tried. The factor is that with which the links make the
+    torque of the nominal links.
+
+    Parameters
+    ----------
+    problem : Problem
+        Robot with its nominal links.
+    model : Model
+        Load and drives; ``model.error_gains`` are the indices of the gains kp.
+    regression : Regression
+        Rows in the model's columns.
+
+    Returns
+    -------
+    (p,) array
+        theta.
+
+    Raises
+    ------
+    InputError
+        For a joint that does not move, or whose error is zero.
     """
     p = regression.p
     gains = np.array(model.error_gains)
     links = model.rigid_indices
     nominal = problem.nominal(model)
     other_parameters = np.setdiff1d(np.arange(p), gains)
-    white = [
-        _in_units_of_error(f, at, other_parameters, p)
-        for f, at in zip(regression.per_joint, gains, strict=True)
+    rows_of_joint = [
+        _in_units_of_error(factor, gain, other_parameters, p)
+        for factor, gain in zip(regression.per_joint, gains, strict=True)
     ]
-    rows = np.vstack(white)
-    owner = np.repeat(np.arange(len(gains)), [len(x) for x in white])
-    e = -rows[np.arange(len(rows)), gains[owner]]
+    rows = np.vstack(rows_of_joint)
+    joint_of_row = np.repeat(np.arange(len(gains)), [len(x) for x in rows_of_joint])
+    e = -rows[np.arange(len(rows)), gains[joint_of_row]]
     L = rows[:, other_parameters]
-    pulls = [np.linalg.norm(of_joint[:, links] @ nominal[links]) for of_joint in white]
-    pushes = [
-        np.linalg.norm(of_joint[:, at])
-        for of_joint, at in zip(white, gains, strict=True)
+    # First gains: the nominal links' torque over the error, joint by joint.
+    link_torques = [
+        np.linalg.norm(rows_j[:, links] @ nominal[links]) for rows_j in rows_of_joint
     ]
-    start = np.maximum(np.divide(pulls, pushes), 1e-6)
-    is_own = owner[:, None] == np.arange(len(gains))
+    errors = [
+        np.linalg.norm(rows_j[:, gain])
+        for rows_j, gain in zip(rows_of_joint, gains, strict=True)
+    ]
+    start = np.maximum(np.divide(link_torques, errors), 1e-6)
+    is_joint = joint_of_row[:, None] == np.arange(len(gains))
 
     def fitted(x: Array) -> tuple[Array, Array, Array]:
-        """psi, what remains, and its change with ln kp (Kaufman, BIT 1975)."""
-        columns = L / (start * np.exp(x))[owner, None]
+        """Return psi, the residual, and its Jacobian by ln kp (Kaufman, BIT 1975)."""
+        columns = L / (start * np.exp(x))[joint_of_row, None]
         U, V = column_space(columns)
         psi = V @ (U.T @ e)
-        slopes = (columns @ psi)[:, None] * is_own
+        slopes = (columns @ psi)[:, None] * is_joint
         return psi, e - U @ (U.T @ e), slopes - U @ (U.T @ slopes)
 
-    far = np.full(len(gains), np.log(Servo.range))
+    def residual_and_jacobian(x: Array) -> tuple[Array, Array]:
+        _, residual, jacobian = fitted(x)
+        return residual, jacobian
+
+    # x is ln kp over its start: a gain lies within this factor of it.
+    end = np.full(len(gains), np.log(Servo.range))
     best, _, _ = least_squares(
-        lambda x: fitted(x)[1:],
-        0.0 * far,
-        (-far, far),
+        residual_and_jacobian,
+        0.0 * end,
+        (-end, end),
         xtol=1e-8,
         ftol=1e-8,
         steps=100 * len(gains),
@@ -260,11 +306,12 @@ def fit_up_to_scale(problem: Problem, model: Model, regression: Regression) -> A
     theta = np.empty(p)
     theta[gains] = start * np.exp(best)
     theta[other_parameters] = fitted(best)[0]
-    # As the links should weigh, by the torque that they make.
-    L_links = rows[:, links]
-    link_energy = L_links @ theta[links]
-    stated = L_links @ nominal[links]
-    size = float(link_energy @ stated) / nonzero_or_one(link_energy @ link_energy)
+    # The factor: least squares of the nominal links' torque in that of the fitted ones.
+    link_columns = rows[:, links]
+    fitted_torque = link_columns @ theta[links]
+    nominal_torque = link_columns @ nominal[links]
+    squared = nonzero_or_one(fitted_torque @ fitted_torque)
+    size = float(fitted_torque @ nominal_torque) / squared
     return theta * (size if size > 0.0 else 1.0)
 
 
@@ -274,13 +321,18 @@ def _in_units_of_error(
     other_parameters: Array,
     p: int,
 ) -> Array:
-    """(r, p) a joint's rows over s_j; error : the place of its error's column. Raises
-    InputError for a joint whose error is zero."""
+    """Return a joint's rows (r, p) divided by s_j, the noise of its error in these
+    rows.
+
+    ``error`` is the index of the error's column, ``other_parameters`` those of all
+    columns but the errors. Raises InputError for a joint whose error is zero.
+    """
     wide = np.zeros((len(factor.triangle), p))
     wide[:, factor.indices] = factor.triangle[:, :-1]
-    left = np.linalg.norm(partialled(wide[:, other_parameters], wide[:, error]))
+    residual = np.linalg.norm(partialled(wide[:, other_parameters], wide[:, error]))
     total = np.linalg.norm(wide[:, error])
-    s = max(float(left), 1e-9 * float(total)) / np.sqrt(max(factor.rows, 1))
+    # At least the rounding of the error, so that exact data can be divided by it.
+    s = max(float(residual), 1e-9 * float(total)) / np.sqrt(max(factor.rows, 1))
     if s == 0.0:
         joint = factor.joint + 1
         what = f"joint {joint} does not move, or follows its command without error"
@@ -300,36 +352,36 @@ def with_scale(
     known: Mapping[str, float],
     loads: Sequence[tuple[Source, float]],
 ) -> tuple[Model, dict[str, Any]]:
-    """A model of a log without torque in true units.
+    """Set the scale of a model of a log without torque.
 
     Parameters
     ----------
     model : Model
-        Up to a factor, its strongest gain given.
+        Model up to a factor, its strongest gain fixed.
     runs : FilteredRuns
-        Without torque.
+        Runs without torque.
     known : mapping of str to float
-        Parameters by name, or constants of motors, kt1 [N m/A] and ku1 [N m/V].
+        Known parameters by name, or motor constants kt1 [N m/A] and ku1 [N m/V].
     loads : sequence of (run, mass)
-        Further runs, each with the mass [kg] on the last link.
+        Runs with a known mass [kg] on the last link.
 
     Returns
     -------
     Model
-        In true units.
+        In SI units.
     dict
-        Plain JSON: the parameters that are given then, the scale in words, and its
-        relative standard deviation.
+        "known": parameters that are now fixed; "scale": its origin in words;
+        "scale_error": relative standard deviation.
 
     Raises
     ------
     InputError
-        For what sets no scale.
+        For known values that set no scale.
     """
     theta = model.reference
     factor = 1.0
     error = 0.0
-    stated = dict(known) or dict(model.known)
+    fixed = dict(known) or dict(model.known)
     assert theta is not None
     motors = _motor_constants(model.robot.n, known)
     if motors:
@@ -339,27 +391,29 @@ def with_scale(
     if loads:
         factor, error = _factor_of_loads(model, theta, loads, runs.settings)
     if loads or motors:
-        stated = {name: factor * x for name, x in model.known.items()}
+        fixed = {name: factor * x for name, x in model.known.items()}
     known_words = [f"a load of {mass:g} kg" for _, mass in loads]
     known_words += [f"{name} = {x:g}" for name, x in known.items()]
     gain = ", ".join(f"{name} = {x:.4g}" for name, x in model.known.items())
-    none = (
+    no_scale = (
         f"unknown: all torques, masses and gains share one factor ({gain} if links"
         " weigh as stated)"
     )
     details = {
-        "known": stated,
-        "scale": ", ".join(known_words) or none,
+        "known": fixed,
+        "scale": ", ".join(known_words) or no_scale,
         "scale_error": error,
     }
-    return replace(model, known=stated, reference=factor * theta), details
+    return replace(model, known=fixed, reference=factor * theta), details
 
 
 def _motor_constants(
     n: int, known: Mapping[str, float]
 ) -> dict[tuple[str, int], float]:
-    """Of known values those of n motors' constants, by the channel and joint (from 0)
-    that they belong to."""
+    """Select the motor constants kt (current) and ku (voltage) among known values.
+
+    Returns values by channel ("current" or "voltage") and joint, from 0.
+    """
     motors = {}
     for key, channel in (("kt", "current"), ("ku", "voltage")):
         for joint in range(n):
@@ -375,31 +429,33 @@ def _factor_of_known(
     theta: Array,
     known: Mapping[str, float],
 ) -> float:
-    """The factor on theta (p,) with which the first of the known parameters has its
-    value."""
+    """Return the factor on theta (p,) with which the first known parameter has its
+    value.
+
+    Raises InputError for a parameter that motion determines only in sums with others.
+    """
     names = [p.name for p in model.parameters]
     free = ~model.drives
     problem_of_free = regression.keeping(free).least_squares()
+    # Share of each column that no other parameter can make; a gain has one of its own.
     share = np.ones(len(names))
-    share[free] = problem_of_free.own_torque / nonzero_or_one(
-        problem_of_free.column_norms
-    )
+    norms = nonzero_or_one(problem_of_free.column_norms)
+    share[free] = problem_of_free.own_torque / norms
     for name in known:
-        wrong = "the model has no such parameter"
+        problem = ""
         if name.startswith("total"):
-            wrong = "the first link's mass makes no torque, so a total is no scale"
-        elif name in names:
-            is_determined = (
-                share[names.index(name)] > c.SCALE_TOLD
-                and theta[names.index(name)] != 0.0
-            )
-            wrong = (
-                ""
-                if is_determined
-                else "motion shows it only in sums with others, so it sets no scale"
-            )
-        if wrong:
-            raise InputError(f"--known {name}: {wrong}", _SCALES)
+            problem = "the first link's mass makes no torque, so a total is no scale"
+        elif name not in names:
+            problem = "the model has no such parameter"
+        else:
+            k = names.index(name)
+            is_determined = share[k] > c.SCALE_TOLD and theta[k] != 0.0
+            if not is_determined:
+                problem = (
+                    "motion shows it only in sums with others, so it sets no scale"
+                )
+        if problem:
+            raise InputError(f"--known {name}: {problem}", _SCALES)
     name, value = next(iter(known.items()))
     return float(value / theta[names.index(name)])
 
@@ -410,25 +466,30 @@ def _factor_of_motors(
     runs: FilteredRuns,
     motors: Mapping[tuple[str, int], float],
 ) -> float:
-    """The factor on theta (p,) with which the drives' torque is the constants times
-    what was logged.
+    """Return the factor on theta (p,) that motor constants imply.
 
-    Least squares, both filtered, beside a constant (an integral may begin anywhere in
-    each run) and the velocity: kd holds viscous friction, which is no torque of the
-    drive.
+    With it the drives' torque is the constant times the logged current or voltage. Both
+    are filtered, and freed of a constant (an integral may begin anywhere in each run)
+    and of the velocity (the gain kd holds viscous friction, which is no torque of the
+    drive). Several motors' factors are averaged geometrically.
+
+    ``motors`` are constants [N m/A, N m/V] by channel and joint, from 0. Raises
+    InputError for a missing column, and for one that is not correlated with the drive's
+    torque.
     """
     data = runs.measurements
     bare = replace(model, known={})
-    shares = []
+    factors = []
 
     def filtered(all_runs: Measurements, joint: int) -> Array:
+        """Return the filtered torque of one joint in all runs (M,), without constant
+        and velocity.
+        """
         out = []
-        for rows in (
-            FilteredRun(run, runs.settings).all_rows(bare) for run in all_runs.runs()
-        ):
-            others = np.stack(
-                [np.ones(len(rows.torque)), rows.motion.dq[:, joint]], axis=1
-            )
+        for run in all_runs.runs():
+            rows = FilteredRun(run, runs.settings).all_rows(bare)
+            constant = np.ones(len(rows.torque))
+            others = np.stack([constant, rows.motion.dq[:, joint]], axis=1)
             out.append(partialled(others, rows.torque[:, joint]))
         return np.concatenate(out)
 
@@ -437,14 +498,15 @@ def _factor_of_motors(
         if column not in data.groups:
             what = f"a motor's constant needs the column {column}{j + 1}"
             raise InputError(what, "log it", data.names[0])
-        x = filtered(replace(with_torque, tau=constant * data.groups[column]), j)
+        motor_torque = replace(with_torque, tau=constant * data.groups[column])
+        x = filtered(motor_torque, j)
         y = filtered(with_torque, j)
-        across = float(x @ y)
-        if across < c.MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
+        product = float(x @ y)
+        if product < c.MOTOR_ALIKE * np.linalg.norm(x) * np.linalg.norm(y):
             what = f"{column}{j + 1} is not what this servo makes of its error"
             raise InputError(what, "check its sign and joint")
-        shares.append(float(x @ x) / across)
-    return float(np.exp(np.mean(np.log(shares))))
+        factors.append(float(x @ x) / product)
+    return float(np.exp(np.mean(np.log(factors))))
 
 
 def _factor_of_loads(
@@ -453,8 +515,13 @@ def _factor_of_loads(
     loads: Sequence[tuple[Source, float]],
     settings: Preprocessing,
 ) -> tuple[float, float]:
-    """The same of loads [kg], and its relative standard deviation; what is left is load
-    and offsets."""
+    """Return the factor on theta (p,) that loads imply, and its relative standard
+    deviation.
+
+    The known mass [kg] of each load, over the mass that the model finds in its runs, is
+    a factor; factors are averaged by their information. Raises InputError for runs that
+    do not show the load.
+    """
     robot = model.robot
     load_effects = (Payload(robot), effect_types()["torque_offset"](robot))
     wide = Model(
@@ -466,18 +533,21 @@ def _factor_of_loads(
     factors = list[float]()
     information = list[float]()
     for runs, mass in _loaded(loads, robot):
-        left = compress(FilteredRuns.of(runs, settings), wide).given_first(theta)
-        data = left.least_squares()
-        data = left.least_squares(joint_weights(left, min_norm_lstsq(data.R, data.rho)))
+        # What the arm's own torque leaves for the load, whose mass comes first.
+        remaining = compress(FilteredRuns.of(runs, settings), wide).given_first(theta)
+        unweighted = remaining.least_squares()
+        first = min_norm_lstsq(unweighted.R, unweighted.rho)
+        data = remaining.least_squares(joint_weights(remaining, first))
         x = min_norm_lstsq(data.R, data.rho)
         if data.own_torque[0] <= c.SCALE_TOLD * data.column_norms[0] or x[0] <= 0.0:
             what = f"--known-load: these runs do not show {mass:g} kg"
             raise InputError(what, "move the joints that lift the load")
-        variance = left.oversampling * data.loss(x) / max(data.rows, 1)
+        variance = remaining.oversampling * data.loss(x) / max(data.rows, 1)
         factors.append(mass / x[0])
+        # Of the relative error of the mass x[0].
         information.append(
             x[0] ** 2 * data.own_torque[0] ** 2 / at_least_tiny(variance)
         )
-    return float(np.average(factors, weights=information)), float(
-        np.sum(information) ** -0.5
-    )
+    factor = float(np.average(factors, weights=information))
+    relative_std = float(np.sum(information) ** -0.5)
+    return factor, relative_std

@@ -42,7 +42,7 @@ class Course:
 
     @property
     def dt(self) -> float:
-        """Between two rows [s]."""
+        """Time between two rows [s]."""
         return float(self.states.t[1] - self.states.t[0])
 
 
@@ -52,21 +52,21 @@ def courses_of(
     plant: Plant,
     shortest: float,
 ) -> list[Course]:
-    """The stretches of a run behind the state filter, a row a step of the simulation.
+    """Return the stretches of a run behind the state filter, one row a simulation step.
 
-    A step is a sample, or as many as STEP holds, whose torques are averaged (triangular
-    weights).
+    A simulation step is one sample, or as many as STEP seconds hold. Torque is averaged
+    over a step and its neighbours with triangular weights.
 
     Parameters
     ----------
     run : Measurements
         A single run.
     estimate : Estimate
-        Whose filters and effects hold.
+        Model with filters and effects.
     plant : Plant
-        Its model in motion.
+        The model for forward simulation.
     shortest : float
-        Shorter stretches are left out [s].
+        Stretches up to this length are left out [s].
 
     Returns
     -------
@@ -76,14 +76,16 @@ def courses_of(
     Raises
     ------
     InputError
-        Where there is none, or an effect needs temperatures that were not logged.
+        If no stretch is long enough, or an effect needs temperatures that were not
+        logged.
     """
     filters = RunFilter(run, estimate.preprocessing.resolve(run)).every_sample
-    half = filters.state.half
+    half = filters.state.half  # samples that the filter needs on either side
     out = []
-    stride = max(1, int(STEP / filters.dt + 1e-9))
-    courses = slice(None, None, stride)
-    weights = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
+    stride = max(1, int(STEP / filters.dt + 1e-9))  # samples a simulation step
+    on_steps = slice(None, None, stride)
+    # Two boxes of a step convolved: a triangle over 2 stride - 1 samples.
+    triangle = np.convolve(np.ones(stride), np.ones(stride)) / stride**2
     for part in split_at_gaps(run):
         first = half
         last = part.count - half - 1
@@ -91,33 +93,34 @@ def courses_of(
             continue
         motion = filters.motion(part, first, last)
         torque = plant.true_torque(motion.t, part.resampled(part.tau, first, last + 1))
-        edges = np.pad(
+        padded = np.pad(
             torque,
             ((stride - 1, stride - 1), (0, 0)),
             "edge",
         )
-        torque = sum(w * edges[m : m + len(torque)] for m, w in enumerate(weights))
-        z = plant.remembered(motion)
-        moving = filters.movement.at(motion.t)
-        warm = unknown = np.full_like(motion.q, np.nan)
+        torque = sum(w * padded[m : m + len(torque)] for m, w in enumerate(triangle))
+        memory = plant.remembered(motion)  # inner states of effects with a memory
+        is_moving = filters.movement.at(motion.t)
+        unknown = np.full_like(motion.q, np.nan)
+        temperature = unknown
         if any(effect.needs_temperature for effect in estimate.model.effects):
-            warm = motion.joint_temperature
+            temperature = motion.joint_temperature
         path = unknown if motion.position_integral is None else motion.position_integral
         states = State(
             motion.t,
             motion.q,
             motion.dq,
             motion.ddq,
-            z,
-            warm,
+            memory,
+            temperature,
             path,
         )
         course = Course(
-            run.names[0],
-            states.rows(courses),
-            np.asarray(torque)[courses],
-            moving[courses],
-            motion.command,
+            name=run.names[0],
+            states=states.rows(on_steps),
+            torque=np.asarray(torque)[on_steps],
+            moving=is_moving[on_steps],
+            command=motion.command,
         )
         out.append(course)
     if not out:
@@ -162,23 +165,28 @@ def refine(
     posed: EstimationProblem,
     estimator: Estimator,
 ) -> tuple[EstimationProblem, Fit]:
-    """The fit with the least error of a simulation, found from an estimate.
+    """Minimise the error of forward simulations, by Gauss-Newton steps from an
+    estimate.
+
+    Each step is solved by the estimator under all its constraints, with the
+    simulations' errors, linearised in theta, for data. Of a step that share is taken
+    that has the smallest error.
 
     Parameters
     ----------
     start : Estimate
         Where to begin.
     posed : EstimationProblem
-        What it solves.
+        Optimisation problem of the estimate.
     estimator : Estimator
-        Whose constraints and prior hold.
+        Method whose constraints and prior hold.
 
     Returns
     -------
     EstimationProblem
-        What the fit solves.
+        With the last linearisation for data.
     Fit
-        The best one.
+        The best parameters.
 
     Raises
     ------
@@ -234,18 +242,24 @@ def _linearised(
     windows: Sequence[_Window],
     size: Array,
 ) -> Task:
-    """The task whose data are the simulation's errors, linear in theta (p,), in units of
-    the torque's variance; size (n,) : of the motion [rad, m]."""
+    """Return the task whose data are the simulations' errors, linear about theta (p,).
+
+    They are scaled to the variance of the torque's residual, so that the estimator's
+    prior keeps its weight. ``size`` (n,) is the standard deviation of the motion [rad,
+    m].
+    """
     variance = task.data.loss(task.ols) / task.data.rows
+    # (p, k) visible directions, each one standard deviation long.
     directions = column_space(task.data.R)[1] * np.sqrt(variance)
-    moved = theta + _SLOPE_STEP * directions.T
-    plant = Plant(task.model, np.vstack([theta, moved]))
+    varied = theta + _SLOPE_STEP * directions.T
+    plant = Plant(task.model, np.vstack([theta, varied]))
     errors = _errors(plant, windows, size)
     slopes = (errors[1:] - errors[0]).T / _SLOPE_STEP
-    rows = slopes @ np.linalg.pinv(directions)  # d theta = directions x
+    jacobian = slopes @ np.linalg.pinv(directions)  # by theta = directions x
     scale = np.sqrt(variance / np.mean(errors[0] ** 2))
-    both = scale * np.column_stack([rows, rows @ theta - errors[0]])
-    return replace(task, data=LeastSquares.stacked([both], len(both)))
+    target = jacobian @ theta - errors[0]
+    rows = scale * np.column_stack([jacobian, target])
+    return replace(task, data=LeastSquares.stacked([rows], len(rows)))
 
 
 def _chosen(
@@ -253,8 +267,12 @@ def _chosen(
     courses: Sequence[Course],
     size: Array,
 ) -> tuple[list[_Window], float]:
-    """The courses in the longest windows in which the plant stays with the motion, and
-    how long [s]."""
+    """Cut the courses into the longest windows in which the simulation follows the
+    motion.
+
+    Returns the windows and their length [s]. ``size`` (n,) is the standard deviation of
+    the motion [rad, m]; the RMS error may be _STAYS times it.
+    """
     for seconds in _WINDOWS:
         windows = [
             window for course in courses for window in _windows_of(course, seconds)
@@ -266,7 +284,10 @@ def _chosen(
 
 
 def _windows_of(course: Course, seconds: float) -> list[_Window]:
-    """A course cut into windows of so many seconds, whole where it is shorter."""
+    """Cut a course into windows of equal length [s]; a shorter course is one window.
+
+    A last piece that is shorter than a window is left out.
+    """
     steps = len(course.torque) - 1
     count = steps
     if seconds < np.inf:
@@ -286,8 +307,13 @@ def _errors(
     windows: Sequence[_Window],
     size: Array,
 ) -> Array:
-    """(P, R) position errors over the motion's size, one row for each of the plant's P
-    parameters."""
+    """Return (P, R) errors of simulated positions over ``size`` (n,), the motion's
+    size.
+
+    One row for each of the plant's P parameter vectors; R counts steps, windows and
+    joints. All windows of all parameter vectors are simulated side by side. Errors are
+    clipped at 1000, where an unstable simulation ends.
+    """
     count = len(plant.theta)
     n_windows = len(windows)
     lengths = np.array([len(window.torque) for window in windows])
@@ -313,7 +339,7 @@ def _errors(
 
 
 def _padded(courses: Sequence[Array]) -> Array:
-    """(K, W, n) of W courses (K_w, n), the shorter ones with their last row repeated."""
+    """Stack W courses (K_w, n) to (K, W, n); shorter ones repeat their last row."""
     longest = max(len(course) for course in courses)
     edges = [((0, longest - len(course)), (0, 0)) for course in courses]
     padded = [
@@ -328,7 +354,10 @@ def _padded(courses: Sequence[Array]) -> Array:
 
 
 def _repeated_start(windows: Sequence[_Window], count: int) -> State:
-    """The states (count W) at the start of W windows, once for each of so many plants."""
+    """Return the initial states of W windows, repeated ``count`` times, as one State.
+
+    Its arrays have count W rows.
+    """
     fields = []
     for parts in zip(*(window.start for window in windows), strict=True):
         values = np.concatenate(parts)
@@ -338,4 +367,5 @@ def _repeated_start(windows: Sequence[_Window], count: int) -> State:
 
 
 def _rms(error: Array) -> float:
+    """Return the root mean square of all entries."""
     return float(np.sqrt(np.mean(error**2)))

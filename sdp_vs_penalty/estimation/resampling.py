@@ -89,12 +89,14 @@ class Fold:
 
     @property
     def rmse(self) -> Array:
-        """(n,) [N m or N] of each joint."""
+        """(n,) root mean square torque error of each joint on the judged stretch [N m
+        or N].
+        """
         return np.asarray(np.sqrt(self.losses / np.maximum(self.rows, 1)))
 
     @property
     def relative_error_percent(self) -> float:
-        """100 |tau - tau_hat| / |tau| over all joints."""
+        """Relative torque error 100 |tau - tau_hat| / |tau| over all joints [%]."""
         return float(100.0 * np.sqrt(self.losses.sum() / self.torque_squared.sum()))
 
 
@@ -117,7 +119,7 @@ class CrossValidation(Shown):
 
     @property
     def _whole(self) -> Fold:
-        """All folds as one."""
+        """All folds added up as one Fold (its theta is that of the first fold)."""
         sums = np.sum(
             [
                 [
@@ -138,12 +140,14 @@ class CrossValidation(Shown):
 
     @property
     def rmse(self) -> Array:
-        """(n,) [N m or N] of each joint over all folds."""
+        """(n,) root mean square torque error of each joint over all folds [N m or N]."""
         return self._whole.rmse
 
     @property
     def relative_error_percent(self) -> float:
-        """100 |tau - tau_hat| / |tau| over all folds and joints."""
+        """Relative torque error 100 |tau - tau_hat| / |tau| over all folds and joints
+        [%].
+        """
         return self._whole.relative_error_percent
 
     @property
@@ -173,6 +177,7 @@ class CrossValidation(Shown):
         return f"{len(self.folds)} folds by {kind}; {guard_words}"
 
     def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
         return f"CrossValidation: {self.verdict}", [
             ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
             ("split", self.how),
@@ -180,6 +185,7 @@ class CrossValidation(Shown):
         ]
 
     def _table(self) -> Table:
+        """Return the printed table: one row a fold."""
         rows = [
             (str(k), f"{f.start:.3g}-{f.stop:.3g}", f"{f.relative_error_percent:.3g}")
             for k, f in enumerate(self.folds, start=1)
@@ -187,7 +193,7 @@ class CrossValidation(Shown):
         return Table(("fold", "seconds", "relative error [%]"), rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Return plain JSON: totals over all folds, and each fold, numbered from 1."""
         names = (
             "problem",
             "method",
@@ -234,12 +240,13 @@ def cross_validate(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> CrossValidation:
-    """Judge a method on motion that its models have not seen.
+    """Measure a method's torque error on motion that its models have not seen.
 
-    The clock of every motion is cut into stretches; each is left out once, in all its
-    repetitions (phase-block cross-validation). Without torque the servos' law, its
-    delay and the shape constants are found once, in all rows, and the folds judge the
-    parameters: by how far the torque of links and friction differs from the drives'.
+    Phase-block cross-validation: the clock of every motion is cut into stretches; each
+    is left out once, in all repetitions of the motion. In a log without torque the
+    servos' law, its delay and the shape constants are found once from all rows; the
+    folds judge the parameters, by the difference between the torque of links and
+    friction and that of the drives.
 
     Parameters
     ----------
@@ -256,15 +263,15 @@ def cross_validate(
     weighting : {"noise", "none"}
         As in :func:`identify`.
     folds : int
-        Into how many stretches the clock of every motion is cut.
+        Number of stretches into which the clock of every motion is cut.
     seed : int
-        Of the method.
+        Seed of the method.
     known : mapping of str to float, optional
         Parameters that set the scale of a log without torque.
     progress : callable
-        Hears what is at work, a short text each time.
+        Receives a line of text at each stage.
     workers : Workers
-        Who fits the folds, one each.
+        Processes that fit the folds, one each.
 
     Returns
     -------
@@ -302,20 +309,23 @@ FoldData = tuple[float, float, Task, Regression]
 
 
 def judged(fold: FoldData, estimator: Estimator) -> Fold:
-    """A fold identified by an estimator."""
+    """Identify a fold's training rows by an estimator and measure errors on its test
+    rows.
+
+    In a log without torque the drives' torque is the reference of the relative error.
+    """
     start, stop, task, test = fold
-    # Without what another method has left in the task.
+    # A copy of the task: the original may hold cached results of another method.
     theta = task.model.with_known(estimator.fit(replace(task)).theta)
-    squares = test.joint_losses(
-        theta * task.model.drives
-    )  # servos stand for what was not logged
+    # With torque no parameter is a drive's, and this is the squared measured torque.
+    torque_squared = test.joint_losses(theta * task.model.drives)
     return Fold(
         start,
         stop,
         theta,
-        test.joint_losses(theta),
-        test.joint_rows(),
-        squares,
+        losses=test.joint_losses(theta),
+        rows=test.joint_rows(),
+        torque_squared=torque_squared,
     )
 
 
@@ -335,6 +345,11 @@ class Split:
         folds: int,
         progress: Progress = no_progress,
     ) -> None:
+        """Read and compress the data of a cross-validation, in blocks by folds of the
+        motion.
+
+        Raises InputError as :func:`cross_validate` does.
+        """
         self.problem = problem = as_problem(problem, "cross_validate(problem=...)")
         self.weighting = options.weighting
         self.seed = options.seed
@@ -374,10 +389,10 @@ class Split:
                 replace(self.model, reference=None),
                 self.phases,
             )
-        trained = all(
+        all_have_training = all(
             self.common.select(self.phases.training(k)).factors for k in range(folds)
         )
-        if not (trained and self.numbers):
+        if not (all_have_training and self.numbers):
             raise InputError(
                 f"{formatting.count(folds, 'fold')} with {self.phases.guard:.3g} s kept"
                 " clear on either side leave nothing to train on or to judge",
@@ -387,13 +402,13 @@ class Split:
 
     @property
     def numbers(self) -> list[int]:
-        """The folds that have rows to judge on."""
+        """Numbers (from 0) of the folds that have rows to judge."""
         rows = self.raw or self.common
         tested = self.phases.tested
         return [k for k in range(self.phases.count) if rows.select(tested(k)).factors]
 
     def fold(self, number: int) -> FoldData:
-        """The data of a fold."""
+        """Return start and stop [s], training task and test rows of a fold (from 0)."""
         model = self.model if self.raw else self._trained(number)
         rows = self.common
         if model is not self.model:
@@ -410,28 +425,31 @@ class Split:
         return *self.phases.stretch(number), task, test
 
     def judged(self, estimator: Estimator, number: int) -> Fold:
+        """Identify fold ``number`` (from 0) by an estimator and measure its errors."""
         return judged(self.fold(number), estimator)
 
     def result(self, estimator: Estimator, judged: Sequence[Fold]) -> CrossValidation:
-        """What folds add up to."""
+        """Collect the judged folds in a CrossValidation."""
         effects = tuple(e.text for e in self.model.effects)
         periodic = any(clock.periodic for clock in self.phases.clocks)
         band = self.runs.settings.torque_cutoff
         assert band is not None
         return CrossValidation(
-            self.problem.name,
-            estimator.name,
-            effects,
-            tuple(judged),
-            periodic,
-            self.phases.guard,
-            band,
+            problem=self.problem.name,
+            method=estimator.name,
+            effects=effects,
+            folds=tuple(judged),
+            periodic=periodic,
+            guard=self.phases.guard,
+            band_hz=band,
         )
 
     def _trained(self, fold: int) -> Model:
-        """The model with what :func:`identify` takes from the data beside its
-        parameters, from the fold's training rows alone: shape constants, the current
-        model. Itself where that is nothing.
+        """Return the model with shape constants and reference from a fold's training
+        rows alone.
+
+        These are what :func:`identify` takes from the data besides the parameters. A
+        model that has neither is returned as it is.
         """
         cells = self.phases.training(fold)
         model = self.model
@@ -457,36 +475,36 @@ def bootstrap(
     effects: str | Sequence[str | Effect] | None = None,
     seed: int = 0,
 ) -> pandas.DataFrame:
-    """Certified estimates from resamples of the blocks of time, a twentieth of a run
-    each.
+    """Estimate the parameters from resampled blocks of time, each with a certificate.
 
-    Shape constants and the joints' weights stay those of all measurements.
+    Blocks of a twentieth of a run are drawn with replacement. Shape constants and the
+    joints' weights stay those of all measurements.
 
     Parameters
     ----------
     problem : str, Path or Problem
         As in :func:`sdp_vs_penalty.identify`.
     measurements : path, arrays, DataFrame, Measurements, list of these
-        The same.
+        As in :func:`sdp_vs_penalty.identify`.
     draws : int
-        How many.
+        Number of resamples.
     method : str or Estimator
-        A torque SDP.
+        A method that solves the torque SDP.
     effects : str, names or Effects, optional
         Default: the problem's.
     seed : int
-        Of the draws.
+        Seed of the draws.
 
     Returns
     -------
     DataFrame
-        A row a draw, a column a parameter [SI], and "gap", the certified one relative
-        to the loss.
+        One row a draw, one column a parameter [SI], and "gap", the certified gap
+        relative to the loss.
 
     Raises
     ------
     InputError
-        For input that cannot be used, and for a method that is no torque SDP.
+        For input that cannot be used, and for a method that solves no torque SDP.
     """
     import pandas
 
@@ -504,7 +522,9 @@ def bootstrap(
     sdp = PosedSdp(task, objective, constraints, estimator.solver)
     first = sdp.fit(objective, estimator.accuracy)
     p = len(task.bound)
-    count = len(regression.blocks)
+    n_blocks = len(regression.blocks)
+    # [R rho] with the residual's row: (p + 1 columns). In coordinates z of its visible
+    # directions V it is orthonormal, and the blocks' Gram matrices add up to 1.
     stacked = np.vstack(
         [
             np.column_stack([data.R, data.rho]),
@@ -512,26 +532,28 @@ def bootstrap(
         ]
     )
     U, V = column_space(stacked)
-    grams = np.zeros((count, V.shape[1], V.shape[1]))
-    into = U.T @ stacked
+    grams = np.zeros((n_blocks, V.shape[1], V.shape[1]))
+    to_parameters = U.T @ stacked
     for joint, indices, blocks, rows in regression.by_joint():
         visible_rows = task.weights[joint] * rows @ V[np.append(indices, p)]
         grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
-    # A direction that no drawn block shows keeps what rounding is worth.
-    priors = np.eye(V.shape[1]) * (1.0 + len(V) * np.finfo(float).eps) - grams.sum(
-        axis=0
-    )
+    # What is no block's: the priors, and a rounding error for directions that no drawn
+    # block shows.
+    identity = np.eye(V.shape[1])
+    rounding = len(V) * np.finfo(float).eps
+    priors = identity * (1.0 + rounding) - grams.sum(axis=0)
     draws_of_parameters = np.empty((draws, p + 1))
     rng = np.random.default_rng(seed)
     for row in draws_of_parameters:
-        times = rng.multinomial(count, np.full(count, 1.0 / count))
-        rows = np.linalg.cholesky(priors + np.tensordot(times, grams, 1)).T @ into
+        times_drawn = rng.multinomial(n_blocks, np.full(n_blocks, 1.0 / n_blocks))
+        gram = priors + np.tensordot(times_drawn, grams, 1)
+        rows = np.linalg.cholesky(gram).T @ to_parameters
         drawn = LeastSquares(
-            rows[:, :p],
-            rows[:, p],
-            0.0,
-            float(rows[:, p] @ rows[:, p]),
-            data.rows,
+            R=rows[:, :p],
+            rho=rows[:, p],
+            residual_norm=0.0,
+            tau_squared=float(rows[:, p] @ rows[:, p]),
+            rows=data.rows,
         )
         fit = sdp.fit(
             Objective(drawn, objective.entropy),

@@ -35,48 +35,47 @@ ON_A_GRID = "constant on a grid"
 
 
 def free_constants(effect: Effect) -> tuple[str, ...]:
-    """The shape constants that measurements can tell and that vary continuously in a
+    """Return the names of an effect's shape constants that vary continuously in a
     range.
 
     Parameters
     ----------
     effect : Effect
-        With shape constants.
+        Effect with shape constants.
 
     Returns
     -------
     tuple of str
-        Their names.
+        Names; discrete choices and constants without a range are left out.
     """
     names = (key for key in effect.searched if not effect.shapes[key].choices)
     return tuple(key for key in names if prior_deviation(effect, key) > 0.0)
 
 
 def prior_deviation(effect: Effect, key: str) -> float:
-    """Standard deviation of a constant that lies anywhere in its range: (high - low) /
-    sqrt(12).
+    """Return the standard deviation of a constant that lies anywhere in its range.
+
+    This is (high - low) / sqrt(12), of a uniform distribution.
 
     Parameters
     ----------
     effect : Effect
-        That has it.
+        Effect with the constant.
     key : str
-        Its name.
+        Name of the constant.
 
     Returns
     -------
     float
-        In the scale in which it is spaced (natural logarithm or value); zero where it
-        has no range.
+        On the constant's scale (natural logarithm or value); zero without a range.
     """
     shape = effect.shapes[key]
     low, high = shape.bounds or (
         min(shape.grid, default=1.0),
         max(shape.grid, default=1.0),
     )
-    return float(
-        (np.log(high / low) if shape.scale == "log" else high - low) / np.sqrt(12.0)
-    )
+    length = np.log(high / low) if shape.scale == "log" else high - low
+    return float(length / np.sqrt(12.0))
 
 
 class ShapeSensitivity(Effect):
@@ -100,9 +99,17 @@ class ShapeSensitivity(Effect):
         theta: Array,
         finer: Sequence[tuple[Effect, Array]] = (),
     ) -> None:
+        """Vary each free constant of an effect with parameters theta (k,) by a small
+        step.
+
+        ``finer``: further effects, with their parameters, whose columns depend on the
+        constant.
+        """
         super().__init__(effect.robot)
-        self.effect, self.theta = effect, np.asarray(theta, float)
-        self.keys, self.finer = free_constants(effect), tuple(finer)
+        self.effect = effect
+        self.theta = np.asarray(theta, float)
+        self.keys = free_constants(effect)
+        self.finer = tuple(finer)
         effects = (effect, *(e for e, _ in finer))
         #: For each constant the effect a step above and below, and the unit over their
         #: distance.
@@ -121,6 +128,9 @@ class ShapeSensitivity(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """Return one parameter [-] for each free constant: its error over its prior
+        deviation.
+        """
         e = self.effect
         kinds = {
             key: ON_A_GRID if e.shapes[key].bounds is None else REFINED
@@ -137,14 +147,22 @@ class ShapeSensitivity(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
+        # Torque (N,) by joint and number of the constant.
+        """Return the torque of a unit error of each constant, one column (N, 1) a
+        joint.
+
+        It is the central difference unit (Y(s + h) - Y(s - h)) theta, summed over the
+        effect and all effects whose columns change with the constant.
+        """
         columns: dict[tuple[int, int], Array] = {}
         for k, (upper, lower, unit) in enumerate(self.varied):
             for above_all, below_all, theta in self._pairs(motion, upper, lower):
                 for above, below in zip(above_all, below_all, strict=True):
                     difference = unit * (above.columns - below.columns)
                     change = difference @ theta[above.parameters]
-                    where = above.joint, k
-                    columns[where] = columns.get(where, 0.0) + change
+                    joint_and_constant = above.joint, k
+                    before = columns.get(joint_and_constant, 0.0)
+                    columns[joint_and_constant] = before + change
         return [
             Block(
                 j,
@@ -160,37 +178,44 @@ class ShapeSensitivity(Effect):
         upper: Effect,
         lower: Effect,
     ) -> list[tuple[list[Block], list[Block], Array]]:
-        """Columns with a constant above and below its value, and their parameters: of
-        the effect, and of those whose columns change with it."""
-        up = turning(motion, upper)
-        down = turning(motion, lower)
-        pairs = [(upper.blocks(up), lower.blocks(down), self.theta)]
+        """Return pairs of blocks with the constant above and below its value, with
+        parameters.
+
+        The first pair is the effect's; the others are of effects whose columns change
+        with it.
+        """
+        # The motion with signs of velocity that change over the effect's constant.
+        motion_above = turning(motion, upper)
+        motion_below = turning(motion, lower)
+        pairs = [(upper.blocks(motion_above), lower.blocks(motion_below), self.theta)]
         for effect, theta in self.finer:
-            if effect.shape_of:
+            if effect.shape_of:  # it has the same constants
                 above = effect.with_shape(**{c: upper.shape[c] for c in effect.shape})
                 below = effect.with_shape(**{c: lower.shape[c] for c in effect.shape})
                 pairs.append((above.blocks(motion), below.blocks(motion), theta))
-            elif up is not motion:
-                pairs.append((effect.blocks(up), effect.blocks(down), theta))
+            elif motion_above is not motion:  # its signs change with the constant
+                blocks_above = effect.blocks(motion_above)
+                blocks_below = effect.blocks(motion_below)
+                pairs.append((blocks_above, blocks_below, theta))
         return pairs
 
 
 def moved(effect: Effect, key: str, step: float) -> Effect:
-    """The effect with a shape constant changed by a step in its own scale.
+    """Return the effect with one shape constant changed by a step.
 
     Parameters
     ----------
     effect : Effect
-        That has the constant.
+        Effect with the constant.
     key : str
-        Its name.
+        Name of the constant.
     step : float
-        In its own scale.
+        Step on the constant's scale: of its logarithm, or of its value.
 
     Returns
     -------
     Effect
-        Changed.
+        With the new constant.
     """
     value = effect.shape[key]
     new = value * np.exp(step) if effect.shapes[key].scale == "log" else value + step
@@ -200,30 +225,33 @@ def moved(effect: Effect, key: str, step: float) -> Effect:
 def sensitivities(
     effects: Sequence[Effect], thetas: Sequence[Array]
 ) -> tuple[ShapeSensitivity, ...]:
-    """One for each of the effects, with its parameters, that has a free shape constant.
+    """Return the sensitivity of each effect that has a free shape constant.
 
     Parameters
     ----------
     effects : sequence of Effect
-        All of a model.
+        All effects of a model.
     thetas : sequence of (k,) arrays
-        Parameters of each.
+        Parameters of each effect.
 
     Returns
     -------
     tuple of ShapeSensitivity
-        In their order.
+        In the order of the effects.
     """
-    both = list(zip(effects, thetas, strict=True))
-    finer = [
-        [b for b in both if e.name in (*b[0].refines, b[0].shape_of)] for e in effects
-    ]
-    pairs = zip(both, finer, strict=True)
-    return tuple(
-        ShapeSensitivity(*effect_and_theta, fine)
-        for effect_and_theta, fine in pairs
-        if free_constants(effect_and_theta[0])
-    )
+    pairs = list(zip(effects, thetas, strict=True))
+    out = []
+    for effect, theta in pairs:
+        if not free_constants(effect):
+            continue
+        # Effects that refine this one, or have its constants.
+        finer = [
+            (other, of_other)
+            for other, of_other in pairs
+            if effect.name in (*other.refines, other.shape_of)
+        ]
+        out.append(ShapeSensitivity(effect, theta, finer))
+    return tuple(out)
 
 
 def with_sensitivities(
@@ -231,22 +259,23 @@ def with_sensitivities(
     theta: Array,
     chosen: Callable[[Effect], bool] = lambda effect: True,
 ) -> Model:
-    """The model with a parameter more for each free shape constant; itself where there
-    is none.
+    """Return the model with one further parameter for each free shape constant.
+
+    A model without such constants is returned as it is.
 
     Parameters
     ----------
     model : Model
-        Of p parameters.
+        Model with p parameters.
     theta : (p,) array
         Their values.
     chosen : callable
-        Which effects' constants are wanted.
+        Selects the effects whose constants become parameters; default: all.
 
     Returns
     -------
     Model
-        The same effects, then the sensitivities.
+        The same effects, then the sensitivities of their constants.
     """
     sensitivities_of_model = sensitivities(
         model.effects, [theta[k] for k in model.indices]
@@ -289,27 +318,28 @@ def fit_constants_jointly(
     compressed: Callable[[Model], Regression],
     weighting: str = "noise",
 ) -> Settled:
-    """The model with its constants where they together leave the least squared error.
+    """Fit a model's shape constants jointly with its parameters, by least squares.
 
-    Constants begin where they are and, of those that only have the values of a grid, at
-    each of these. Those that have a range move by Gauss-Newton steps in their own
-    scales.
+    Constants with a range move by Gauss-Newton steps from their present values.
+    Constants that only take the values of a grid are tried at each of them; the best
+    result counts.
 
     Parameters
     ----------
     model : Model
-        Whose effects with a wanted constant act on one joint each.
+        Model whose effects with a free constant act on one joint each.
     free_keys : collection of Key
-        The wanted constants.
+        Constants to fit, as (effect, joint from 0, name).
     compressed : callable
-        The measurements in the columns of a model.
+        Returns the measurements in the columns of a model.
     weighting : {"noise", "none"}
-        Of the joints' rows.
+        Weight the joints' rows by their noise, or equally.
 
     Returns
     -------
     Settled
-        Model, standard deviations and error.
+        Model with the fitted constants, their standard deviations, and the squared
+        error.
     """
     fit = _ConstantFit(model, free_keys, compressed, weighting)
     optima = [_Descent(fit, effects).settle() for effects in fit.starting_effects()]
@@ -328,7 +358,7 @@ class _Constant:
 
     @property
     def name(self) -> str:
-        """What its effect calls it."""
+        """Name of the constant within its effect."""
         return self.key[2]
 
 
@@ -348,6 +378,12 @@ class _ConstantFit:
         compressed: Callable[[Model], Regression],
         weighting: str,
     ) -> None:
+        """Fit the parameters for the present constants, and list the constants that
+        move.
+
+        ``free_keys``: constants to fit; ``compressed``: returns the data in a model's
+        columns.
+        """
         self.model = model
         self.compressed = compressed
         self.n_parameters = len(model.parameters)
@@ -370,12 +406,14 @@ class _ConstantFit:
         )
 
     def keys_of(self, effect: Effect) -> list[Key]:
-        """All free constants of an effect of which one is to be fitted."""
+        """Return all free constants of an effect if at least one is to be fitted, else
+        none.
+        """
         keys = [(effect.name, effect.joints[0], key) for key in free_constants(effect)]
         return [] if set(keys).isdisjoint(self.free_keys) else keys
 
     def _constants(self) -> list[_Constant]:
-        """Those of :meth:`keys_of` of all effects, in their order."""
+        """List the constants of :meth:`keys_of` of all effects, in the model's order."""
         constants = []
         for place, effect in enumerate(self.model.effects):
             for key in self.keys_of(effect):
@@ -385,7 +423,9 @@ class _ConstantFit:
         return constants
 
     def starting_effects(self) -> Iterator[tuple[Effect, ...]]:
-        """The model's effects with each combination of the values on a grid."""
+        """Yield the model's effects with each combination of values of the constants on
+        a grid.
+        """
         grids = [self.model.effects[c.place].shapes[c.name].grid for c in self.on_grid]
         for values in product(*grids):
             effects = list(self.model.effects)
@@ -395,8 +435,11 @@ class _ConstantFit:
             yield tuple(effects)
 
     def solve(self, wide: Regression) -> tuple[LeastSquares, Array]:
-        """Least squares of all columns, and theta (p,) of the parameters, which come
-        first, alone."""
+        """Return the least-squares problem in all columns, and theta (p,).
+
+        theta is fitted without the constants' columns, which come after the p
+        parameters'. Parameters with a known plausible size get it as a prior.
+        """
         p = self.n_parameters
         data = wide.least_squares(self.weights)
         if np.isfinite(self.model.plausible).any():
@@ -424,7 +467,9 @@ class _Descent:
         self.variances: dict[bytes, float] = {}
 
     def settle(self) -> Settled:
-        """Where no step lowers the squared error any more."""
+        """Iterate Gauss-Newton steps of the constants until the squared error falls no
+        more.
+        """
         fit = self.fit
         if not fit.steps_of:
             residual, _ = self.residual(fit.unit)
@@ -452,7 +497,7 @@ class _Descent:
         )
 
     def model_at(self, steps: Array) -> Model:
-        """The model with the constants after such steps (d,)."""
+        """Return the model whose constants have moved by ``steps`` (d,) from the start."""
         effects = list(self.begin)
         for constant, step in zip(self.fit.steps_of, steps.tolist(), strict=True):
             effect = effects[constant.place]
@@ -460,8 +505,11 @@ class _Descent:
         return replace(self.fit.model, effects=tuple(effects))
 
     def residual(self, steps: Array) -> tuple[Array, Array]:
-        """What least squares leave (m,), and its slopes (m, d) with the parameters
-        eliminated."""
+        """Return the residual (m,) of least squares, and its Jacobian (m, d) by the
+        steps (d,).
+
+        The parameters are eliminated (variable projection).
+        """
         fit = self.fit
         p = fit.n_parameters
         wide_model = with_sensitivities(
@@ -473,14 +521,17 @@ class _Descent:
         wide = fit.compressed(wide_model)
         data, self.theta = fit.solve(wide.keeping(chosen))
         self.variances[steps.tobytes()] = white_variance(data, wide.oversampling)
-        own = data.R[:, :p]
-        slopes = -partialled(own, data.R[:, p:]) / fit.unit
-        residual = np.append(data.rho - own @ self.theta, data.residual_norm)
+        columns = data.R[:, :p]
+        slopes = -partialled(columns, data.R[:, p:]) / fit.unit
+        # The last row is the residual that no column can change.
+        residual = np.append(data.rho - columns @ self.theta, data.residual_norm)
         return residual, np.vstack([slopes, np.zeros((1, len(fit.steps_of)))])
 
     def _rounded(self, steps: Array) -> tuple[Effect, ...]:
-        """The effects after such steps, with as many digits of their constants as a
-        written effect has."""
+        """Return the effects after ``steps`` (d,), constants rounded to six digits.
+
+        The text of an effect has six digits, so that it reproduces the model.
+        """
         effects = []
         for effect, after in zip(self.begin, self.model_at(steps).effects, strict=True):
             digits = {key: float(f"{x:.6g}") for key, x in after.shape.items()}
@@ -489,8 +540,10 @@ class _Descent:
 
 
 def _room(effect: Effect, key: str) -> tuple[float, float]:
-    """How far a constant may move down and up, in its own scale: within its range;
-    where it is outside of that, towards it."""
+    """Return how far a constant may move down (negative) and up on its scale.
+
+    The limits are its range; outside of its range it may move towards it.
+    """
     shape = effect.shapes[key].on(effect.robot.joints[effect.joints[0]].kind)
     value = effect.shape[key]
     assert shape.bounds is not None
@@ -500,7 +553,7 @@ def _room(effect: Effect, key: str) -> tuple[float, float]:
             max(shape.bounds[1], value),
         ]
     )
-    low, high = (
-        np.log(ends / value) if shape.scale == "log" else ends - value
-    ).tolist()
+    is_log = shape.scale == "log"
+    low, high = (np.log(ends / value) if is_log else ends - value).tolist()
+    # The optimiser needs room on both sides.
     return min(low, -1e-9), max(high, 1e-9)

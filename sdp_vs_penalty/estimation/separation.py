@@ -90,11 +90,16 @@ class Hypotheses:
         texts: str,
         level: float,
     ) -> None:
-        self.estimate, self.effects = (
-            estimate,
-            tuple(parse_effects(texts, estimate.robot)),
-        )
-        self.noise, self.row_rate = noise_of_model(estimate), independent_rate(estimate)
+        """Read one or two effects from text, and scale them to ``level`` times the
+        noise.
+
+        The level is the root mean square of an effect's torque over the noise of the
+        joint that it moves most, on a default excitation of 20 s.
+        """
+        self.estimate = estimate
+        self.effects = tuple(parse_effects(texts, estimate.robot))
+        self.noise = noise_of_model(estimate)  # (n,) [N m or N]
+        self.row_rate = independent_rate(estimate)  # independent rows a second [Hz]
         if not 1 <= len(self.effects) <= 2:
             what = f"--separate {texts!r} names {len(self.effects)} effects"
             raise InputError(
@@ -106,23 +111,28 @@ class Hypotheses:
                 what = f"the model has {effect.name} already ({min(twice)})"
                 raise InputError(what, "separate effects that it lacks")
         motion = self.motion(default_excitation(estimate, 20.0, 0), 20.0)
-        # Mean squares of unit parameters over the noise, of the joint that each effect
-        # moves most.
-        squares = (
-            (self._white(e, motion) ** 2).mean(axis=1).sum(axis=1).max()
-            for e in self.effects
-        )
-        self.scale = tuple(level / float(nonzero_or_one(np.sqrt(x))) for x in squares)
+        scales = []
+        for effect in self.effects:
+            # Mean square torque of unit parameters over the noise, of the joint that
+            # the effect moves most.
+            mean_squares = (self._white(effect, motion) ** 2).mean(axis=1)  # (n, k)
+            largest = mean_squares.sum(axis=1).max()
+            scales.append(level / float(nonzero_or_one(np.sqrt(largest))))
+        self.scale = tuple(scales)
 
     def motion(self, states: States, duration: float) -> Motion:
-        """A motion with the model's torque and links, sampled."""
+        """Return the motion of a trajectory, sampled at RATE, with the model's torque.
+
+        ``states`` gives positions, velocities and accelerations (N, n) at instants
+        (N,); ``duration`` is in seconds.
+        """
         t = np.arange(0.0, duration, 1.0 / RATE)
         return self.estimate.model.seen_along(
             self.estimate.theta, Motion(t, *states(t))
         )
 
     def _white(self, effect: Effect, motion: Motion) -> Array:
-        """(n, N, k)."""
+        """Return the effect's columns over the noise of each joint, (n, N, k)."""
         out = np.zeros((self.estimate.robot.n, len(motion.t), len(effect.parameters)))
         for block in effect.blocks(motion):
             out[block.joint][:, block.parameters] += (
@@ -131,74 +141,86 @@ class Hypotheses:
         return out
 
     def distance(self, motion: Motion) -> float:
-        """delta^2 of a motion, counted in independent rows."""
+        """Return delta^2, the squared distance of the hypotheses on a motion, in noise
+        variances.
+
+        It counts independent rows. Either effect may be the true one; the smaller
+        distance counts.
+        """
         wide = self.estimate.model.dense_columns(
             replace(motion, torque=None, current=None)
         )
         X = (wide / self.noise[:, None, None]).reshape(-1, wide.shape[2])
-        parts = [
+        columns = [
             self._white(effect, motion).reshape(len(X), -1) * scale
             for effect, scale in zip(self.effects, self.scale, strict=True)
         ]
-        pairs = (
-            [(parts[0], parts[1]), (parts[1], parts[0])]
-            if parts[1:]
-            else [(parts[0], X[:, :0])]
-        )
-        return (
-            min(
-                _apart(
-                    X,
-                    A,
-                    B,
-                )
-                for A, B in pairs
-            )
-            * self.row_rate
-            / RATE
-        )
+        if len(columns) == 1:
+            no_effect = X[:, :0]
+            smallest = _apart(X, columns[0], no_effect)
+        else:
+            first, second = columns
+            smallest = min(_apart(X, first, second), _apart(X, second, first))
+        # RATE rows a second are computed, row_rate of them are independent.
+        return smallest * self.row_rate / RATE
 
     def right(self, delta2: float, seconds: float) -> float:
-        """Probability that the sum of squares decides rightly, whichever of the two is
-        true."""
+        """Return the probability that the sum of squares chooses the right hypothesis.
+
+        delta2 is the squared distance of the hypotheses; an effect with more parameters
+        pays ln(rows) for each further one (BIC), with the rows of ``seconds``.
+        """
         counts = [len(e.parameters) for e in self.effects] + [0]
-        price = abs(counts[0] - counts[1]) * np.log(max(self.row_rate * seconds, 2.0))
-        return float(
-            scipy.special.ndtr(
-                (delta2 - price) / (2.0 * np.sqrt(at_least_tiny(delta2)))
-            )
-        )
+        n_rows = max(self.row_rate * seconds, 2.0)
+        price = abs(counts[0] - counts[1]) * np.log(n_rows)
+        # The difference of the sums of squares is normal: mean delta2, variance 4 delta2.
+        std = 2.0 * np.sqrt(at_least_tiny(delta2))
+        return float(scipy.special.ndtr((delta2 - price) / std))
 
     def needed(self, delta2: float, seconds: float) -> float:
-        """Seconds of the motion, repeated, for LEVEL; infinity where it never tells."""
+        """Return how many seconds of the motion, repeated, decide rightly with
+        probability LEVEL.
 
-        def short(log: float) -> float:
-            return self.right(delta2 * np.exp(log) / seconds, np.exp(log)) - LEVEL
+        ``delta2`` is the squared distance in ``seconds`` of it. Infinity if 1e7 s are
+        too few.
+        """
 
-        first, last = np.log([1e-3, 1e7])
-        if short(last) < 0.0:
+        def excess(log_seconds: float) -> float:
+            """Return the probability above LEVEL after exp(log) seconds; negative: too
+            short.
+            """
+            length = np.exp(log_seconds)
+            return self.right(delta2 * length / seconds, length) - LEVEL
+
+        shortest, longest = np.log([1e-3, 1e7])
+        if excess(longest) < 0.0:
             return float("inf")
-        lengths = (
-            first
-            if short(first) >= 0.0
-            else scipy.optimize.brentq(short, first, last, xtol=1e-4)
-        )
-        return float(np.exp(lengths))
+        if excess(shortest) >= 0.0:
+            return float(np.exp(shortest))
+        root = scipy.optimize.brentq(excess, shortest, longest, xtol=1e-4)
+        return float(np.exp(root))
 
 
 def _apart(X: Array, A: Array, B: Array) -> float:
-    """delta^2 of A against everything that X and B make, in the direction of A that B
-    makes best; A's directions have unit parameters."""
-    chosen, k = (
-        triangular([np.hstack([X, B, A])]),
-        A.shape[1],
-    )  # as many rows as columns tell as much
-    left = partialled(chosen[:, :-k], chosen[:, -k:])
-    return float(max(np.linalg.eigvalsh(left.T @ left)[0], 0.0))
+    """Return the smallest delta^2 of effect A over unit parameters.
+
+    X (r, p), A (r, k) and B (r, l) are columns of the model and of the two effects,
+    over the noise. The model and B explain as much of A as they can; of the k
+    directions of A the one that they explain best counts.
+    """
+    k = A.shape[1]
+    # The triangular factor has the same inner products in fewer rows.
+    columns = triangular([np.hstack([X, B, A])])
+    unexplained = partialled(columns[:, :-k], columns[:, -k:])
+    smallest = np.linalg.eigvalsh(unexplained.T @ unexplained)[0]
+    return float(max(smallest, 0.0))
 
 
 def default_excitation(estimate: Estimate, duration: float, seed: int) -> States:
-    """What `excite` begins with: a random Fourier series within the limits."""
+    """Return the states of the motion with which `excite` begins.
+
+    It is a random Fourier series within the robot's limits, ``duration`` [s] long.
+    """
     robot = estimate.robot
     return shrunk(
         random_trajectory(robot, seed, duration), Limits.of_robot(robot)
@@ -217,40 +239,42 @@ def separate(
     free: Callable[[Array], bool] | None = None,
     progress: Progress = no_progress,
 ) -> Separation:
-    """The motion on which two effects differ most.
+    """Plan the motion on which the torques of two effects differ most.
+
+    A random search over motions from point to point within the limits.
 
     Parameters
     ----------
     estimate : Estimate
-        Of the arm.
+        Model of the arm.
     effects : str
-        Two, as they are written, or one, to be told from nothing.
+        Two effects, as they are written, or one that is to be told from no effect.
     duration : float
-        Of the motion [s].
+        Length of the motion [s].
     level : float
-        Root mean square of each effect over the noise of its joint on the default
-        excitation.
+        Root mean square of each effect's torque over the noise of its joint, on the
+        default excitation [-].
     iterations : int
-        Changes that are tried.
+        Number of random changes that are tried.
     seed : int
-        Of the changes.
+        Seed of the search.
     limits : Limits, optional
-        Default: the robot's own.
+        Default: the robot's.
     free : callable, optional
-        Whether the arm touches itself at none of poses (N, n)
-        (:func:`~sdp_vs_penalty.robot.geometry.self_collision`).
+        Whether the arm is free of self-collision in all poses (N, n)
+        (:func:`~sdp_vs_penalty.robot.geometry.self_collision`); default: not checked.
     progress : callable
-        Hears where the search stands.
+        Receives a line of text a change.
 
     Returns
     -------
     Separation
-        The motion, and how well it separates them.
+        The motion, and how well it separates the effects.
 
     Raises
     ------
     InputError
-        For hypotheses that cannot be separated.
+        For hypotheses that cannot be separated, or limits that no motion keeps.
     """
     hypotheses = Hypotheses(estimate, effects, level)
     limits = Limits.of_robot(estimate.robot) if limits is None else limits
@@ -258,16 +282,13 @@ def separate(
     search = _MotionSearch(hypotheses, limits, effort, duration, free)
     rng = np.random.default_rng(seed)
     search.start(rng)
+    # Size of a change as a share of the ranges: larger after a success, smaller after a
+    # failure, so that about one change in five succeeds.
     reach = 0.3
+    low, high = search.range
     for k in range(iterations if search.trajectory is not None else 0):
-        is_better = search.improve(
-            _changed(
-                rng,
-                search.plan,
-                *search.range,
-                reach,
-            )
-        )
+        plan = _changed(rng, search.plan, low, high, reach)
+        is_better = search.improve(plan)
         reach = min(0.5, reach * 1.3) if is_better else max(0.02, reach * 0.93)
         distance = search.value**0.5
         progress(f"separating: {k + 1} of {iterations} changes, delta {distance:.2f}")
@@ -277,15 +298,11 @@ def separate(
             " --duration"
         )
         raise InputError("no motion from point to point keeps the limits", remedy)
-    usual = (
-        default_excitation(
-            estimate,
-            duration,
-            s,
-        )
-        for s in range(seed, seed + 3)
-    )
-    distances = [hypotheses.distance(hypotheses.motion(s, duration)) for s in usual]
+    # The default excitation is random: the median of three.
+    distances = []
+    for default_seed in range(seed, seed + 3):
+        states = default_excitation(estimate, duration, default_seed)
+        distances.append(hypotheses.distance(hypotheses.motion(states, duration)))
     default = float(np.median(distances))
     return Separation(
         search.trajectory,
@@ -341,14 +358,16 @@ class _MotionSearch:
         self.n_judged = 0
 
     def start(self, rng: np.random.Generator) -> None:
-        """The best of motions that are drawn."""
+        """Draw random motions until _DRAWN of them keep the limits; keep the best one."""
         for _ in range(20 * _DRAWN):
             self.improve(_drawn(rng, *self.range))
             if self.trajectory is not None and self.n_judged >= _DRAWN:
                 break
 
     def improve(self, plan: _Plan) -> bool:
-        """Whether a motion is allowed and better than the best, which it then is."""
+        """Judge a motion; keep it and return True if it is allowed and better than the
+        best.
+        """
         trajectory = self._trajectory(plan)
         if trajectory is None:
             return False
@@ -365,7 +384,11 @@ class _MotionSearch:
         return True
 
     def _trajectory(self, plan: _Plan) -> PointTrajectory | None:
-        """As many points as fit; the time that is left goes into the moves."""
+        """Return the plan's trajectory with as many points as fit into the duration.
+
+        Its moves are stretched to fill the duration exactly. None if fewer than two
+        moves fit.
+        """
         points, slowness, pauses = plan
         fastest = shortest_moves(points, self.velocity, self.acceleration, self.jerk)
         moves = slowness * fastest
@@ -379,7 +402,7 @@ class _MotionSearch:
         return PointTrajectory(points[: fit + 1], moves, rests)
 
     def _is_free(self, trajectory: PointTrajectory) -> bool:
-        """Whether the arm touches itself nowhere along it."""
+        """Return whether the arm is free of self-collision at ten poses a second."""
         if self.free is None:
             return True
         poses = trajectory.states(np.arange(0.0, self.duration, 0.1))[0]
@@ -391,14 +414,19 @@ def _drawn(
     low: Array,
     high: Array,
 ) -> _Plan:
-    count = int(rng.integers(6, 40))
-    n = len(low)
-    points = rng.uniform(low, high, (count, n))
-    still = rng.random(n) < rng.choice([0.0, 0.3, 0.7])
-    points[:, still] = points[0, still]
-    slow = np.exp(rng.uniform(0.0, np.log(_SLOWEST), count - 1) * rng.random())
-    pauses = rng.uniform(0.0, _PAUSE, count) * rng.random()
-    return _Plan(points, slow, pauses)
+    """Draw a random plan of 6 to 39 points between positions low and high (n,).
+
+    Some joints may stand still; moves may be slow and pauses short, all by chance.
+    """
+    n_points = int(rng.integers(6, 40))
+    n_joints = len(low)
+    points = rng.uniform(low, high, (n_points, n_joints))
+    is_still = rng.random(n_joints) < rng.choice([0.0, 0.3, 0.7])
+    points[:, is_still] = points[0, is_still]
+    log_slowness = rng.uniform(0.0, np.log(_SLOWEST), n_points - 1)
+    slowness = np.exp(log_slowness * rng.random())
+    pauses = rng.uniform(0.0, _PAUSE, n_points) * rng.random()
+    return _Plan(points, slowness, pauses)
 
 
 def _changed(
@@ -408,20 +436,20 @@ def _changed(
     high: Array,
     reach: float,
 ) -> _Plan:
-    points, slow, pauses = now
+    """Return a plan with random changes of a random share of its points, moves and
+    pauses.
+
+    ``reach`` is the size of a change, as a share of the ranges between low and high
+    (n,).
+    """
+    points, slowness, pauses = now
     share = rng.choice([0.1, 0.3, 1.0])
     step = reach * (high - low) * rng.normal(size=points.shape)
-    points = np.clip(
-        points + step * (rng.random(points.shape) < share),
-        low,
-        high,
-    )
-    which = rng.random(len(slow)) < share
-    factors = np.exp(which * reach * 2.0 * rng.normal(size=len(slow)))
-    slow = np.clip(slow * factors, 1.0, _SLOWEST)
+    is_moved = rng.random(points.shape) < share
+    points = np.clip(points + step * is_moved, low, high)
+    is_changed = rng.random(len(slowness)) < share
+    log_factors = is_changed * reach * 2.0 * rng.normal(size=len(slowness))
+    slowness = np.clip(slowness * np.exp(log_factors), 1.0, _SLOWEST)
     shift = reach * _PAUSE * rng.normal(size=len(pauses))
-    return _Plan(
-        points,
-        slow,
-        np.clip(pauses + shift, 0.0, _PAUSE),
-    )
+    pauses = np.clip(pauses + shift, 0.0, _PAUSE)
+    return _Plan(points, slowness, pauses)

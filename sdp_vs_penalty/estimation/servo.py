@@ -70,6 +70,7 @@ class _Terms(Effect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """Return seven parameters a joint, named term0_1 (term 0 of joint 1) and so on."""
         names = [
             (f"term{m}_{j}", j + 1) for j in self.joints for m in range(self.count)
         ]
@@ -84,6 +85,12 @@ class _Terms(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Return the columns of the terms from which every servo law is built.
+
+        Each joint has (N, 7): the command, its first and second derivative and its
+        integral at t - T; then position, velocity and integral of the position, as
+        measured.
+        """
         command = motion.logged_command
         t = motion.t - self.T
         rate = command.velocity(t)
@@ -106,19 +113,23 @@ class _Terms(Effect):
 
 
 def _law(name: str, d: float) -> Array:
-    """(7, 1 + m) the error e, and the m terms that it is made of, in the columns of
-    _Terms, of a command that is d [s] later than those."""
+    """Return a law as (7, 1 + m) combinations of the columns of _Terms.
+
+    Column 0 is the error e = command - position; the m others are the terms of which
+    the law makes it. The command is delayed by d [s] more than the columns, by Taylor's
+    series to second order.
+    """
     h = 0.5 * d * d
-    terms = [
-        [1.0, -d, h, 0.0, -1.0, 0.0, 0.0],
-        [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
-    ]
-    gains = {
+    # Columns: command, its rate, its acceleration, its integral; q, dq, integral of q.
+    error = [1.0, -d, h, 0.0, -1.0, 0.0, 0.0]
+    damping = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    terms = {
         "servo_integral": [-d, h, 0.0, 1.0, 0.0, 0.0, -1.0],
         "servo_velocity_loop": [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
         "servo_feedforward": [0.0, 1.0, -d, 0.0, 0.0, 0.0, 0.0],
     }
-    return np.array([*terms, *(gains[e] for e in LAWS[name] if e in gains)]).T
+    further = [terms[effect] for effect in LAWS[name] if effect in terms]
+    return np.array([error, damping, *further]).T
 
 
 #: One joint's terms beside its load, compressed: (r, 7) of all rows, and of each fold
@@ -132,23 +143,25 @@ def find_law(
     names: Sequence[str],
     delay: float | None,
 ) -> tuple[str, float, dict[str, float]]:
-    """A servo's law, and its delay.
+    """Choose a servo's law and its delay from a log without torque.
 
-    Of the laws whose held-out error is within one standard error of the least, by
-    folds, or within what a law of friction gets wrong, the one with the fewest gains.
-    Friction may turn over several velocities meanwhile.
+    Among the laws whose held-out error is within one standard error of the smallest (or
+    within what a wrong law of friction causes), the one with the fewest gains is
+    chosen. The delay is found by steps: Taylor's series of the command reaches
+    DELAY_REACH, so that terms are compressed again about a delay that lies beyond. A
+    delay that lowers the held-out error too little is zero.
 
     Parameters
     ----------
     load : sequence of Effect
-        What the drives work against.
+        Effects against which the drives work. Coulomb friction gets columns for several
+        velocities over which its sign changes.
     runs : FilteredRuns
-        Without torque.
+        Runs without torque.
     names : sequence of str
-        The laws to choose from.
+        Laws to choose from, keys of LAWS, those with fewer gains first.
     delay : float or None
-        Where it is known [s]. Else it is as small as none unless without it much more
-        is left of motion left out.
+        Delay of the command [s] where it is known; None: estimate it.
 
     Returns
     -------
@@ -157,46 +170,68 @@ def find_law(
     float
         Its delay [s].
     dict of str to float
-        Held-out error of each law over that of the best.
+        Held-out error of each law over that of the best law [-].
     """
-    wide: list[Effect] = []
-    for e in load:
-        free = "v_s" in e.shapes and "v_s" not in e.given
-        wide += [e.with_shape(v_s=v) for v in c.TURNS] if free else [e]
-    if not any(e.name == "torque_offset" for e in load):
-        wide.append(effect_types()["torque_offset"](load[0].robot))
-    about = delay or 0.0
-    first = _joints(wide, runs, about)
-    joints = first
+    wide_load = _with_several_turns(load)
+    about = delay or 0.0  # delay of the compressed terms [s]
+    first_terms = _joints(wide_load, runs, about)
+    terms = first_terms
     while True:
         extra = dict.fromkeys(names, 0.0)
         if delay is None:
-            extra = {name: _extra_delay(joints, name, about) for name in names}
-        scores = {name: _score(joints, name, extra[name]) for name in names}
-        name, best = _fewest_gains(scores)
-        total = about + extra[name]
-        if abs(extra[name]) < 0.95 * c.DELAY_REACH or total > 0.95 * LATEST:
+            extra = {name: _extra_delay(terms, name, about) for name in names}
+        scores = {name: _score(terms, name, extra[name]) for name in names}
+        chosen, best = _fewest_gains(scores)
+        total = about + extra[chosen]
+        # The end of the series' reach (5 % off): the delay may lie beyond.
+        is_inside = abs(extra[chosen]) < 0.95 * c.DELAY_REACH
+        if is_inside or total > 0.95 * LATEST:
             break
         about = total
-        joints = _joints(wide, runs, about)
+        terms = _joints(wide_load, runs, about)
     if delay is None:
-        without = float(np.mean(_score(first, name, 0.0) - scores[name]))
-        total = total if without > np.log(c.FEWER_GAINS) else 0.0
+        without_delay = _score(first_terms, chosen, 0.0)
+        rise = float(np.mean(without_delay - scores[chosen]))
+        if rise <= np.log(c.FEWER_GAINS):
+            total = 0.0
+    # Scores are logarithms of squares: half of a difference is that of the errors.
     ratios = {
-        k: float(np.exp(0.5 * np.mean(score - scores[best])))
-        for k, score in scores.items()
+        name: float(np.exp(0.5 * np.mean(score - scores[best])))
+        for name, score in scores.items()
     }
-    return name, total, ratios
+    return chosen, total, ratios
+
+
+def _with_several_turns(load: Sequence[Effect]) -> list[Effect]:
+    """Return the load with friction at several velocities v_s of its change of sign.
+
+    These are TURNS [rad/s, m/s], for effects whose v_s the user did not give. A constant
+    torque is added if the load has none.
+    """
+    effects: list[Effect] = []
+    for effect in load:
+        is_open = "v_s" in effect.shapes and "v_s" not in effect.given
+        if is_open:
+            effects += [effect.with_shape(v_s=v) for v in c.TURNS]
+        else:
+            effects.append(effect)
+    if not any(effect.name == "torque_offset" for effect in load):
+        effects.append(effect_types()["torque_offset"](load[0].robot))
+    return effects
 
 
 def _fewest_gains(scores: Mapping[str, Array]) -> tuple[str, str]:
-    """Of laws in the order of their gains the first that is as good as the best, and
-    the best; scores : logarithms of held-out errors, by law."""
+    """Return the first law that is as good as the best one, and the best one.
+
+    ``scores`` holds for each law, in the order of their gains, the logarithm of its
+    squared held-out error on each fold (folds,).
+    """
     best = min(scores, key=lambda name: float(scores[name].mean()))
     for name, score in scores.items():
-        more = score - scores[best]
-        standard_error = more.std(ddof=1) / np.sqrt(len(more))
-        if more.mean() <= max(2.0 * np.log(c.FEWER_GAINS), standard_error):
+        rise = score - scores[best]
+        standard_error = rise.std(ddof=1) / np.sqrt(len(rise))
+        # Scores are of squared errors, FEWER_GAINS of errors: hence the factor 2.
+        if rise.mean() <= max(2.0 * np.log(c.FEWER_GAINS), standard_error):
             return name, best
     return best, best
 
@@ -206,7 +241,11 @@ def _joints(
     runs: FilteredRuns,
     T: float,
 ) -> list[_Joint]:
-    """Of each joint, about a delay T."""
+    """Compress each joint's terms, delayed by T [s], with its load projected out.
+
+    Returns for each joint the terms (r, 7) of all rows, and for each fold of the motion
+    the terms of its training rows and of its test rows.
+    """
     robot = load[0].robot
     model = Model(
         robot,
@@ -232,25 +271,28 @@ def _joints(
 
 
 def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
-    """(r, 7), (s, 7) terms beside the load of rows (r, k + 7), (s, k + 7), by the first
-    ones' fit."""
-    U, V = column_space(train[:, : -_Terms.count])
-    projections = U.T @ train[:, -_Terms.count :]
-    remaining = np.asarray(
-        np.linalg.qr(train[:, -_Terms.count :] - U @ projections, mode="r")
-    )
-    return remaining, test[:, -_Terms.count :] - test[:, : -_Terms.count] @ (
-        V @ projections
-    )
+    """Remove the load from the terms of training and test rows.
+
+    The rows (r, k + 7) and (s, k + 7) hold k columns of the load and 7 terms. The
+    load's coefficients are fitted to the training rows. Returns (r, 7) and (s, 7).
+    """
+    train_load, train_terms = np.hsplit(train, [-_Terms.count])
+    test_load, test_terms = np.hsplit(test, [-_Terms.count])
+    U, V = column_space(train_load)
+    projections = U.T @ train_terms
+    remaining = np.linalg.qr(train_terms - U @ projections, mode="r")
+    return np.asarray(remaining), test_terms - test_load @ (V @ projections)
 
 
 def _fitted(terms: Array, law: Array) -> Array:
-    """(7,) the error and what least squares make of it, in the columns of the terms (r,
-    7)."""
-    return np.asarray(
-        law[:, 0]
-        - law[:, 1:] @ np.linalg.lstsq(terms @ law[:, 1:], terms @ law[:, 0])[0]
-    )
+    """Return (7,) c for which terms (r, 7) times c is the residual of the law's fit.
+
+    The fit explains the error (column 0 of the law) by the law's other columns.
+    """
+    columns = terms @ law[:, 1:]
+    error = terms @ law[:, 0]
+    gains = np.linalg.lstsq(columns, error)[0]
+    return np.asarray(law[:, 0] - law[:, 1:] @ gains)
 
 
 def _extra_delay(
@@ -258,16 +300,25 @@ def _extra_delay(
     name: str,
     about: float,
 ) -> float:
-    """The delay [s] of a law beyond that of the terms with which least remains of all
-    joints."""
+    """Return the delay [s], beyond that of the terms, with the smallest residual of a
+    law.
 
-    def left(later: float) -> float:
-        law = _law(name, later)
+    It lies within the reach of Taylor's series, and with ``about``, the terms' delay
+    [s], between 0 and LATEST.
+    """
+
+    def log_residual(delay: float) -> float:
+        """Return the sum over joints of the logarithm of the squared residual."""
+        law = _law(name, delay)
         losses = [np.sum((rows @ _fitted(rows, law)) ** 2) for rows, _ in joints]
         return float(np.sum(np.log(at_least_tiny(losses))))
 
-    ends = max(-c.DELAY_REACH, -about), min(c.DELAY_REACH, LATEST - about)
-    return float(scipy.optimize.minimize_scalar(left, bounds=ends, method="bounded").x)
+    smallest = max(-c.DELAY_REACH, -about)
+    largest = min(c.DELAY_REACH, LATEST - about)
+    minimum = scipy.optimize.minimize_scalar(
+        log_residual, bounds=(smallest, largest), method="bounded"
+    )
+    return float(minimum.x)
 
 
 def _score(
@@ -275,31 +326,37 @@ def _score(
     name: str,
     delay: float,
 ) -> Array:
-    """(folds,) mean over the joints of ln of the squared held-out error."""
+    """Return (folds,) the logarithm of a law's squared held-out error, mean over the
+    joints.
+
+    ``delay`` [s] counts from the delay of the terms.
+    """
     law = _law(name, delay)
-    left = [
+    squared_errors = [
         [np.sum((test @ _fitted(train, law)) ** 2) for train, test in folds]
         for _, folds in joints
     ]
-    return np.asarray(np.mean(np.log(at_least_tiny(left)), axis=0))
+    return np.asarray(np.mean(np.log(at_least_tiny(squared_errors)), axis=0))
 
 
 def servo_filters(settings: Preprocessing, data: Measurements) -> Preprocessing:
-    """Filters for a log without torque, resolved. Noise of positions is in every column
-    there: the states' cut-off begins where the command, free of noise, says how fast
-    the motion is, and rises as far as the positions show a sharper one.
+    """Return the filter settings for a log without torque, resolved.
+
+    The noise of the positions is in every column of such a log. The states' cut-off is
+    at least COMMAND_HARMONICS times the highest harmonic of the command, which has no
+    noise.
 
     Parameters
     ----------
     settings : Preprocessing
-        As a user or a problem gives them.
+        Settings of the user or the problem.
     data : Measurements
-        Without torque.
+        Log without torque.
 
     Returns
     -------
     Preprocessing
-        For such a log.
+        Settings with all cut-off frequencies.
     """
     lowest_cutoff = None
     if settings.state_cutoff is None and "qcmd" in data.groups:
@@ -323,17 +380,19 @@ class _Loop:
     open_delay: bool
 
     def fitted_at_delay(self, delay: float) -> tuple[Model, Array]:
-        """The model whose commands act late by ``delay`` [s], up to a factor, in which
-        links weigh as stated, and what it fits best (p,), its reference; its strongest
-        position gain is given."""
+        """Fit load and drives for a command that acts after ``delay`` [s].
+
+        Motion determines all parameters up to a common factor, which is set so that the
+        links weigh what the problem states. Returns the model, whose strongest position
+        gain is fixed at its fitted value, and theta (p,).
+        """
         robot = self.problem.robot
         delayed_drives = [e.with_shape(T=float(f"{delay:.6g}")) for e in self.drives]
-        began = {"servo_integral", "torque_offset"} & {
-            e.name for e in (*self.load, *delayed_drives)
-        }
-        offset = [effect_types()["torque_offset"](robot)] * (
-            began == {"servo_integral"}
-        )
+        names = {e.name for e in (*self.load, *delayed_drives)}
+        # A servo's integral may begin anywhere: beside a constant.
+        offset: list[Effect] = []
+        if "servo_integral" in names and "torque_offset" not in names:
+            offset = [effect_types()["torque_offset"](robot)]
         model = Model(
             robot,
             (*self.load, *offset, *delayed_drives),
@@ -345,8 +404,10 @@ class _Loop:
         return replace(model, known=gain, reference=theta), theta
 
     def task(self, model: Model, rows: FilteredRuns) -> Task:
-        """The problem of a balanced model; rows : the log, with instruments where there
-        are some."""
+        """Build the optimisation problem of a model whose scale is fixed.
+
+        ``rows`` is the log, with instruments (a simulated motion) where there are some.
+        """
         return make_task(
             self.problem,
             model,
@@ -355,11 +416,15 @@ class _Loop:
         )
 
     def with_better_delay(self, model: Model, rows: FilteredRuns) -> Model:
-        """A step of Gauss and Newton of the delay, in which joints share their links,
-        if it is open."""
+        """Return the model after one Gauss-Newton step of the delay; the same if it is
+        fixed.
+
+        Here joints share the parameters of their links, unlike in find_law.
+        """
         if not self.open_delay:
             return model
         assert model.reference is not None
+        # One more parameter, the last: the delay, in units of its prior deviation.
         wide = with_sensitivities(
             model,
             model.reference,
@@ -367,27 +432,29 @@ class _Loop:
         )
         drive = next(e for e in model.effects if e.position_gains)
         step = float(self.task(wide, rows).ols[-1]) * prior_deviation(drive, "T")
-        return self.fitted_at_delay(
-            float(np.clip(drive.shape["T"] + step, 0.0, LATEST))
-        )[0]
+        delay = float(np.clip(drive.shape["T"] + step, 0.0, LATEST))
+        better, _ = self.fitted_at_delay(delay)
+        return better
 
     def simulated(
         self,
         model: Model,
         rows: FilteredRuns,
     ) -> tuple[FilteredRuns, Array]:
-        """The log with the motion that the model fitted to ``rows`` makes of the
-        command, and how far (n,) that is from the measured one, root mean square [rad,
-        m]."""
-        theta = model.with_known(
-            make_estimator(DEFAULT_METHOD).fit(self.task(model, rows)).theta
-        )
-        with np.errstate(over="ignore", invalid="ignore"):  # a wrong model may fly away
+        """Attach the motion that the model makes of the command, as instruments.
+
+        The model's parameters are fitted to ``rows``. Returns the log with the
+        simulated motion, and (n,) the root mean square difference of simulated and
+        measured positions [rad, m].
+        """
+        fit = make_estimator(DEFAULT_METHOD).fit(self.task(model, rows))
+        theta = model.with_known(fit.theta)
+        # A wrong model may fly away: infinities are no fault.
+        with np.errstate(over="ignore", invalid="ignore"):
             measurements = with_simulated_motion(self.runs.measurements, model, theta)
-            apart = np.sqrt(
-                np.mean((measurements.commanded["qsim"] - measurements.q) ** 2, axis=0)
-            )
-        return FilteredRuns.of(measurements, self.runs.settings), apart
+            difference = measurements.commanded["qsim"] - measurements.q
+            distance = np.sqrt(np.mean(difference**2, axis=0))
+        return FilteredRuns.of(measurements, self.runs.settings), distance
 
 
 def servo_log(
@@ -400,36 +467,39 @@ def servo_log(
     instruments: bool,
     chosen: bool,
 ) -> tuple[Model, FilteredRuns, dict[str, Any]]:
-    """What stands for the torque in a log without one.
+    """Identify the servos of a log without torque, up to a common scale of all
+    parameters.
 
-    Where servo effects are among the model's, the law is given, with its delay where
-    that is. known_load.py sets the scale.
+    The servos' law then stands for the torque. If the model has servo effects, the law
+    is given, and so is its delay if the effects state one. known_load.py sets the
+    scale.
 
     Parameters
     ----------
     problem : Problem
-        To identify.
+        Robot, bounds and nominal links.
     effects : sequence of Effect
-        The model's.
+        Effects of the model.
     runs : FilteredRuns
-        Without torque.
+        Runs without torque.
     weighting : {"noise", "none"}
-        Of the joints' rows.
+        Weight the joints' rows by their noise, or equally.
     progress : callable
-        Hears where the computation stands.
+        Receives a line of text at each stage.
     instruments : bool
-        Whether columns are made of a simulated motion.
+        Whether regressor columns are computed on a simulated motion, free of noise.
     chosen : bool
-        Whether the effects were asked for; if not, rotors turn with the joints as well.
+        Whether the user chose the effects; if not, rotor inertia is added.
 
     Returns
     -------
     Model
-        With the law's effects, up to a factor.
+        With the effects of the law, up to a factor.
     FilteredRuns
-        With the motion that the law makes of the command, where instruments are wanted.
+        With the simulated motion where instruments are used.
     dict
-        Plain JSON.
+        Law, delay [s], held-out errors, shape constants, distance of the simulated
+        motion.
 
     Raises
     ------
@@ -482,7 +552,12 @@ def _load_of(
     has_law: bool,
     chosen: bool,
 ) -> list[Effect]:
-    """The effects that drives work against; chosen : whether somebody asked for them."""
+    """Return the effects against which the drives work.
+
+    Without a given law, viscous friction is left out: its column is that of the damping
+    gain kd. Rotor inertia is added unless the user chose the effects (``chosen``) or
+    the robot has a single joint, whose rotor acts like its link.
+    """
     load = [e for e in effects if e.forward != "drive"]
     if not has_law:  # kd and viscous friction have one column: kd is their sum
         load = [e for e in load if e.name != "viscous_friction"]
@@ -494,12 +569,14 @@ def _load_of(
 
 
 def _given_delay(drives: Sequence[Effect]) -> float | None:
-    """The delay [s] that somebody gave a law's effects."""
+    """Return the delay [s] that the user gave for the drives' effects; None without
+    one.
+    """
     return next((e.shape["T"] for e in drives if "T" in e.given), None)
 
 
 def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:
-    """The laws that have just these effects, else the last one."""
+    """Return the laws with exactly these drives' effects, or else the last of LAWS."""
     drive_names = {e.name for e in drives}
     same = tuple(name for name, law in LAWS.items() if set(law) == drive_names)
     return same or tuple(LAWS)[-1:]
@@ -511,30 +588,37 @@ def _refined(
     instruments: bool,
     progress: Progress,
 ) -> tuple[Model, FilteredRuns, Array]:
-    """The model after as many passes as bring its simulation much nearer to the
-    measured motion, the log with the instruments that it was fitted with, and how far
-    (n,) they are from the motion; without instruments after one step of the delay, and
-    (0,)."""
-    lowest_loss = np.inf
+    """Alternate steps of the delay and simulations until the simulated motion stays the
+    same.
+
+    Returns the model, the log with the instruments with which it was fitted, and (n,)
+    the distance of the simulated motion from the measured one [rad, m]. Without
+    instruments: one step of the delay, the plain log, and (0,).
+    """
+    smallest = np.inf  # mean logarithm of the joints' distances
     used = loop.runs
     rows = loop.runs
     motion = np.zeros(0)
     if not instruments:
         return loop.with_better_delay(model, rows), rows, motion
+    # Motions whose distances differ by less than this factor's logarithm are the same.
+    tolerance = np.log(c.FEWER_GAINS)
     for k in count(1):
         better = loop.with_better_delay(model, rows)
         progress(f"simulating the command, pass {k}")
-        simulated, apart = loop.simulated(better, rows)
-        error = float(np.mean(np.log(at_least_tiny(apart))))
-        if not error < lowest_loss + np.log(c.FEWER_GAINS):
+        simulated, distance = loop.simulated(better, rows)
+        log_distance = float(np.mean(np.log(at_least_tiny(distance))))
+        is_worse = not log_distance < smallest + tolerance
+        if is_worse:
             break
         model = better
         used = rows
         rows = simulated
-        motion = apart
-        if error > lowest_loss - np.log(c.FEWER_GAINS):
+        motion = distance
+        is_unchanged = log_distance > smallest - tolerance
+        if is_unchanged:
             break
-        lowest_loss = error
+        smallest = log_distance
     return model, used, motion
 
 
@@ -543,14 +627,31 @@ def loop_beside_torque(
     data: Measurements,
     settings: Preprocessing,
 ) -> dict[str, Any]:
-    """What a servo's law makes of the torque that was logged: whether the loop is what
-    its makers say.
+    """Fit a servo's law to a logged torque, to see whether the loop is as stated.
 
-    drives : the law's effects. Least squares of the torque in their columns alone,
-    joint by joint, beside a constant (an integral may begin anywhere); a delay that is
-    not given is the best one. Returns plain JSON: gains with standard deviation and
-    unit by name, the delay [s], and the share of each joint's torque that the law
-    makes. Raises InputError for a log without commands.
+    Least squares of the torque, joint by joint, in the columns of the law and a
+    constant (an integral may begin anywhere). A delay that is not given is the one that
+    fits best, or zero if that fits no better.
+
+    Parameters
+    ----------
+    drives : sequence of Effect
+        Effects of the law.
+    data : Measurements
+        Log with torque and commands.
+    settings : Preprocessing
+        Filters.
+
+    Returns
+    -------
+    dict
+        "delay" [s]; "gains": value, standard deviation and unit by name; "share": of
+        each joint's squared torque that the law explains [-].
+
+    Raises
+    ------
+    InputError
+        For a log without commands.
     """
     if "qcmd" not in data.groups:
         raise InputError(
@@ -564,55 +665,46 @@ def loop_beside_torque(
     runs = FilteredRuns.of(turned, settings)
 
     def fitted(delay: float) -> tuple[Model, Regression, Array]:
-        model = Model(robot, (*(e.with_shape(T=delay) for e in drives), offset))
+        """Return model, compressed rows and least-squares parameters for a delay [s]."""
+        delayed_drives = [e.with_shape(T=delay) for e in drives]
+        model = Model(robot, (*delayed_drives, offset))
         rows = compress(runs, model)
-        both = rows.least_squares()
-        return model, rows, min_norm_lstsq(both.R, both.rho)
+        data_of_all = rows.least_squares()
+        return model, rows, min_norm_lstsq(data_of_all.R, data_of_all.rho)
 
-    def left(delay: float) -> float:
+    def log_residual(delay: float) -> float:
+        """Return the sum over joints of the logarithm of the squared residual."""
         _, rows, theta = fitted(delay)
         return float(np.sum(np.log(at_least_tiny(rows.joint_losses(theta)))))
 
-    given_delay = _given_delay(drives)
-    if given_delay is None:
-        given_delay = float(
-            scipy.optimize.minimize_scalar(
-                left,
-                bounds=(0.0, LATEST),
-                method="bounded",
-            ).x
+    delay = _given_delay(drives)
+    if delay is None:
+        minimum = scipy.optimize.minimize_scalar(
+            log_residual,
+            bounds=(0.0, LATEST),
+            method="bounded",
         )
-        given_delay = given_delay if left(given_delay) < left(0.0) else 0.0
-    model, rows, theta = fitted(given_delay)
+        delay = float(minimum.x)
+        if not log_residual(delay) < log_residual(0.0):
+            delay = 0.0
+    model, rows, theta = fitted(delay)
     losses = rows.joint_losses(theta)
-    problem_of_all = rows.least_squares()
-    unexplained = np.where(
-        model.drives,
-        0.0,
-        min_norm_lstsq(
-            np.where(model.drives, 0.0, problem_of_all.R), problem_of_all.rho
-        ),
-    )
+    # The constant torque alone, without the law: what the law's share is compared with.
+    data_of_all = rows.least_squares()
+    columns_of_constant = np.where(model.drives, 0.0, data_of_all.R)
+    constant = min_norm_lstsq(columns_of_constant, data_of_all.rho)
+    constant = np.where(model.drives, 0.0, constant)
+    losses_of_constant = rows.joint_losses(constant)
     noise = np.sqrt(rows.oversampling * losses / np.maximum(rows.joint_rows(), 1))
-    std = deviations(problem_of_all.R)
-    return {
-        "delay": given_delay,
-        "gains": {
-            p.name: {
-                "value": float(x),
-                "std": float(s * noise[p.joint - 1]),
-                "unit": p.unit,
-            }
-            for p, x, s, drive in zip(
-                model.parameters,
-                theta,
-                std,
-                model.drives,
-                strict=True,
-            )
-            if drive
-        },
-        "share": (
-            1.0 - losses / at_least_tiny(rows.joint_losses(unexplained))
-        ).tolist(),
+    std = deviations(data_of_all.R)
+    gains = {
+        parameter.name: {
+            "value": float(theta[k]),
+            "std": float(std[k] * noise[parameter.joint - 1]),
+            "unit": parameter.unit,
+        }
+        for k, parameter in enumerate(model.parameters)
+        if model.drives[k]
     }
+    shares = 1.0 - losses / at_least_tiny(losses_of_constant)
+    return {"delay": delay, "gains": gains, "share": shares.tolist()}

@@ -50,7 +50,7 @@ from sdp_vs_penalty.signals.phases import PhaseFolds, motion_clocks, tracks_of
 #: Which rows take part: of a run's number and instants (N,), (N,) true or false.
 Chosen = Callable[[int, Array], NDArray[np.bool_]]
 #: An effect, its joint (from 0), and the constant that is open there.
-_Open = tuple[Effect, int, str]
+_OpenConstant = tuple[Effect, int, str]
 
 
 @dataclass(frozen=True)
@@ -70,16 +70,19 @@ class ShapeEstimate(JsonRecord):
     at_end: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """The record as JSON, with ``joint`` counted from 1.
+        """Return the estimate as a JSON dictionary.
 
-        A standard deviation that is not finite becomes null: the data do not bound the
-        constant on both sides.
+        Two fields differ from the record's: ``joint`` is counted from 1, as users count
+        joints (from 0 in Python), and an infinite standard deviation becomes null.
         """
         return {**super().to_dict(), "joint": self.joint + 1}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote."""
+        """Read an estimate from the dictionary that :meth:`to_dict` wrote.
+
+        The file counts joints from 1, this class from 0.
+        """
         return super().from_dict(
             {
                 **data,
@@ -89,24 +92,25 @@ class ShapeEstimate(JsonRecord):
 
 
 def at_end(u: float, low: float, high: float) -> bool:
-    """Whether a constant lies at an end of its range, all in its own scale.
+    """Return whether a shape constant lies at an end of the range that was searched.
 
     Parameters
     ----------
     u : float
-        The constant.
+        The constant, on the scale of its range (for example ln u).
     low : float
-        Where its range begins.
+        Lower end of the range, on the same scale.
     high : float
-        Where it ends.
+        Upper end of the range, on the same scale.
 
     Returns
     -------
     bool
-        Near either end.
+        True within the share AT_END of the range's length from either end.
     """
-    near = AT_END * (high - low)
-    return not low + near < u < high - near
+    margin = AT_END * (high - low)
+    is_inside = low + margin < u < high - margin
+    return not is_inside
 
 
 def estimate_shapes(
@@ -117,46 +121,50 @@ def estimate_shapes(
     workers: Workers = ALONE,
     widest: float = 0.0,
 ) -> list[ShapeEstimate]:
-    """The open shape constants of a model: each at its best value if that explains
-    significantly more than the one the model has, of motion left out as well, else at
-    that.
+    """Estimate the open shape constants of a model by variable projection.
+
+    A shape constant enters the torque nonlinearly (the velocity over which Coulomb
+    friction changes its sign). It changes only if the new value also explains
+    significantly more of motion that is left out; else the model's value stays.
 
     Parameters
     ----------
     model : Model
-        With open constants.
+        Model with open shape constants.
     runs : FilteredRuns
-        To estimate them from.
+        Measured runs behind their filters.
     weighting : {"noise", "none"}
-        Of the joints' rows.
+        Weight the joints' rows by their noise, or equally.
     chosen : callable, optional
-        The rows that take part; default: all.
+        Selects rows from a run's number and its instants (N,); default: all rows.
     workers : Workers
-        Who compresses the runs.
+        Processes that compress the runs.
     widest : float
-        Up to which value the grids go on beyond their own, each twice the last one.
+        Each grid of values is continued by doubling up to this value.
 
     Returns
     -------
     list of ShapeEstimate
-        One a constant.
+        One for each open constant.
     """
     open_constants = _open_constants(model)
     if not open_constants:
         return []
     folds = PhaseFolds(motion_clocks(tracks_of(runs.measurements)), SHAPE_FOLDS)
 
-    def profile_of(model: Model, open_constants: Sequence[_Open]) -> _Profile:
-        """One pass over the chosen rows, in blocks by folds of the motion."""
+    def profile_of(
+        model: Model, open_constants: Sequence[_OpenConstant]
+    ) -> _ShapeProfile:
+        """Compress the chosen rows, one block a fold of the motion."""
         wide, base, banks = _with_banks(model, open_constants, widest)
         cells = compress_cells(runs, wide, _Cells(folds, chosen), workers)
         blocks = {f.block for f in cells.factors if f.block < SHAPE_FOLDS}
-        return _Profile(cells.select(sorted(blocks)), weighting, base, banks)
+        return _ShapeProfile(cells.select(sorted(blocks)), weighting, base, banks)
 
     model = model.reference_free
-    estimates = profile_of(model, open_constants).confirmed()
-    # Splines in the grid are good to a per cent: what the data tell more finely is found
-    # once more, about itself, where they are exact.
+    estimates = profile_of(model, open_constants).confirmed_estimates()
+    # Splines between grid values are accurate to 1 %. Constants that the data determine
+    # more accurately are refined on a grid that contains the first estimate.
     fine = {
         (s.effect, s.joint, s.shape)
         for s in estimates
@@ -164,26 +172,31 @@ def estimate_shapes(
     }
     if not fine:
         return estimates
-    near = replace(model, effects=with_shapes(model.effects, estimates))
-    again = [
+    estimated_model = replace(model, effects=with_shapes(model.effects, estimates))
+    fine_constants = [
         (effect, joint, key)
-        for effect in near.effects
+        for effect in estimated_model.effects
         for joint in effect.joints
         for key in effect.estimated
         if (effect.name, joint, key) in fine
     ]
-    profile = profile_of(near, again)
-    best = profile.best(profile.now, np.arange(len(again)))
-    refined = {(s.effect, s.joint, s.shape): s.after for s in profile.estimates(best)}
+    profile = profile_of(estimated_model, fine_constants)
+    best = profile.minimised(profile.now, np.arange(len(fine_constants)))
+    refined = {
+        (s.effect, s.joint, s.shape): s.after for s in profile.estimates_at(best)
+    }
     return [
         replace(s, after=refined.get((s.effect, s.joint, s.shape), s.after))
         for s in estimates
     ]
 
 
-def _open_constants(model: Model) -> list[_Open]:
-    """Of effects with one column a joint the constants that are estimated, and not
-    given."""
+def _open_constants(model: Model) -> list[_OpenConstant]:
+    """List the shape constants to estimate as (effect, joint from 0, constant's name).
+
+    Constants that the user gave are not open. Only effects with one parameter a joint
+    take part.
+    """
     return [
         (effect, joint, key)
         for effect in model.effects
@@ -202,6 +215,12 @@ class _Cells:
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
+        """Return one (run, start, stop) a cell, all zero: cells of folds have no place
+        in time.
+
+        compress_cells asks for as many entries as there are cells: one a fold, and one
+        for rows that take no part.
+        """
         return [(0, 0.0, 0.0)] * (self.folds.count + 1)
 
     def cell(
@@ -209,6 +228,11 @@ class _Cells:
         run: int,
         t: Array,
     ) -> NDArray[np.intp]:
+        """Return (N,) the cell of each row: its fold of the motion, from 0.
+
+        Rows of ``run`` at instants t (N,) [s] that are not chosen go to an extra cell
+        behind the last fold.
+        """
         fold = self.folds.fold(run, t)
         return (
             fold
@@ -231,7 +255,11 @@ class _Bank:
     columns: NDArray[np.intp]
 
     def weights(self, u: float) -> Array:
-        """(2, K) of each value's columns in those at ln u, and in their derivatives."""
+        """Return (2, K) spline weights of the columns at the K values of the grid.
+
+        The first row interpolates the column at ln u, the second row its derivative by
+        ln u. The argument ``u`` is the logarithm of the constant.
+        """
         k = int(
             np.searchsorted(
                 self.spline.x[1:-1],
@@ -239,7 +267,8 @@ class _Bank:
                 "right",
             )
         )
-        d = u - self.spline.x[k]  # ten times as fast as asking the spline for one value
+        # Evaluating the cubic's coefficients is ten times as fast as calling the spline.
+        d = u - self.spline.x[k]
         powers = np.array(
             [
                 [d**3, d**2, d, 1.0],
@@ -251,11 +280,16 @@ class _Bank:
 
 def _with_banks(
     model: Model,
-    open_constants: Sequence[_Open],
+    open_constants: Sequence[_OpenConstant],
     widest: float,
 ) -> tuple[Model, NDArray[np.intp], list[_Bank]]:
-    """The model with the columns of each open constant at all values of its grid; where
-    all other columns stand; the grids."""
+    """Build the model whose regressor holds each open constant at all values of its
+    grid.
+
+    Returns the wide model, (b,) the indices of the columns without an open constant,
+    and a bank (a constant with its grid, spline and column indices) for each open
+    constant.
+    """
 
     open_effects = [effect for effect, _, _ in open_constants]
     fixed = [
@@ -305,16 +339,20 @@ def _grid_with(
     now: float,
     widest: float,
 ) -> tuple[float, ...]:
-    """The values of a constant's grid, doubled up to ``widest``. Within it the value
-    ``now`` takes the place of those within a tenth: columns are exact there as well."""
+    """Return the ascending grid of values at which a constant's columns are computed.
+
+    The effect's grid is doubled up to ``widest``. The model's value ``now`` replaces
+    grid values within 0.1 in ln u, so that columns are exact there; the grid's ends
+    stay.
+    """
     grid = effect.shapes[key].on(effect.robot.joints[joint].kind).grid
     while grid[-1] < widest:
         grid = (*grid, 2.0 * grid[-1])
     ends = (grid[0], grid[-1])
     if not ends[0] <= now <= ends[-1]:
         return grid
-    others = {g for g in grid if g in ends or abs(np.log(g / now)) > 0.1}
-    return tuple(sorted({now, *others}))
+    kept = {g for g in grid if g in ends or abs(np.log(g / now)) > 0.1}
+    return tuple(sorted({now, *kept}))
 
 
 class _Grid(Effect):
@@ -330,6 +368,9 @@ class _Grid(Effect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        """Return one parameter for each value of the constant, its name with the
+        value's number.
+        """
         (parameter,) = self.effects[0].parameters
         return tuple(
             replace(parameter, name=f"{parameter.name}_{m}")
@@ -337,6 +378,9 @@ class _Grid(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Return the regressor's blocks of all values: the columns of value m go to
+        parameter m.
+        """
         blocks_of_values = (
             (m, b)
             for m, effect in enumerate(self.effects)
@@ -352,7 +396,7 @@ class _Grid(Effect):
         ]
 
 
-class _Profile:
+class _ShapeProfile:
     """What least squares in all other columns leave of the banks' ``count`` and of the
     torque (r,).
 
@@ -370,7 +414,21 @@ class _Profile:
         base: NDArray[np.intp],
         banks: list[_Bank],
     ) -> None:
-        """Of all blocks; base : where the other columns stand, before the banks'."""
+        """Project all columns without an open constant out of the banks' columns and
+        the torque.
+
+        Parameters
+        ----------
+        folds : Regression
+            Compressed rows, one block a fold of the motion.
+        weighting : {"noise", "none"}
+            Weight joints by their noise, or equally.
+        base : (b,) array of int
+            Indices of the columns without an open constant; they come before the
+            banks'.
+        banks : list of _Bank
+            The open constants with their grids and column indices.
+        """
         self.folds = folds
         self.banks = banks
         data = folds.least_squares()
@@ -384,17 +442,18 @@ class _Profile:
             )
             self.weights = joint_weights(folds, fit[0])
             data = folds.least_squares(self.weights)
-        both = np.column_stack(
+        banks_and_torque = np.column_stack(
             [
                 data.R[:, len(base) :],
                 data.rho,
             ]
         )
         shown, self.shown = column_space(data.R[:, base])
-        left = triangular([both - shown @ (shown.T @ both)])
-        self.torque = left[:, -1]
-        self.count = left.shape[1] - 1
-        U = span(left[:, :-1])
+        projection = shown @ (shown.T @ banks_and_torque)
+        remaining = triangular([banks_and_torque - projection])
+        self.torque = remaining[:, -1]
+        self.count = remaining.shape[1] - 1
+        U = span(remaining[:, :-1])
         residual = self.torque - U @ (U.T @ self.torque)
         error = float(np.sum(residual**2)) + data.residual_norm**2
         # Exact data have no variance; their constants still have a best value.
@@ -403,25 +462,35 @@ class _Profile:
         free = max(data.rows - folds.oversampling * n_columns, 1.0)
         self.variance = folds.oversampling * error / free
         self.parts = [
-            np.ascontiguousarray(left.T[b.columns - len(base)]) for b in banks
+            np.ascontiguousarray(remaining.T[b.columns - len(base)]) for b in banks
         ]
         self.ends = np.array([b.spline.x[[0, -1]] for b in banks])
         self.now = np.clip(np.log([b.now for b in banks]), *self.ends.T)
         self.brakes = np.array([b.effect.parameters[0].lower == 0.0 for b in banks])
 
-    def _made(self, u: Array) -> tuple[Array, Array]:
-        """The columns (r, B) at constants ln u (B,), and their derivatives."""
-        made = [
-            bank.weights(x) @ part
-            for bank, part, x in zip(self.banks, self.parts, u.tolist(), strict=True)
+    def _columns_at(self, u: Array) -> tuple[Array, Array]:
+        """Return the banks' columns (r, B) at constants ln u (B,), and their
+        derivatives (r, B).
+        """
+        interpolated = [
+            bank.weights(log_value) @ columns_on_grid
+            for bank, columns_on_grid, log_value in zip(
+                self.banks, self.parts, u.tolist(), strict=True
+            )
         ]
-        values, derivatives = np.array(made).transpose(1, 2, 0)
+        # (B, 2, r) to (2, r, B)
+        values, derivatives = np.array(interpolated).transpose(1, 2, 0)
         return values, derivatives
 
-    def at(self, u: Array) -> tuple[Array, Array]:
-        """What is left of the torque (r,) at constants ln u (B,), and its slopes (r,
-        B); a column that would push instead of brake is left out."""
-        columns, derivatives = self._made(u)
+    def _residual_at(self, u: Array) -> tuple[Array, Array]:
+        """Return the torque's residual (r,) at constants ln u (B,), and its Jacobian
+        (r, B).
+
+        Coefficients theta(u) are those of least squares (variable projection; the
+        Jacobian is Kaufman's). A friction column whose coefficient came out negative is
+        removed, since friction brakes.
+        """
+        columns, derivatives = self._columns_at(u)
         theta = np.zeros(len(u))
         used = np.ones(len(u), bool)
         pushes = used
@@ -432,13 +501,16 @@ class _Profile:
             pushes = self.brakes & (theta < 0.0)
             used = used & ~pushes
         slopes = derivatives * theta
-        left = self.torque - U @ (U.T @ self.torque)
-        return left, U @ (U.T @ slopes) - slopes
+        residual = self.torque - U @ (U.T @ self.torque)
+        return residual, U @ (U.T @ slopes) - slopes
 
-    def _products(self, T: Array) -> Array:
-        """(F, k + d, k + d) in each fold of what all other columns make in the
-        directions that data show, and of combinations T (P + 1, d) of the banks'
-        columns and the torque."""
+    def _fold_grams(self, T: Array) -> Array:
+        """Return (F, k + d, k + d) Gram matrices of each fold's rows.
+
+        The first k columns are the directions of the other columns that the data show.
+        The last d columns are combinations T (P + 1, d) of the banks' P columns and the
+        torque.
+        """
         n_others, n_shown = self.shown.shape
         size = n_shown + T.shape[1]
         out = np.zeros((len(self.folds.blocks), size, size))
@@ -451,9 +523,23 @@ class _Profile:
             out[blocks] += both.swapaxes(1, 2) @ both
         return out
 
-    def held_out(self, estimates: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
-        """(B,) what each constant alone takes from the squared error of the folds that
-        are left out, in variances, and what noise would."""
+    def held_out_gains(self, estimates: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
+        """Return each new constant's gain on motion left out, and the gain that it
+        needs.
+
+        Parameters
+        ----------
+        estimates : sequence of ShapeEstimate
+            Candidates, one a bank.
+
+        Returns
+        -------
+        (B,) array
+            Decrease of the squared error on left-out folds, in units of the row
+            variance.
+        (B,) array
+            Student's 97.5 % quantile times the gain's standard deviation under noise.
+        """
         moved = [k for k, s in enumerate(estimates) if s.after != s.before]
         n_folds = len(self.folds.blocks)
         taken = np.zeros(len(estimates))
@@ -461,25 +547,32 @@ class _Profile:
         if not moved or n_folds < 2:
             return taken, needed
         local = self._local_columns(estimates)
-        grams = self._products(local.combinations)
+        grams = self._fold_grams(local.combinations)
         size = nonzero_or_one(np.sqrt(np.diagonal(grams.sum(axis=0))))
         grams /= size * size[:, None]
         fits = self._fits_to_others(grams, local, moved)
-        fits[..., -1] = -1.0
-        losses = _quadratic(grams, fits)
+        fits[..., -1] = -1.0  # the torque: (c, -1)^T G (c, -1) is the squared residual
+        losses = _quadratic_forms(grams, fits)
         scale = size[-1] ** 2 / self.variance
+        # With r a fold's residual with the new constant and d the change of the torque,
+        # a fold's gain is |d|^2 + 2 r^T d; noise acts on 2 r^T d alone.
         gains = scale * (losses[0] - losses[1:])
-        changes = scale * _quadratic(grams, fits[1:] - fits[0])
-        noise = np.sum((gains - changes) ** 2, axis=1)
-        noise = np.maximum(noise, 4.0 * changes.sum(axis=1))
+        changes = scale * _quadratic_forms(grams, fits[1:] - fits[0])
+        noise_variance = np.sum((gains - changes) ** 2, axis=1)
+        white_variance = 4.0 * changes.sum(axis=1)
+        noise_variance = np.maximum(noise_variance, white_variance)
+        quantile = scipy.special.stdtrit(n_folds - 1, 0.975)
         taken[moved] = gains.sum(axis=1)
-        needed[moved] = scipy.special.stdtrit(n_folds - 1, 0.975) * np.sqrt(noise)
+        needed[moved] = quantile * np.sqrt(noise_variance)
         return taken, needed
 
     def _local_columns(self, estimates: Sequence[ShapeEstimate]) -> _LocalColumns:
-        """Columns in which a fit near the estimates is linear: all others, each bank's
-        at the value that the model has, and, of a constant that moves, those at its new
-        value and, within its range, their derivative."""
+        """Linearise the fit around the estimates.
+
+        The columns are: the other columns; each bank's column at the model's value; and
+        for each constant that moves its column at the new value, with the derivative
+        unless the value lies at an end of its range.
+        """
         n_shown = self.shown.shape[1]
         bank_of = [-1] * n_shown
         is_new = [False] * n_shown
@@ -511,8 +604,13 @@ class _Profile:
         local: _LocalColumns,
         moved: Sequence[int],
     ) -> Array:
-        """(1 + len(moved), F, k + d) coefficients that are best in all folds but one:
-        with the model's constants, then with each new one alone."""
+        """Return (1 + len(moved), F, k + d) least-squares coefficients with each fold
+        left out.
+
+        The first fit has the model's constants. Each further fit has the new constant
+        of one bank of ``moved``. grams (F, s, s) are the folds' Gram matrices, the
+        torque last.
+        """
         n_folds, size = grams.shape[:2]
         others = grams.sum(axis=0) - grams + UNSEEN * np.eye(size)
         fits = np.zeros((len(moved) + 1, n_folds, size))
@@ -522,16 +620,20 @@ class _Profile:
             fit[:, used] = np.linalg.solve(gram, others[:, used, -1:])[..., 0]
         return fits
 
-    def confirmed(self) -> list[ShapeEstimate]:
-        """The constants that together explain most, of those that folds that are left
-        out confirm."""
-        u = self.from_grid()
+    def confirmed_estimates(self) -> list[ShapeEstimate]:
+        """Return the estimates after setting back constants that left-out folds do not
+        confirm.
+
+        The remaining constants are estimated again after each removal, until all gain
+        enough.
+        """
+        u = self.best_on_grid()
         moves = np.ones(len(self.banks), bool)
         refused = np.ones(1, bool)
         while refused.any():
-            u = self.best(np.where(moves, u, self.now), np.flatnonzero(moves))
-            estimates = self.estimates(u)
-            gains, needed = self.held_out(estimates)
+            u = self.minimised(np.where(moves, u, self.now), np.flatnonzero(moves))
+            estimates = self.estimates_at(u)
+            gains, needed = self.held_out_gains(estimates)
             refused = moves & ~(gains > needed)
             moves = moves & ~refused
         return [
@@ -539,41 +641,50 @@ class _Profile:
             for s, gain in zip(estimates, gains.tolist(), strict=True)
         ]
 
-    def from_grid(self) -> Array:
-        """(B,) ln u, each in turn at the value of its grid that leaves least."""
+    def best_on_grid(self) -> Array:
+        """Return (B,) ln u: each constant in turn at the grid value with the least
+        residual.
+        """
         u = self.now.copy()
-        columns = self._made(self.now)[0]
+        columns = self._columns_at(self.now)[0]
         for k, (bank, part) in enumerate(zip(self.banks, self.parts, strict=True)):
             U = column_space(np.delete(columns, k, axis=1))[0]
-            left = part - (part @ U) @ U.T
-            products = left @ self.torque
-            products = np.maximum(products, 0.0) if self.brakes[k] else products
-            best = int(np.argmax(products**2 / nonzero_or_one(np.sum(left**2, axis=1))))
+            remaining = part - (part @ U) @ U.T
+            products = remaining @ self.torque
+            if self.brakes[k]:  # a negative coefficient would push: it explains nothing
+                products = np.maximum(products, 0.0)
+            squared_norms = nonzero_or_one(np.sum(remaining**2, axis=1))
+            explained = products**2 / squared_norms
+            best = int(np.argmax(explained))
             u[k] = bank.spline.x[best]
             columns[:, k] = part[best]
         return u
 
-    def best(
+    def minimised(
         self,
         start: Array,
         free: NDArray[np.intp],
     ) -> Array:
-        """(B,) ln u with the least squared error, of which only those of the ``free``
-        banks move."""
+        """Minimise the squared residual over the constants of the ``free`` banks.
+
+        start (B,) is ln u of all constants; free (f,) are the banks' indices. Returns
+        (B,) ln u; the constants that are not free stay at ``start``.
+        """
         if not len(free):
             return start
 
-        def at(x: Array) -> tuple[Array, Array]:
+        def residual_and_jacobian(x: Array) -> tuple[Array, Array]:
             u = start.copy()
             u[free] = x
-            left, slopes = self.at(u)
-            return left, slopes[:, free]
+            residual, slopes = self._residual_at(u)
+            return residual, slopes[:, free]
 
         low, high = self.ends[free].T
-        left, _ = self.at(start)
-        ftol = 1e-3 * self.variance / float(np.sum(left**2))  # of what noise decides
+        residual, _ = self._residual_at(start)
+        # A thousandth of the change of the squared error that noise alone causes.
+        ftol = 1e-3 * self.variance / float(np.sum(residual**2))
         best, *_ = least_squares(
-            at,
+            residual_and_jacobian,
             start[free],
             (low, high),
             1e-4,
@@ -584,9 +695,11 @@ class _Profile:
         out[free] = best
         return out
 
-    def estimates(self, u: Array) -> list[ShapeEstimate]:
-        """What constants ln u (B,) are."""
-        stds = np.sqrt(self.variance) * deviations(self.at(u)[1])
+    def estimates_at(self, u: Array) -> list[ShapeEstimate]:
+        """Return a ShapeEstimate for each constant at ln u (B,), with its standard
+        deviation.
+        """
+        stds = np.sqrt(self.variance) * deviations(self._residual_at(u)[1])
         out = []
         columns = zip(
             self.banks,
@@ -597,10 +710,11 @@ class _Profile:
             strict=True,
         )
         for bank, x, now, std, (low, high) in columns:
-            # As many digits as a written effect has; a spread wider than the range
-            # bounds nothing.
+            # Six digits, as in the text of an effect.
             after = bank.now if x == now else float(f"{np.exp(x):.6g}")
-            std = after * std if std < (high - low) / np.sqrt(12.0) else np.inf
+            # Wider than a uniform distribution over the range: the data bound nothing.
+            uniform_std = (high - low) / np.sqrt(12.0)
+            std = after * std if std < uniform_std else np.inf
             end = x != now and at_end(x, low, high)
             out.append(
                 ShapeEstimate(
@@ -627,13 +741,20 @@ class _LocalColumns:
     is_new: NDArray[np.bool_]
 
     def used_for(self, bank: int | None) -> NDArray[np.bool_]:
-        """The columns of a fit in which only this bank's constant is new."""
-        of_bank = np.equal(self.bank_of, -2 if bank is None else bank)
-        return np.where(of_bank, self.is_new, ~self.is_new)
+        """Return (k + d - 1,) which columns take part in the fit with one new constant.
+
+        The bank's new columns replace its old one; all other banks keep the model's
+        value. With None all banks keep it.
+        """
+        no_bank = -2  # -1 marks columns that belong to no bank
+        is_of_bank = np.equal(self.bank_of, no_bank if bank is None else bank)
+        return np.where(is_of_bank, self.is_new, ~self.is_new)
 
 
-def _quadratic(grams: Array, coefficients: Array) -> Array:
-    """(..., F) c^T G c in each fold, of grams (F, s, s) and coefficients (..., F, s)."""
+def _quadratic_forms(grams: Array, coefficients: Array) -> Array:
+    """Return (..., F) quadratic forms c^T G c: grams G (F, s, s), coefficients (..., F,
+    s).
+    """
     products = np.squeeze(grams @ coefficients[..., None], 3)
     return np.asarray(np.sum(products * coefficients, axis=2))
 
@@ -641,22 +762,22 @@ def _quadratic(grams: Array, coefficients: Array) -> Array:
 def with_shapes(
     effects: Sequence[Effect], estimates: Sequence[ShapeEstimate]
 ) -> tuple[Effect, ...]:
-    """The effects with estimated constants.
+    """Return the effects with their estimated shape constants.
 
-    Those that were estimated stand alone, a joint each, in the same order, so that the
-    parameters keep their places.
+    An effect with estimated constants is split into one effect a joint, in the same
+    order, so that the parameters keep their indices.
 
     Parameters
     ----------
     effects : sequence of Effect
-        A model's.
+        Effects of a model.
     estimates : sequence of ShapeEstimate
-        Of their constants.
+        New values of their shape constants.
 
     Returns
     -------
     tuple of Effect
-        With the new constants.
+        Effects with the new constants.
     """
     values = {(s.effect, s.joint, s.shape): s.after for s in estimates}
     out: list[Effect] = []
@@ -676,32 +797,38 @@ def with_shapes(
     return tuple(out)
 
 
-def asked_effects(
+def effects_to_estimate_again(
     effects: Sequence[Effect], shapes: Sequence[Mapping[str, Any]]
 ) -> list[str]:
-    """How effects are written so that `identify` estimates again what it has estimated.
+    """Return the effects option with which `identify` estimates the same constants
+    again.
+
+    An effect whose constants were estimated is written by its name
+    ("coulomb_friction:1+3" for joints 1 and 3 only), so that they are open; any other
+    with its constants.
 
     Parameters
     ----------
     effects : sequence of Effect
-        A model's.
+        Effects of an identified model.
     shapes : sequence of mapping
-        As an estimate's details hold them.
+        Entries of ``Estimate.details["shapes"]``.
 
     Returns
     -------
     list of str
-        In words.
+        One text an effect, as the option `effects` takes it.
     """
     estimated = {(s["effect"], s["joint"] - 1) for s in shapes}
-    requested = dict[str, list[str]]()
-    for e in effects:
-        open_ = all((e.name, j) in estimated for j in e.joints)
-        requested.setdefault(e.name if open_ else e.text, []).extend(
-            str(j + 1) for j in e.joints if open_
-        )
+    joints_by_text = dict[str, list[str]]()
+    for effect in effects:
+        is_open = all((effect.name, j) in estimated for j in effect.joints)
+        text = effect.name if is_open else effect.text
+        joints = joints_by_text.setdefault(text, [])
+        if is_open:
+            joints += [str(j + 1) for j in effect.joints]
     n_joints = effects[0].robot.n if effects else 0
     return [
-        f"{x}:{'+'.join(joints_asked)}" if 0 < len(joints_asked) < n_joints else x
-        for x, joints_asked in requested.items()
+        f"{text}:{'+'.join(joints)}" if 0 < len(joints) < n_joints else text
+        for text, joints in joints_by_text.items()
     ]

@@ -65,6 +65,21 @@ class Sandwich:
         prior_scale: Array,
         taken_white: bool = False,
     ) -> None:
+        """Compute the visible directions, block scores and variances of weighted least
+        squares.
+
+        Parameters
+        ----------
+        regression : Regression
+            Compressed rows, in B blocks of time.
+        weights : (n,) array
+            Weight of each joint's rows.
+        prior_scale : (p,) array
+            Prior standard deviation of each parameter about zero; infinite without a
+            prior.
+        taken_white : bool
+            Take the noise for white: use its variance instead of the blocks' scores.
+        """
         self.regression = regression
         self.weights = weights
         self.taken_white = taken_white
@@ -85,14 +100,15 @@ class Sandwich:
         self.scores = np.zeros((B, r))
         for joint, indices, blocks, rows in regression.by_joint():
             visible_rows = rows[..., :-1] @ (weights[joint] * V[indices])
-            left = weights[joint] * rows[..., -1] - visible_rows @ z
+            residual = weights[joint] * rows[..., -1] - visible_rows @ z
             self.grams[blocks] += visible_rows.swapaxes(1, 2) @ visible_rows
-            self.scores[blocks] += (left[:, None] @ visible_rows)[:, 0]
+            self.scores[blocks] += (residual[:, None] @ visible_rows)[:, 0]
+        # White noise of variance s^2 makes squared scores of s^2 times this sum.
         traces = np.trace(self.grams, axis1=1, axis2=2)
-        excess = float(np.sum(traces) - np.sum(self.grams**2))
+        expected = float(np.sum(traces) - np.sum(self.grams**2))
         inflation = 1.0
-        if excess > 1e-6 * r and self.white > 0.0:
-            inflation = float(np.sum(self.scores**2)) / excess / self.white
+        if expected > 1e-6 * r and self.white > 0.0:
+            inflation = float(np.sum(self.scores**2)) / expected / self.white
         self.pooled = inflation * self.white
         self.kernel = _kernel(regression, inflation)
         self.prior = V.T * (strength / prior_scale**2) @ V
@@ -102,129 +118,139 @@ class Sandwich:
         self._basis = np.linalg.qr(V * self.norms[:, None])[0]
 
     def sees(self, contrasts: Array) -> NDArray[np.bool_]:
-        """Whether the data determine linear functions of theta.
+        """Return whether the data determine linear functions of theta.
 
         Parameters
         ----------
         contrasts : (k, p) array
-            The functions.
+            Coefficients of the functions.
 
         Returns
         -------
         (k,) array of bool
-            One each.
+            True where a function lies in the space of visible directions.
         """
-        norms = self.norms
-        dark = self.norms <= 0.0
-        scaled = contrasts / np.where(dark, 1.0, norms)
+        is_zero_column = self.norms <= 0.0
+        scaled = contrasts / np.where(is_zero_column, 1.0, self.norms)
         total = np.sum(scaled**2, axis=1)
-        hidden = np.any(np.abs(contrasts[:, dark]) > 0.0, axis=1)
-        inside = np.sum((scaled @ self._basis) ** 2, axis=1)
-        # A linear function of theta belongs to the visible ones up to this much of its
-        # square.
-        return np.asarray((inside > (1.0 - 1e-6) * total) & ~hidden & (total > 0.0))
+        is_hidden = np.any(np.abs(contrasts[:, is_zero_column]) > 0.0, axis=1)
+        visible = np.sum((scaled @ self._basis) ** 2, axis=1)
+        # Rounding may take a millionth of the squared length.
+        is_visible = visible > (1.0 - 1e-6) * total
+        return np.asarray(is_visible & ~is_hidden & (total > 0.0))
 
     def half_widths(self, contrasts: Array) -> Array:
-        """Half-widths of the intervals of linear functions of theta.
+        """Return half-widths of the 95 % intervals of linear functions of theta.
 
         Parameters
         ----------
-        contrasts : (k, p) array
-            The functions; with fewer columns, of the first parameters alone.
+        contrasts : (k, q) array
+            Coefficients of the first q <= p parameters; those of all others are zero.
 
         Returns
         -------
         (k,) array
-            At LEVEL; NaN where the data do not determine the function.
+            Half-widths at LEVEL (95 %); NaN where the data do not determine the
+            function.
         """
         contrasts = np.pad(
             contrasts, ((0, 0), (0, len(self.norms) - contrasts.shape[1]))
         )
         half = np.full(len(contrasts), np.nan)
-        is_determined = np.flatnonzero(self.sees(contrasts))
-        # Numbers of the products of blocks that are held at once.
-        for chunk in np.array_split(
-            is_determined,
-            1 + is_determined.size * self.directions.shape[1] ** 2 // (1 << 20),
-        ):
+        determined = np.flatnonzero(self.sees(contrasts))
+        # Chunks of the functions bound the memory of the blocks' products.
+        largest_chunk = 1 << 20
+        products = determined.size * self.directions.shape[1] ** 2
+        for chunk in np.array_split(determined, 1 + products // largest_chunk):
             w = contrasts[chunk] @ self.directions
             variance, freedom = self._variances(w)
-            known = self.white * np.sum((w @ self.prior) * w, axis=1)
+            prior_variance = self.white * np.sum((w @ self.prior) * w, axis=1)
             t = scipy.special.stdtrit(freedom, 0.5 + 0.5 * LEVEL)
             normal = scipy.special.stdtrit(np.inf, 0.5 + 0.5 * LEVEL)
-            half[chunk] = np.sqrt(t**2 * variance + normal**2 * known)
+            half[chunk] = np.sqrt(t**2 * variance + normal**2 * prior_variance)
         return half
 
     def _variances(self, w: Array) -> tuple[Array, Array]:
-        """Of each w' z, w (c, r): variance from the data (c,), and degrees of freedom
-        (c,)."""
+        """Return variance and degrees of freedom (c,) of the estimates of w' z.
+
+        w (c, r) are functions of the coordinates z of the visible directions. The
+        variance is v = h' K h / tr(K G), h the block scores of w and K their kernel;
+        the degrees of freedom are tr(K G)^2 / tr(K G K G) (Bell, McCaffrey 2002).
+        POOLED degrees of freedom of the variance that all directions share are added
+        (moderated t).
+        """
         if self.taken_white:
             prior = np.sum((w @ self.prior) * w, axis=1)
-            return self.white * (np.sum(w * w, axis=1) - prior), np.full(len(w), np.inf)
+            variance = self.white * (np.sum(w * w, axis=1) - prior)
+            return variance, np.full(len(w), np.inf)
         K = self.kernel
         n_blocks, r = self.scores.shape
-        AB = np.moveaxis(self.grams @ w.T, 2, 0)  # (c, B, r)
-        h = w @ self.scores.T  # (c, B)
-        variances = np.maximum(np.einsum("cbr,cr->cb", AB, w), 0.0)
-        by_block = np.moveaxis(AB, 1, 0).reshape(n_blocks, -1)
-        KAB = np.moveaxis(
-            (K @ by_block).reshape(n_blocks, len(w), r),
-            1,
-            0,
-        )
-        # tr (K G)^2 of G's second part, by the smaller of (A B)'K A B and K A B (A B)'.
-        transposed = np.swapaxes(AB, 1, 2)
-        M = transposed @ KAB if r < n_blocks else KAB @ transposed
-        information = variances.sum(axis=1)
-        expected = information - np.trace(M, axis1=1, axis2=2)
-        square = np.sum(variances * (K.power(2) @ variances.T).T, axis=1)
-        square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2))
-        square -= 2.0 * np.sum(variances * np.sum(KAB**2, axis=2), axis=1)
+        # A w of each function and block, A the block's Gram matrix: (c, B, r).
+        Aw = np.moveaxis(self.grams @ w.T, 2, 0)
+        h = w @ self.scores.T  # (c, B) scores of each function
+        information_of_block = np.maximum(np.einsum("cbr,cr->cb", Aw, w), 0.0)
+        by_block = np.moveaxis(Aw, 1, 0).reshape(n_blocks, -1)
+        KAw = (K @ by_block).reshape(n_blocks, len(w), r)
+        KAw = np.moveaxis(KAw, 1, 0)  # (c, B, r)
+        # M has the trace of K G's second part, and its square the trace of that part's
+        # square: the smaller one of (A w)' (K A w) and (K A w) (A w)'.
+        transposed = np.swapaxes(Aw, 1, 2)
+        M = transposed @ KAw if r < n_blocks else KAw @ transposed
+        information = information_of_block.sum(axis=1)
+        # tr(K G), then tr(K G K G), each (c,).
+        trace = information - np.trace(M, axis1=1, axis2=2)
+        squared_kernel = K.power(2) @ information_of_block.T
+        trace_of_square = np.sum(information_of_block * squared_kernel.T, axis=1)
+        trace_of_square += np.sum(M * M.swapaxes(1, 2), axis=(1, 2))
+        mixed = information_of_block * np.sum(KAw**2, axis=2)
+        trace_of_square -= 2.0 * np.sum(mixed, axis=1)
         estimates = np.maximum(np.sum(h * (K @ h.T).T, axis=1), 0.0)
-        is_shown = (expected > 1e-6 * information) & (square > 0.0)
-        safe = np.where(is_shown, expected, 1.0)
-        safe_square = np.where(is_shown, square, 1.0)
-        freedom = np.where(is_shown, safe**2 / safe_square, 0.0)
-        of_data = freedom * estimates / safe
+        # Where rounding leaves nothing of the traces the pooled variance stands alone.
+        is_usable = (trace > 1e-6 * information) & (trace_of_square > 0.0)
+        safe_trace = np.where(is_usable, trace, 1.0)
+        safe_square = np.where(is_usable, trace_of_square, 1.0)
+        freedom = np.where(is_usable, safe_trace**2 / safe_square, 0.0)
+        of_data = freedom * estimates / safe_trace
         moderated = (POOLED * self.pooled + of_data) / (POOLED + freedom)
         return moderated * information, freedom + POOLED
 
     @cached_property
     def factor(self) -> Array:
-        """(p, r) F with the covariance of everything visible F F'.
+        """Factor F (p, r) of the covariance F F' of theta in the visible directions.
 
-        The blocks' own products are few: they are shrunk to the pooled variance, by as
-        much as there are more directions than independent windows.
+        Products of block scores are few, so that they are shrunk towards the pooled
+        variance: the more, the more directions there are for each independent window of
+        time.
         """
         B, r = self.scores.shape
         flat = self.grams.reshape(B, -1)
+        # Scores lose what the estimate has taken up; data / (data - lost) restores it.
         lost = float(np.sum((self.kernel @ flat) * flat))
         data = r - float(np.trace(self.prior))
-        windows = B**2 / max(float(self.kernel.sum()), 1.0)
-        meat = self.pooled * np.eye(r)
+        n_windows = B**2 / max(float(self.kernel.sum()), 1.0)
+        covariance = self.pooled * np.eye(r)  # of the scores
         if data - lost > 1e-6 * data:
-            products = (
-                self.scores.T @ (self.kernel @ self.scores) * (data / (data - lost))
-            )
-            share = r / (r + windows)
-            meat = share * meat + (1.0 - share) * products
-        values, vectors = np.linalg.eigh(meat)
-        return np.asarray(
-            self.directions @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-        )
+            products = self.scores.T @ (self.kernel @ self.scores)
+            products = products * (data / (data - lost))
+            share = r / (r + n_windows)
+            covariance = share * covariance + (1.0 - share) * products
+        values, vectors = np.linalg.eigh(covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        return np.asarray(self.directions @ root)
 
     def response(self, torques: Sequence[Array]) -> Array:
-        """Change of the estimate with the torque.
+        """Return the change of the estimate that changes of the torque cause.
 
         Parameters
         ----------
         torques : sequence of (r, e) arrays
-            e changes of the torque, in the rows of each factor's triangle.
+            One for each factor of the regression: e changes of the torque in the r rows
+            of its triangle.
 
         Returns
         -------
         (p, e) array
-            Changes of theta.
+            Change of theta for each of the e changes.
         """
         moved = np.zeros(
             (self.directions.shape[1], torques[0].shape[1] if torques else 0)
@@ -239,7 +265,7 @@ class Sandwich:
         return np.asarray(self.directions @ moved)
 
     def gain_response(self, theta: Array) -> Array:
-        """Change of the estimate with the torque channels' gains.
+        """Return the change of the estimate with the gains of the torque channels.
 
         Parameters
         ----------
@@ -249,7 +275,7 @@ class Sandwich:
         Returns
         -------
         (p, n) array
-            For a unit relative error of each gain.
+            Change of theta for a unit relative error of each joint's gain.
         """
         theta = np.pad(theta, (0, len(self.norms) - len(theta)))
         torque_by_joint = (
@@ -262,20 +288,19 @@ class Sandwich:
 
 
 def stretched(factor: Array, std: Array) -> Array:
-    """Rows of a factor as long as deviations; where these are NaN, longer by the median
-    ratio.
+    """Scale the rows of a covariance factor to given standard deviations.
 
     Parameters
     ----------
     factor : (p, r) array
-        Of a covariance.
+        F of a covariance F F'.
     std : (p,) array
-        Standard deviations.
+        Standard deviations; NaN where unknown.
 
     Returns
     -------
     (p, r) array
-        The new factor.
+        F with rows of length std; rows with unknown std are scaled by the median ratio.
     """
     length = np.linalg.norm(factor, axis=1)
     known = np.isfinite(std) & (length > 0.0)
@@ -285,8 +310,12 @@ def stretched(factor: Array, std: Array) -> Array:
 
 
 def _kernel(regression: Regression, inflation: float) -> scipy.sparse.csr_array:
-    """(B, B) the triangular window over the blocks of each run, at most half a run
-    long."""
+    """Return the (B, B) triangular window K over the blocks of time of each run.
+
+    K_ab falls from 1 to 0 as blocks a and b of one run are farther apart in time, up to
+    WINDOW correlation times or half the run. Blocks of different runs are independent.
+    ``inflation`` is the variance of the block scores over that of white noise.
+    """
     runs, starts, stops = np.array(regression.blocks, float).reshape(-1, 3).T
     rows = max(int(regression.joint_rows().max(initial=0)), 1)
     # Scores of noise with the correlation time T have 2 T / interval times the variance
@@ -337,17 +366,17 @@ class Interval(JsonRecord):
 
 
 def counts(intervals: Sequence[Interval]) -> dict[str, int]:
-    """How many of each verdict.
+    """Count the intervals of each verdict.
 
     Parameters
     ----------
     intervals : sequence of Interval
-        Of parameters.
+        Intervals of parameters.
 
     Returns
     -------
     dict of str to int
-        By verdict.
+        Number by verdict: "identifiable", "weakly", "not seen".
     """
     verdicts = [i.verdict for i in intervals]
     return {verdict: verdicts.count(verdict) for verdict in (*WIDTHS, NOT_SEEN)}
@@ -377,6 +406,9 @@ class Uncertainty(JsonRecord):
     gain_errors: Array
 
     def __post_init__(self) -> None:
+        """Raise ValueError for arrays whose shapes or magnitudes cannot belong to a
+        model.
+        """
         p = len(self.standard)
         n = len(self.torque_noise)
         shapes = (
@@ -393,8 +425,11 @@ class Uncertainty(JsonRecord):
 
     @cached_property
     def factor(self) -> Array:
-        """(p, r + e) with the covariance factor factor': rows as long as the standard
-        deviations, which Student's quantile has made larger."""
+        """Factor F (p, r + e) of the covariance F F' of theta: noise, then errors of
+        the gains.
+
+        Its rows are scaled to the standard deviations, which hold Student's quantile.
+        """
         return stretched(
             np.hstack([self.spread, self.gain_response @ self.gain_errors]), self.std
         )
@@ -406,31 +441,38 @@ class Uncertainty(JsonRecord):
 
     @cached_property
     def covariance(self) -> Array:
-        """(p, p); NaN rows and columns for parameters that the data do not determine."""
+        """(p, p) covariance of theta; NaN rows and columns where the data do not
+        determine it.
+        """
         out = self.factor @ self.factor.T
-        unseen = np.isnan(self.std)
-        out[unseen] = out[:, unseen] = np.nan
+        is_undetermined = np.isnan(self.std)
+        out[is_undetermined] = np.nan
+        out[:, is_undetermined] = np.nan
         return out
 
     def with_gain_errors(self, errors: Array, base: Array) -> Uncertainty:
-        """The intervals where the gains are known otherwise than they were.
+        """Return the intervals for another uncertainty of the torque channels' gains.
 
         Parameters
         ----------
         errors : (n, e) array
             Factor of the covariance of the gains' relative errors.
         base : (b, p) array
-            Rows of the base parameters.
+            Coefficients of the base parameters in theta.
 
         Returns
         -------
         Uncertainty
-            With wider or narrower intervals; a lower end at zero is a bound and stays.
+            With wider or narrower intervals. A lower end at zero is a physical bound
+            and stays.
         """
 
         def widened(
             intervals: tuple[Interval, ...], response: Array
         ) -> tuple[Interval, ...]:
+            """Replace the variance of the old gain errors by that of the new; response
+            (k, n).
+            """
             known = np.sum((response @ self.gain_errors) ** 2, axis=1)
             new = np.sum((response @ errors) ** 2, axis=1)
             out = []
@@ -461,21 +503,22 @@ class Uncertainty(JsonRecord):
         theta: Array,
         columns: Sequence[JointColumns],
     ) -> tuple[Array, Array]:
-        """Modelled torque and its standard deviation, without the noise.
+        """Return the modelled torque and the standard deviation of its model error.
 
         Parameters
         ----------
         theta : (p,) array
             The estimate.
         columns : sequence of n JointColumns
-            Of N instants.
+            Regressor of each joint at N instants.
 
         Returns
         -------
         (N, n) array
             Torque [N m, N].
         (N, n) array
-            Standard deviation.
+            Standard deviation that errors of theta cause, without measurement noise [N
+            m, N].
         """
         count = len(columns[0].columns)
         torque, std = np.empty((2, count, len(columns)))
@@ -487,7 +530,11 @@ class Uncertainty(JsonRecord):
         return torque, std
 
     def to_dict(self) -> dict[str, Any]:
-        """What model.json holds beside the parameters' own intervals."""
+        """Return the JSON fields of model.json's "uncertainty".
+
+        The intervals of the standard parameters are missing: model.json holds them
+        under "parameters".
+        """
         return {"level": LEVEL} | {
             k: x for k, x in super().to_dict().items() if k != "standard"
         }
@@ -498,24 +545,30 @@ def _sandwich_of(
     regression: Regression,
     white: bool = False,
 ) -> Sandwich:
-    """Of a task's data, in its columns and maybe those of shape constants behind them:
-    without constants on a grid that the data do not contradict, since such a value is
-    taken for the true one."""
-    # A shape constant has a standard normal prior.
-    scale = np.append(task.model.plausible, np.ones(regression.p - len(task.bound)))
-    known = Sandwich(regression, task.weights, scale, white)
+    """Return the sandwich of a task's data, in which shape constants are parameters as
+    well.
+
+    The first p columns of ``regression`` are the task's. Further columns hold shape
+    constants, with a standard normal prior. A constant that only takes values of a grid
+    is left out if its estimated error is within the interval about zero: the value on
+    the grid is then taken for the true one. ``white``: take the noise for white.
+    """
+    n_constants = regression.p - len(task.bound)
+    prior_std = np.append(task.model.plausible, np.ones(n_constants))
+    sandwich = Sandwich(regression, task.weights, prior_std, white)
+    # First all constants on a grid, then those that the data do not contradict.
     agrees = np.array([q.effect == ON_A_GRID for q in regression.parameters])
     if agrees.any():
-        half = known.half_widths(np.eye(regression.p)[agrees])
-        agrees[agrees] = np.abs(known.solution[agrees]) <= half
+        half = sandwich.half_widths(np.eye(regression.p)[agrees])
+        agrees[agrees] = np.abs(sandwich.solution[agrees]) <= half
     if agrees.any():
         return Sandwich(
             regression.keeping(~agrees),
             task.weights,
-            scale[~agrees],
+            prior_std[~agrees],
             white,
         )
-    return known
+    return sandwich
 
 
 def of_regression(
@@ -532,32 +585,34 @@ def of_regression(
     gains: Array | None = None,
     extra: Array | None = None,
 ) -> Uncertainty:
-    """Intervals from compressed data.
+    """Compute intervals and covariance of an estimate from compressed data.
 
     Parameters
     ----------
     task : Task
-        What was solved.
+        The optimisation problem.
     own_regression : Regression
-        From which data.
+        The data in the columns of the task's model.
     base : BaseParameters
-        Combinations that make torque.
+        The base parameters (identifiable combinations).
     theta : (p,) array, optional
         The estimate; default: least squares next to the nominal robot.
     wide : Regression, optional
         The data in the columns of the model with :func:`with_sensitivities`.
     constrained : bool
-        Whether theta satisfies the problem's constraints, and intervals are to.
+        Whether theta satisfies the problem's constraints; the intervals then do as
+        well.
     gain_errors : (n, e) array, optional
-        A factor of the covariance of the relative errors of the torque channels' gains.
+        Factor of the covariance of the relative errors of the torque channels' gains.
     white : bool
-        Take the residual for white noise: what the motion alone would show.
+        Take the residual for white noise, as for the prediction of a motion's
+        information.
     known : Sandwich, optional
-        Of these data, where it has been worked out.
+        Sandwich of these data, where it has been computed.
     gains : (p, n) array, optional
-        Its response to the gains.
+        Change of theta with the gains; default: computed from the data.
     extra : (p, e) array, optional
-        A factor of the covariance of an error that is known beside.
+        Factor of the covariance of a further, independent error of theta.
 
     Returns
     -------
@@ -603,8 +658,11 @@ def of_regression(
 
 
 def _allowed(task: Task) -> Array:
-    """(2, p) what physics and bounds allow of each parameter: masses and moments of
-    inertia are not negative, nor is friction."""
+    """Return (2, p) lower and upper bounds of each parameter from physics and the
+    problem.
+
+    Masses, moments of inertia and friction are not negative.
+    """
     low = np.maximum(-task.bound, [q.lower for q in task.model.parameters])
     low[task.links[:, 0]] = task.box[: len(task.links), 0, 0]
     for body in task.constraints.convex:
@@ -633,8 +691,10 @@ class _Intervals:
 
     @cached_property
     def _offset(self) -> Array:
-        """(p,) what one step to the least loss changes: constants that stay on a grid,
-        or were given, are not there."""
+        """(p,) change of least squares when shape constants are estimated as well.
+
+        Zero if the regression has no columns of shape constants.
+        """
         p = len(self.task.bound)
         if self.known.regression.p <= p:
             return np.zeros(p)
@@ -643,7 +703,12 @@ class _Intervals:
 
     @cached_property
     def _largest(self) -> Array:
-        """(p,) the largest value that bounds or the measured torque allow."""
+        """(p,) largest possible value of each parameter: its bound, or |tau| /
+        |column|.
+
+        The latter is the value with which the parameter alone makes all the measured
+        torque.
+        """
         data = self.task.data
         norms = np.where(
             data.column_norms > 0.0,
@@ -653,7 +718,9 @@ class _Intervals:
         return np.fmin(self.task.bound, np.sqrt(data.tau_squared) / norms)
 
     def _ends_of(self, rows: Array) -> Array:
-        """(2, b) the smallest and the largest value of linear functions (b, p)."""
+        """Return (2, b) lower and upper bounds of linear functions of theta, rows (b,
+        p).
+        """
         low, high = self.ends
         below = np.where(rows > 0.0, low, high)
         above = np.where(rows > 0.0, high, low)
@@ -661,7 +728,11 @@ class _Intervals:
         return np.asarray(np.sum(rows * np.where(rows == 0.0, 0.0, ends), axis=2))
 
     def of(self, base: BaseParameters) -> tuple[Interval, ...]:
-        """An interval for each of some linear functions of theta."""
+        """Return one interval for each of ``base``'s linear functions of theta.
+
+        The standard deviation adds three independent errors in squares: noise (with the
+        shift that open shape constants cause), the errors of the gains, and ``extra``.
+        """
         rows = base.rows
         lowest, highest = self._ends_of(rows)
         noise = self.known.half_widths(rows) / NORMAL_95
@@ -697,15 +768,20 @@ def _interval(
     ends: tuple[float, float],
     size: float,
 ) -> Interval:
-    """The interval around ``centre`` within its ends, with the verdict; size : the
-    largest value that counts."""
+    """Return the 95 % interval centre +- 1.96 std within its ends, with the verdict.
+
+    ``value`` is the estimate, which lies in the interval; ``centre`` is least squares;
+    ``ends`` are the physical bounds; ``size`` is the largest possible value, to which
+    small parameters are compared.
+    """
     if np.isnan(std):
         return Interval(name, unit, value)
     half = NORMAL_95 * std
-    rough = size if np.isfinite(size) else 0.0
+    finite_size = size if np.isfinite(size) else 0.0
     verdict = NOT_SEEN
-    for word, (share, absolute) in WIDTHS.items():
-        if half <= max(share * min(abs(centre), size), absolute * rough):
+    for word, (share_of_value, share_of_size) in WIDTHS.items():
+        limit = share_of_value * min(abs(centre), size)
+        if half <= max(limit, share_of_size * finite_size):
             verdict = word
             break
     lowest, highest = ends
@@ -729,31 +805,33 @@ def beside_held(
     base: BaseParameters,
     gain_errors: Array | None = None,
 ) -> Uncertainty:
-    """Of a model that is held fixed and effects that were fitted to what it leaves,
-    under constraints.
+    """Compute the uncertainty of new effects that were fitted beside a fixed model.
+
+    The fixed model's parameters have errors, which act on the new effects as errors of
+    the torque that is left for them.
 
     Parameters
     ----------
     task : Task
-        Of the new effects alone.
+        Optimisation problem of the new effects alone.
     regression : Regression
-        Of the held model's columns, theirs, and their shape constants'.
+        Data in the columns of the fixed model, of the new effects, and of their shape
+        constants, in this order.
     held : ((f,) array, Uncertainty)
-        The held model's parameters and what is known of them; their error is an error
-        of the torque that the new effects explain.
+        Parameters of the fixed model and their uncertainty.
     held_base : BaseParameters
-        Of the held model.
+        Base parameters of the fixed model.
     theta : (k,) array
-        Of the new effects.
+        Parameters of the new effects.
     base : BaseParameters
-        Of the new effects.
+        Base parameters of the new effects.
     gain_errors : (n, e) array, optional
-        As of :func:`of_regression`; default: those of the held model.
+        As of :func:`of_regression`; default: those of the fixed model.
 
     Returns
     -------
     Uncertainty
-        Of all.
+        Of the fixed model and the new effects together, f + k parameters.
     """
     fixed, old = held
     k = len(theta)
@@ -766,17 +844,21 @@ def beside_held(
             theta,
         ]
     )
-    through = []
-    through_gains = []
+    # Torque errors that errors of the fixed model, and of the gains, leave for the new
+    # effects to explain, in the rows of each factor.
+    torque_by_spread = []
+    torque_by_gain = []
     for f in regression.factors:
         rows = f.triangle[:, :-1]
         is_held = f.indices < len(fixed)
-        through.append(-rows[:, is_held] @ old.spread[f.indices[is_held]])
-        torque = -rows[:, is_held] @ old.gain_response[f.indices[is_held]]
+        held_rows = rows[:, is_held]
+        held_indices = f.indices[is_held]
+        torque_by_spread.append(-held_rows @ old.spread[held_indices])
+        torque = -held_rows @ old.gain_response[held_indices]
         torque[:, f.joint] += rows @ everything[f.indices]
-        through_gains.append(torque)
-    extra = known.response(through)[:k]
-    gains = known.response(through_gains)[:k]
+        torque_by_gain.append(torque)
+    extra = known.response(torque_by_spread)[:k]
+    gains = known.response(torque_by_gain)[:k]
     errors = old.gain_errors if gain_errors is None else gain_errors
     narrow = wide.keeping(np.arange(wide.p) < k)
     new = of_regression(
@@ -791,7 +873,7 @@ def beside_held(
         gain_errors=errors,
     )
     old = old.with_gain_errors(errors, held_base.rows)
-    # The last columns of the new spread are what the old one makes of it.
+    # The last columns of the new spread are the errors that the old spread causes.
     own_spread, through_old = np.split(
         new.spread,
         [new.spread.shape[1] - extra.shape[1]],

@@ -89,6 +89,7 @@ class Line(JsonRecord):
     text: str
 
     def __str__(self) -> str:
+        """Return the line as "subject: sentence"."""
         return f"{self.about}: {self.text}"
 
 
@@ -106,50 +107,56 @@ class Verdict(JsonRecord):
     remark: str = ""
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a verdict without lines, as a damaged file may hold."""
         if not self.lines:
             raise ValueError("verdict: no line says a grade")
 
     @property
     def grade(self) -> Grade:
-        """That of the weakest line."""
+        """Grade of the weakest line."""
         return self.lines[0].grade
 
     @property
     def headline(self) -> str:
-        """The grade and its reason."""
+        """Grade and reason of the weakest line, as a sentence."""
         return f"{self.grade[0].upper()}{self.grade[1:]}. {self.lines[0].text}"
 
     def __str__(self) -> str:
+        """Return the headline, then each line with its grade."""
         lines_in_words = "\n".join(f"  {line.grade:10}  {line}" for line in self.lines)
         return f"{self.headline}\n{lines_in_words}"
 
     def brief(self) -> str:
-        """One line for the header of a file."""
+        """Return the verdict in one line, for the header of a file."""
         reasons = " ".join(str(line) for line in self.lines)
         return f"Verdict on {', '.join(self.judged_on)}: {self.grade}. {reasons}"
 
     def with_missing(self, said: str, has_open_finding: bool) -> Verdict:
-        """The same with what a diagnosis says in place of what errors alone say.
+        """Return the verdict with a diagnosis's sentence on what is missing.
 
-        said : a sentence; has_open_finding : whether the diagnosis has found an effect
-        that the model lacks, which is then at most usable.
+        ``said`` replaces the sentence that was concluded from the errors alone. With
+        ``has_open_finding`` (an effect that the model lacks) the line is at most
+        "usable".
         """
         fit = next((line for line in self.lines if line.about == FIT), None)
+        if fit is None:
+            return replace(self, lines=_weakest_first(self.lines))
         over = self.error_over_noise
-        alone = fit and _left(fit, None if over is None else np.array(over))
+        from_errors = _left(fit, None if over is None else np.array(over))
         lines = []
         for line in self.lines:
-            if alone and line.about == MISSING:
+            if line.about == MISSING:
                 grade = line.grade
                 if has_open_finding and grade == "good":
                     grade = "usable"
-                text = line.text.replace(alone, said)
+                text = line.text.replace(from_errors, said)
                 lines.append(replace(line, text=text, grade=grade))
             else:
                 lines.append(line)
         return replace(self, lines=_weakest_first(lines))
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the record as JSON, with grade and headline for readers of the file."""
         return {
             "grade": self.grade,
             "headline": self.headline,
@@ -185,17 +192,53 @@ def judge(
     units: Sequence[str] = (),
     has_open_finding: bool = False,
 ) -> Verdict:
-    """The verdict on one model.
+    """Judge a model by its errors, its certificate and the log.
 
-    rmse, r2 (n,); floor (n,) or None, and its source; relative : error over all joints
-    [%]; new_share : of the rows whose motion is new to the model, None where not
-    recorded; outside : largest share of rows outside of a measured curve. masses,
-    nominal (links,) [kg] : of its links, identified and before; missing : what a
-    diagnosis says, "" where there was none; forward : what a forward simulation says;
-    remark : of long recordings; seconds : of filtered motion that errors are of; doubt :
-    what the data check leaves in doubt (:func:`doubt_of_log`); highest : error [%] that
-    motion of this length does not rule out; units : of the joints' torques;
-    has_open_finding : whether a diagnosis has found an effect that the model lacks.
+    Parameters
+    ----------
+    rmse : (n,) array
+        Root mean square torque error of each joint [N m or N].
+    r2 : (n,) array
+        Coefficient of determination of each joint [-]; negative: worse than the mean.
+    floor : (n,) array or None
+        Noise floor of each joint [N m or N], None where unknown.
+    noise_source : str
+        Origin of the floor: "repetition" or "spectrum".
+    relative : float
+        Relative error over all joints [%].
+    new_share : float or None
+        Share of rows whose motion the model has not seen; None where not recorded.
+    outside : float
+        Largest share of rows outside of a measured curve's table.
+    certificate : Certificate
+        Violations and gap of the model.
+    masses : (links,) array
+        Identified masses [kg].
+    nominal : (links,) array
+        Nominal masses [kg].
+    judged_on : sequence of str
+        Names of the runs.
+    missing : str
+        Sentence of a diagnosis on what is missing, "" without one.
+    forward : str
+        Sentence of a forward simulation, or "".
+    remark : str
+        Sentence on windows of a long recording, or "".
+    seconds : float, optional
+        Length of the filtered motion [s].
+    doubt : str
+        What the data check leaves in doubt (:func:`doubt_of_log`), or "".
+    highest : float, optional
+        Largest error [%] that motion of this length does not rule out.
+    units : sequence of str
+        Units of the joints' torques; empty: not said.
+    has_open_finding : bool
+        Whether a diagnosis has found an effect that the model lacks.
+
+    Returns
+    -------
+    Verdict
+        Lines on fit, prediction, missing effects and doubts of the log, weakest first.
     """
     over = over_noise(rmse, floor)
     beyond = relative if floor is None else _beyond_noise(relative, rmse, floor)
@@ -205,57 +248,78 @@ def judge(
         beyond,
         relative,
         noise_source,
-        np.asarray(r2) < 0.0,
+        none=np.asarray(r2) < 0.0,
     )
-    what_is_missing = missing or _left(fit, over)
-    if impossible := implausible(certificate, masses, nominal):
-        last = Line(MISSING, "do not use", f"{impossible} {what_is_missing}")
-    else:
-        believed = " The links can exist." if len(masses) else ""
-        is_complete = fit.grade == "good" and not has_open_finding
-        grade: Grade = "good" if is_complete else "usable"
-        last = Line(MISSING, grade, what_is_missing + believed)
-    far = outside > CHANGES or floor is None
+    missing_line = _missing(
+        missing or _left(fit, over),
+        is_complete=fit.grade == "good" and not has_open_finding,
+        implausible_links=implausible(certificate, masses, nominal),
+        has_links=len(masses) > 0,
+    )
     end = "."
     if outside > 0.0:
         share = f"{100.0 * outside:.0f} %"
         end = f"; {share} of the rows lie outside of a measured curve's table."
     if forward:
         end = f"{end} {forward}"
-    lines = [
-        fit,
-        _prediction(beyond, relative, new_share, far, end, seconds, highest),
-        last,
-    ]
+    prediction = _prediction(
+        beyond,
+        relative,
+        share=new_share,
+        far=outside > CHANGES or floor is None,
+        end=end,
+        seconds=seconds,
+        highest=highest,
+    )
+    lines = [fit, prediction, missing_line]
     if doubt:
         lines.insert(0, Line(LOG, "usable", doubt))
-    ratios, source = (
-        (None, "") if over is None else (tuple(map(float, over)), noise_source)
-    )
     return Verdict(
         lines=_weakest_first(lines),
-        error_over_noise=ratios,
-        noise_source=source,
+        error_over_noise=None if over is None else tuple(map(float, over)),
+        noise_source="" if over is None else noise_source,
         judged_on=tuple(judged_on),
         remark=remark,
     )
 
 
+def _missing(
+    text: str,
+    *,
+    is_complete: bool,
+    implausible_links: str,
+    has_links: bool,
+) -> Line:
+    """Return the line on missing effects and on the links.
+
+    ``text`` says what is missing; ``is_complete`` that nothing is; ``implausible_links``
+    why the links cannot exist, "" if they can.
+    """
+    if implausible_links:
+        return Line(MISSING, "do not use", f"{implausible_links} {text}")
+    if has_links:
+        text += " The links can exist."
+    return Line(MISSING, "good" if is_complete else "usable", text)
+
+
 def _weakest_first(lines: Sequence[Line]) -> tuple[Line, ...]:
-    """Lines by grade; those of one grade keep their order."""
+    """Sort lines by grade, the weakest first; lines of one grade keep their order."""
     return tuple(sorted(lines, key=lambda line: GRADES.index(line.grade)))
 
 
 def _beyond_noise(relative: float, rmse: Array, floor: Array) -> float:
-    """The relative error [%] without what the noise (n,) explains of it."""
+    """Return the relative error [%] without the part that the noise floor (n,)
+    explains.
+    """
     if not np.isfinite(relative) or not np.any(rmse > 0.0):
         return relative
-    left = np.maximum(rmse**2 - floor**2, 0.0).sum()
-    return float(relative * np.sqrt(left / np.sum(rmse**2)))
+    variance_beyond = np.maximum(rmse**2 - floor**2, 0.0).sum()
+    return float(relative * np.sqrt(variance_beyond / np.sum(rmse**2)))
 
 
 def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
-    """Which kinds of DOUBTS the check has named of the training runs.
+    """Return a sentence on the DOUBTS that the data check has found in the training
+    runs.
 
     Parameters
     ----------
@@ -265,7 +329,7 @@ def doubt_of_log(checks: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     Returns
     -------
     str
-        A sentence, or "".
+        The sentence; "" without doubts.
     """
     kinds = [
         str(issue["kind"])
@@ -289,7 +353,9 @@ class JointErrors:
     units: tuple[str, ...]
 
     def words(self, joint: int) -> str:
-        """The error of a joint (from 1), in multiples of its noise and in its unit."""
+        """Return the error of a joint (from 1), in multiples of its noise and in its
+        unit.
+        """
         unit = "N m or N"
         if self.units:
             unit = formatting.plain_unit(self.units[joint - 1])
@@ -308,7 +374,12 @@ def _fit(
     source: str,
     none: NDArray[np.bool_],
 ) -> Line:
-    """Of errors over noise; none (n,) : joints whose mean torque does better."""
+    """Return the line on the fit.
+
+    ``errors`` of the joints, in multiples of the noise where it is known; ``beyond``:
+    relative error beyond the noise [%]; ``relative``: relative error [%]; ``source``:
+    origin of the noise; ``none`` (n,): joints for which a constant torque fits better.
+    """
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     over = errors.over_noise
     if over is None:
@@ -332,7 +403,10 @@ def _fit(
 
 
 def _worst_in_words(errors: JointErrors, over: Array) -> str:
-    """The joint that errs most, in multiples of its noise (over (n,)) and in its unit."""
+    """Return the joint that errs most, in multiples of its noise and in its unit.
+
+    ``over`` (n,) is the ratio of error and noise of each joint.
+    """
     worst = int(np.argmax(over)) + 1
     if over[worst - 1] <= ABOVE_NOISE:
         words = errors.words(worst).removesuffix(")")
@@ -349,9 +423,13 @@ def _prediction(
     seconds: float | None,
     highest: float | None,
 ) -> Line:
-    """far : rows lie outside of a measured curve, or the noise is not known; end : of
-    the sentence; highest : the error [%] that the judged motion does not rule out, None
-    where that is not known."""
+    """Return the line on the prediction of motion.
+
+    ``beyond``: relative error beyond the noise [%]; ``share``: share of new motion,
+    None where not recorded; ``far``: rows lie outside of a measured curve, or the noise
+    is unknown; ``end``: end of the sentence; ``seconds``: length of the motion;
+    ``highest``: error [%] that the motion does not rule out.
+    """
     grade: Grade = "usable" if beyond <= NO_MODEL else "do not use"
     percent = "" if share is None else formatting.percent(share, 2)
     if share is None or share < MOSTLY_NEW:
@@ -381,7 +459,10 @@ def _prediction(
 
 
 def _left(fit: Line, over: Array | None) -> str:
-    """What errors alone say of what is missing."""
+    """Return the sentence on missing effects that the errors alone allow.
+
+    ``over`` (n,): error over noise of each joint, None if the noise is unknown.
+    """
     if fit.grade == "good":
         return "Nothing that these measurements show."
     if over is None:
@@ -392,16 +473,16 @@ def _left(fit: Line, over: Array | None) -> str:
 
 
 def implausible(certificate: Certificate, masses: Array, nominal: Array) -> str:
-    """Why the links are not to be believed, in a sentence; "" where they are.
+    """Return the reason why the links are not physically plausible, "" if they are.
 
     Parameters
     ----------
     certificate : Certificate
-        Of the model.
+        Violations and gap of the model.
     masses : (links,) array
-        Identified [kg].
+        Identified masses [kg].
     nominal : (links,) array
-        Before [kg].
+        Nominal masses [kg].
 
     Returns
     -------
@@ -440,25 +521,26 @@ def changes(
     floor: Array | None,
     units: Sequence[str] = (),
 ) -> str:
-    """What became of each joint's error (n,), largest fall first, and of every joint
-    that got worse by more than 5 %: in multiples of the noise where it is known, and in
-    N m or N; "" where nothing changed.
+    """Describe the changes of the joints' errors, the largest fall first.
+
+    Joints that got worse by more than 5 % come last. Errors are in multiples of the
+    noise where it is known, and in N m or N.
 
     Parameters
     ----------
     before : (n,) array
         Errors of the model [N m or N].
     after : (n,) array
-        Of the extended one.
+        Errors of the extended model [N m or N].
     floor : (n,) array or None
-        Of the noise.
+        Noise floor [N m or N].
     units : sequence of str
-        Torque unit of each joint; none: "N m or N".
+        Torque unit of each joint; empty: "N m or N".
 
     Returns
     -------
     str
-        A sentence, or "".
+        A sentence; "" if no error changed by more than 5 %.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.where(
@@ -491,20 +573,20 @@ def changes(
 
 
 def over_noise(rmse: Array, floor: Array | None) -> Array | None:
-    """(n,) errors over the noise floor; infinite where the noise is zero and the error
-    is not; None without a floor.
+    """Return the ratio of each joint's error and its noise floor.
 
     Parameters
     ----------
     rmse : (n,) array
         Errors [N m or N].
     floor : (n,) array or None
-        Of the noise.
+        Noise floor [N m or N].
 
     Returns
     -------
     (n,) array or None
-        Ratios.
+        Ratios; infinite for zero noise with an error; 1 if both are zero; None without
+        a floor.
     """
     if floor is None:
         return None
@@ -529,25 +611,25 @@ class NoiseFloor(JsonRecord):
 def noise_level(
     problem: Problem, filtered_runs: FilteredRuns
 ) -> tuple[Array | None, str]:
-    """Standard deviation of the torque noise below the cut-off, and its source.
+    """Estimate the standard deviation of the torque noise below the cut-off.
 
-    From repetition: r(t) - r(t + T) of a residual r. The residual is that of
-    unconstrained least squares of the problem's own effects on these measurements, so
-    that the floor does not depend on which models are judged beside it. Where nothing
-    repeats, from the torque's spectrum above the motion's band (:mod:`~signals.noise`),
-    at most that residual. Of long recordings windows are looked at.
+    Where motion repeats with period T, from differences r(t) - r(t + T) of the residual
+    r of unconstrained least squares in the problem's effects; so the floor does not
+    depend on the model that is judged. Elsewhere from the torque's spectrum above the
+    motion's band (:mod:`~signals.noise`), at most that residual. Of long recordings
+    windows are used.
 
     Parameters
     ----------
     problem : Problem
-        With its own effects.
+        Problem with its effects.
     filtered_runs : FilteredRuns
-        To measure it in.
+        Runs behind their filters.
 
     Returns
     -------
     (n,) array or None
-        [N m or N]; None where the logs hold nothing there.
+        Noise floor [N m or N]; None if the logs do not show it.
     str
         "repetition" or "spectrum"; "" without a floor.
     """

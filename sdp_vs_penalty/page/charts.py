@@ -125,6 +125,8 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
                     **look,
                     **named,
                 )
+        if (span := _span_without_spikes(read, name)) is not None:
+            plot.update_axes("y", row, range=span)
     kinds = "/".join(dict.fromkeys("m" if unit == "N" else "rad" for unit in units))
     titles = (
         f"q [{kinds}]",
@@ -135,6 +137,26 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
         plot.update_axes("y", row, title=title)
     plot.update_axes("x", len(shown) - 1, title="time [s]")
     return ready(plot, 460)
+
+
+#: Spikes that make an axis so many times longer than all else leave the picture.
+_SPIKE = 3.0
+
+
+def _span_without_spikes(read: Mapping[str, Any], name: str) -> list[float] | None:
+    """The range of an axis where the check's repair makes it much shorter: what is
+    repaired, such as spikes, would press all else into a line. None: it stays."""
+    repaired = read.get(f"repaired_{name}")
+    if repaired is None or not np.isfinite(repaired).any():
+        return None
+    raw = np.asarray(read[name])
+    mended = np.where(np.isfinite(repaired), repaired, raw)
+    low = float(np.nanmin(mended))
+    high = float(np.nanmax(mended))
+    room = 0.1 * (high - low)
+    if not 0.0 < _SPIKE * (high - low) < float(np.nanmax(raw) - np.nanmin(raw)):
+        return None
+    return [low - room, high + room]
 
 
 def asked_span(event: Any) -> tuple[float, float] | bool | None:
@@ -238,12 +260,12 @@ def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
         before,
         after if finding.torque_is_certain else None,
         joint=joint,
-        cause=cause_of(failures, joint),
+        cause=finding.seen_against or cause_of(failures, joint),
         units=units,
         position_units=["m" if unit == "N" else "rad" for unit in units],
         floor=step.comparison["noise_floor"],
     )
-    return ready(plot, 240)
+    return ready(plot, 270)
 
 
 #: Signals that an error is drawn against, and their names.

@@ -40,13 +40,14 @@ from sdp_vs_penalty.estimation.drive_torque import driven
 from sdp_vs_penalty.estimation.estimate import Estimate, load_estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
 from sdp_vs_penalty.estimation.resampling import cross_validate
-from sdp_vs_penalty.estimation.shapes import asked_effects
+from sdp_vs_penalty.estimation.shapes import effects_to_estimate_again
 from sdp_vs_penalty.estimation.verdict import Verdict
 from sdp_vs_penalty.estimators import with_solver
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
 from sdp_vs_penalty.exporters.export import write_model
 from sdp_vs_penalty.exporters.friction_table import friction_curves
 from sdp_vs_penalty.files import write_bytes, write_text, writing
+from sdp_vs_penalty.page.splits import confirmed, other_splits, split_run
 from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
@@ -57,18 +58,10 @@ from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
-from sdp_vs_penalty.signals.phases import (
-    filter_reach,
-    motion_clocks,
-    phase_windows,
-    tracks_of,
-)
 from sdp_vs_penalty.simulation.follow import follow
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 
 Answer = dict[str, Any]
-#: Share of a run that is identified from where the rest of it is kept for testing.
-SPLIT = 0.7
 #: Rows of which the pictures of a diagnosis are drawn.
 CARD_ROWS = 20_000
 #: Poses of the arm over a run, between which the page's 3D view interpolates.
@@ -445,7 +438,7 @@ def keep(
     job.progress(f"checking {name}")
     part = replace(part, names=(name,))
     (report_of_run,) = check(problem, part, thorough=False)
-    split = _split(problem, part)
+    split = split_run(problem, part)
     findings = [
         {
             **f.to_dict(),
@@ -598,7 +591,7 @@ def resplit(job: JobRequest) -> Answer:
     """
     run = next(run for run in job["runs"] if run["file"] == job["file"])
     part = load_measurements(job.folder / run["file"])
-    split = _split(job.problem, part, job["share"])
+    split = split_run(job.problem, part, job["share"])
     if split is None:
         raise InputError(
             f"{run['name']} cannot be split so",
@@ -606,60 +599,6 @@ def resplit(job: JobRequest) -> Answer:
             run["name"],
         )
     return {"split": split}
-
-
-def _split(
-    problem: Problem,
-    part: Measurements,
-    share: float = SPLIT,
-) -> dict[str, Any] | None:
-    """Split a run into time windows for training and windows for testing.
-
-    Where the motion repeats, the windows follow its phase, so that the test windows
-    hold motion that training never sees. A gap separates them: no filter spans both
-    sides.
-
-    Parameters
-    ----------
-    problem : Problem
-        The robot; its filters decide the length of the gaps.
-    part : Measurements
-        The run.
-    share : float
-        Share of the motion for training, 0 to 1.
-
-    Returns
-    -------
-    dict or None
-        "train", "test": windows (begin, end) [s], rounded to milliseconds so that a
-        command can name them; "train_seconds", "test_seconds"; "share"; "bar": side,
-        left edge and width [% of the run] of each window, for drawing. None if the run
-        is too short or does not move.
-    """
-    try:
-        settings = problem.preprocessing.resolve(part)
-        reach = filter_reach(part, settings)  # [s]
-    except InputError:  # no motion: the check says so
-        return None
-    (clock,) = motion_clocks(tracks_of(part))
-    seconds = float(part.t[-1] - part.t[0])
-    # A gap of half the filters' reach: no filter sees both sides.
-    gap = 0.5 * reach
-    shortest = 1.5 * reach
-    windows = phase_windows(clock, seconds, share, gap, shortest)
-    if windows is None:
-        return None
-    split: dict[str, Any] = {"share": share, "bar": []}
-    for side, stretches in zip(("train", "test"), windows, strict=True):
-        split[side] = [(round(a, 3), round(b, 3)) for a, b in stretches]
-        split[f"{side}_seconds"] = round(sum(b - a for a, b in stretches), 3)
-        for a, b in stretches:
-            place = {
-                "left": 100.0 * a / seconds,
-                "width": 100.0 * (b - a) / seconds,
-            }
-            split["bar"].append({"side": side, **place})
-    return split
 
 
 def placed(
@@ -829,6 +768,7 @@ def find(job: JobRequest) -> Answer:
         **job.common_options,
     )
     save_arrays(job.folder / job["pictures"], _card_arrays(model, better, runs.judge))
+    result = _confirmed_on_other_splits(job, result)
     curves = [curve.effect(model.robot).text for curve in result.curves]
     return {
         "diagnosis": result.to_dict(),
@@ -836,6 +776,25 @@ def find(job: JobRequest) -> Answer:
         "missing": still_missing(result, model),
         "has_open_finding": has_open_finding(result, model),
     }
+
+
+def _confirmed_on_other_splits(job: JobRequest, diagnosis: Diagnosis) -> Diagnosis:
+    """A diagnosis of one split run, with how many other splits of the run show each of
+    its confident findings."""
+    split_runs = [run for run in job["runs"] if run["use"] == "split"]
+    has_confident = any(f.rating == "confident" for f in diagnosis.effects)
+    if len(split_runs) != 1 or len(job["runs"]) != 1 or not has_confident:
+        return diagnosis
+    recording = load_measurements(job.folder / split_runs[0]["file"])
+    recording = replace(recording, names=(split_runs[0]["name"],))
+    splits = other_splits(job.problem, recording, split_runs[0]["split"])
+    return confirmed(
+        diagnosis,
+        job.model,
+        recording,
+        splits,
+        **job.common_options,
+    )
 
 
 def _card_arrays(
@@ -1190,7 +1149,7 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
         "runs": _distinct_names(runs),
         "judged_on": list(judge.names),
         "method": estimate.method,
-        "effects": asked_effects(
+        "effects": effects_to_estimate_again(
             estimate.model.effects, estimate.details.get("shapes", ())
         ),
         "comparison": {**comparison.to_dict(), "verdict": verdict_of_model},

@@ -14,7 +14,7 @@ from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.files import for_testing
 from sdp_vs_penalty.data.parsing import numbers
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
-from sdp_vs_penalty.effects import effect_in_words
+from sdp_vs_penalty.effects import effect_in_words, effects_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.verdict import Verdict, changes
 from sdp_vs_penalty.estimators import DEFAULT_METHOD
@@ -23,6 +23,9 @@ from sdp_vs_penalty.page.model_step import ModelStep
 from sdp_vs_penalty.page.worker import WorkerPool, sentence
 from sdp_vs_penalty.reports.demo import ARM, HIDDEN, LEVEL, RUNS, SEED
 from sdp_vs_penalty.simulation.hidden_runs import RUN_FILES
+
+#: Letters of a model's name: a longer list of what was added is a number of findings.
+_LONGEST_LABEL = 40
 
 
 @dataclass(frozen=True)
@@ -657,12 +660,14 @@ class Session:
             # As `add --from findings.json --confident`: constants that were found
             # together stay together.
             request["findings"] = diagnosis.to_dict()
-        names = [effect_in_words(text.partition("@")[0]) for text in texts]
+        label = f"+ {effects_in_words(texts)}"
+        if len(label) > _LONGEST_LABEL:
+            label = f"+ {formatting.count(len(texts), 'finding')}"
         step = await self._step(
             "Adding what was chosen",
             "extend",
             request,
-            label=f"+ {', '.join(names)}",
+            label=label,
             added=tuple(texts),
             frozen=frozen,
         )
@@ -690,8 +695,7 @@ class Session:
         await self.diagnose()
         assert self.findings is not None
         found = [f.text for f in self.findings.sure]
-        words = [effect_in_words(text.partition("@")[0]) for text in found]
-        names = formatting.words(words or ["nothing"])
+        names = effects_in_words(found) or "nothing"
         await self.add(found)
         hidden = effect_in_words(f"{HIDDEN}:{joint}")
         self.say(f"Hidden: {hidden}; found: {names}.", error=False)

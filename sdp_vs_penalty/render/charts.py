@@ -557,6 +557,8 @@ def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
 _AROUND_REVERSAL = 0.4
 #: Bins of the mean curve of a cloud of errors.
 _BINS = 24
+#: A mean curve is broken where no sample lies on this share of its range.
+_GAP = 0.12
 
 
 @dataclass(frozen=True)
@@ -602,12 +604,12 @@ def cause_axis(
     if cause == REVERSAL:
         seconds, direction = since_reversal(signals.t, signals.dq[:, j])
         limits = (-_AROUND_REVERSAL, _AROUND_REVERSAL)
-        label = "time from the nearest reversal [s]; errors in the direction after it"
+        label = "time from the nearest reversal [s]"
         return CauseAxis(seconds, direction, label, limits)
     if cause in (POSITION, POSE):
         return CauseAxis(signals.q[:, j], ones, f"position [{position_unit}]")
     if cause == BY_DIRECTION:
-        label = f"position [{position_unit}]; errors in the direction of motion"
+        label = f"position [{position_unit}]"
         return CauseAxis(
             signals.q[:, j],
             np.sign(signals.dq[:, j]),
@@ -657,7 +659,7 @@ def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
 
 
 def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
-    """Mean of y over x, in bins of equal counts.
+    """Mean of y over x, in bins of equal counts; broken where no sample lies.
 
     Parameters
     ----------
@@ -667,13 +669,22 @@ def mean_curve(x: Array, y: Array) -> tuple[Array, Array]:
     Returns
     -------
     tuple of (b,) arrays
-        Mean of x and mean of y in each bin.
+        Mean of x and mean of y in each bin; NaN between two stretches of x.
     """
     order = np.argsort(x)
-    parts = [part for part in np.array_split(order, _BINS) if len(part)]
-    centres = np.array([x[part].mean() for part in parts])
-    means = np.array([y[part].mean() for part in parts])
-    return centres, means
+    steps = np.diff(x[order])
+    gaps = np.flatnonzero(steps > _GAP * max(float(np.ptp(x)), 1e-300)) + 1
+    centres: list[float] = []
+    means: list[float] = []
+    for stretch in np.split(order, gaps):
+        n_bins = max(1, round(_BINS * len(stretch) / len(order)))
+        if centres:
+            centres.append(np.nan)
+            means.append(np.nan)
+        parts = [part for part in np.array_split(stretch, n_bins) if len(part)]
+        centres += [float(x[part].mean()) for part in parts]
+        means += [float(y[part].mean()) for part in parts]
+    return np.array(centres), np.array(means)
 
 
 def cause_figure(
@@ -749,13 +760,13 @@ def cause_figure(
     if len(x):
         has_after = after is not None
         colour = BEFORE if has_after else AFTER
-        cloud(before.residual[:, j], f"error, {names[0]}", colour)
+        cloud(before.residual[:, j], names[0], colour)
         if after is not None and len(after.t) == len(before.t):
-            cloud(after.residual[:, j], f"error, {names[1]}", AFTER)
+            cloud(after.residual[:, j], names[1], AFTER)
             added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
             centres, means = mean_curve(x, added[inside])
             line = {"color": ADDED, "width": 2, "dash": "dash"}
-            name = "modelled by what was added"
+            name = "torque that was added"
             plot.add(
                 "scatter",
                 x=centres,
@@ -767,9 +778,9 @@ def cause_figure(
     if floor is not None and floor[j]:
         plot.update_layout(shapes=[noise_band(float(floor[j] or 0.0))])
     plot.update_axes("x", title=axis.label)
-    return plot.update_axes(
-        "y", title=f"error of joint {joint} [{plain_unit(units[j])}]"
-    )
+    along = " along motion" if cause in (REVERSAL, BY_DIRECTION) else ""
+    title = f"joint {joint}: error{along} [{plain_unit(units[j])}]"
+    return plot.update_axes("y", title=title)
 
 
 def noise_band(floor: float) -> dict[str, Any]:

@@ -218,11 +218,10 @@ def _caption_of_bars(
     is_known : whether the errors are multiples of the noise; has_change : whether two
     models are drawn.
     """
-    caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic scale"
+    caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
     if is_known:
         caption = (
-            f"{what} of each joint, in multiples of its noise (grey band) and in N m or N;"
-            " logarithmic scale"
+            f"{what} of each joint over its noise (grey) and in N m or N, logarithmic"
         )
     if has_change:
         caption += "; before (orange), after (blue)"

@@ -6,7 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sdp_vs_penalty.diagnosis.comparison import Comparison
-from sdp_vs_penalty.estimation.estimate import LINK_HEADS, Estimate, link_rows, seen
+from sdp_vs_penalty.estimation.estimate import (
+    LINK_HEADS,
+    Estimate,
+    link_rows,
+    zero_if_rounding,
+)
 from sdp_vs_penalty.estimation.frames import base_expressions
 from sdp_vs_penalty.estimation.uncertainty import Interval
 from sdp_vs_penalty.formatting import change_of, finite, number, plain_unit
@@ -246,7 +251,7 @@ def parameter_cells(
         One cell for each of :data:`PARAMETER_HEADS`.
     """
     figures = [
-        number(seen(x), 4)
+        number(zero_if_rounding(x), 4)
         for x in (interval.value, interval.lower, interval.upper, nominal)
     ]
     unit = plain_unit(interval.unit)

@@ -32,8 +32,9 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
     dependences,
     sentences,
 )
-from sdp_vs_penalty.effects import effect_in_words, effect_name
+from sdp_vs_penalty.effects import effect_in_words, effect_name, effects_in_words
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
 from sdp_vs_penalty.formatting import number, plain_unit
@@ -48,8 +49,8 @@ class FindingWords:
     title : "Joint spring, joint 4"; on_the_arm : what it is there, in a sentence with
     its size; rating : confident, near-tie or weak; size : with its 95 % interval;
     constants : of its law; gain : what adding it does to the error; physics : what the
-    effect is in general; rivals : what fits as well; doubt : why it is weak; test : the
-    run that decides.
+    effect is in general; rivals : what fits as well; splits : how many splits of one run
+    show it; doubt : why it is weak; test : the run that decides.
     """
 
     title: str
@@ -60,6 +61,7 @@ class FindingWords:
     gain: str
     physics: str
     rivals: str
+    splits: str
     doubt: str
     test: str
 
@@ -75,7 +77,14 @@ class FindingWords:
         """Everything that is said of the finding, without its title, as one
         paragraph.
         """
-        parts = (self.on_the_arm, self.gain, self.physics, self.rivals, self.doubt)
+        parts = (
+            self.on_the_arm,
+            self.gain,
+            self.physics,
+            self.rivals,
+            self.splits,
+            self.doubt,
+        )
         return " ".join(filter(None, parts))
 
 
@@ -144,6 +153,7 @@ def describe_finding(
         gain=finding.gain_sentence(diagnosis),
         physics=physics,
         rivals=f"Fits as well: {'; '.join(rivals)}." if rivals else "",
+        splits=finding.splits_sentence,
         doubt=doubt_of(finding),
         test=run,
     )
@@ -169,6 +179,7 @@ def describe_constant(constant: Retune) -> FindingWords:
         gain="",
         physics=f"Re-estimated constant: {constant.explanation}.",
         rivals="",
+        splits="",
         doubt=doubt_of(constant),
         test="",
     )
@@ -380,7 +391,7 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
     """
     known = {effect.text for effect in before.estimate.model.effects}
     new = [
-        effect_on_joints(effect)
+        effect.text
         for effect in after.estimate.model.effects
         if effect.text not in known
     ]
@@ -388,7 +399,39 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
         return ""
     error = error_in_words(after, before.worst_joint)
     by = "by " if after.error_over_noise is None else ""
-    return f"With {formatting.words(new)} it errs {by}{error}."
+    worse = describe_worse(before, after)
+    return f"With {effects_in_words(new)} it errs {by}{error}. {worse}".rstrip()
+
+
+def describe_worse(before: Comparison, after: Comparison) -> str:
+    """Which joints err more in the later model, by more than 5 %; "" where none does."""
+    joints = [
+        j
+        for j, (old, new) in enumerate(
+            zip(before.rmse, after.rmse, strict=True), start=1
+        )
+        if new > (1.0 + CHANGES) * old
+    ]
+    if not joints:
+        return ""
+    verb = "errs" if len(joints) == 1 else "err"
+    return f"{formatting.sentence(formatting.joints(joints))} {verb} more than before."
+
+
+def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
+    """What the findings that are more than weak are on the arm, a sentence each."""
+    if diagnosis is None:
+        return []
+    return [f.on_the_arm for f in diagnosis.effects if f.rating != "weak"]
+
+
+def shown_cause(diagnosis: Diagnosis | None, failures: Failures, joint: int) -> str:
+    """What the picture of a joint's error (from 1) is drawn against: what shows its
+    first finding, else what the error depends on most."""
+    for finding in () if diagnosis is None else diagnosis.effects:
+        if finding.main_joint == joint and finding.rating != "weak":
+            return finding.seen_against or cause_of(failures, joint)
+    return cause_of(failures, joint)
 
 
 def describe_failure(failure: JointFailure, unit: str) -> str:
@@ -410,10 +453,7 @@ def picture_title(
     text = f"Error of joint {joint} against {against}"
     if before is after:
         return f"{text}: {before.name}."
-    errors = [error_in_words(compared, joint) for compared in (before, after)]
-    return (
-        f"{text}: {before.name} (orange) {errors[0]}, {after.name} (blue) {errors[1]}."
-    )
+    return f"{text}: {before.name} (before), {after.name} (after)."
 
 
 #: What the certificate says, and who computed it.

@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, keep_noise_
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
@@ -136,5 +137,5 @@ def demo(
         diagnosis,
         better,
         after,
-        f"{HIDDEN} on joint {problem.robot.n}",
+        effect_in_words(f"{HIDDEN}:{problem.robot.n}"),
     )

@@ -16,6 +16,7 @@ from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
+from sdp_vs_penalty.effects import effects_in_words
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.model import JointColumns
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -184,7 +185,7 @@ def verdict(data: ReportData) -> Context:
     record = data.verdict
     change = "" if is_alone else words.describe_addition(first, last)
     joint = first.worst_joint
-    cause = words.cause_of(data.failures[first.name], joint)
+    cause = words.shown_cause(data.diagnosis, data.failures[first.name], joint)
     picture = charts.cause_figure(
         first.signals,
         None if is_alone else last.signals,
@@ -193,9 +194,7 @@ def verdict(data: ReportData) -> Context:
         units=data.units,
         position_units=data.last.robot.position_units,
         floor=last.noise_floor,
-        names=(first.name, last.name),
     )
-    grades = [(line.about, line.grade, line.text) for line in record.lines]
     rows = [
         tables.judged_cells(compared, data.verdict_of(compared).grade)
         for compared in data.comparisons
@@ -205,7 +204,7 @@ def verdict(data: ReportData) -> Context:
         "headline": record.headline,
         "story": words.describe_worst(first, data.failures[first.name]),
         "change": change,
-        "all_changes": "" if is_alone else words.describe_change(first, last),
+        "on_the_arm": words.on_the_arm_of(data.sized_diagnosis),
         "picture": pieces.figure(
             picture,
             words.picture_title(first, last, joint, cause),
@@ -217,9 +216,7 @@ def verdict(data: ReportData) -> Context:
             last.noise_floor,
             data.units,
         ),
-        "lines": pieces.framed(
-            Table(("verdict", "grade", "why"), grades, words=(0, 1, 2))
-        ),
+        "lines": record.lines[1:],  # the first one is the headline
         "remark": record.remark,
         "models": pieces.framed(tables.judged_table(rows)),
         "robot": data.last.robot.name,
@@ -323,9 +320,9 @@ def history(data: ReportData) -> Context:
     known: set[str] = set()
     steps = []
     for name, estimate in data.models.items():
-        new = [e.brief for e in estimate.model.effects if e.text not in known]
+        new = [e.text for e in estimate.model.effects if e.text not in known]
         known |= {e.text for e in estimate.model.effects}
-        added = ", ".join(new) or "the same effects"
+        added = effects_in_words(new) or "the same effects"
         steps.append((name, estimate.method, len(estimate.theta), added))
     last = data.comparisons[-1]
     errors = tables.error_table(
@@ -336,7 +333,11 @@ def history(data: ReportData) -> Context:
         r2=last.r2 if len(data.comparisons) == 1 else (),
     )
     heads = ("model", "method", "parameters", "new effects")
+    changes = ""
+    if len(data.comparisons) > 1:
+        changes = words.describe_change(data.comparisons[0], last)
     return {
+        "changes": changes,
         "steps": pieces.framed(Table(heads, steps, words=(0, 1, 3))),
         "errors": pieces.framed(errors),
         "is_noise_known": last.noise_floor is not None,

@@ -4,7 +4,7 @@ import re
 import tomllib
 import unicodedata
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sdp_vs_penalty.data.formats.units import (
@@ -34,18 +34,18 @@ _COMPOUNDS = {tuple(text.split()): word for text, word in _TABLE["compounds"].it
 
 @dataclass(frozen=True)
 class Reading:
-    """What a name says.
+    """What the name of a column says.
 
     Parameters
     ----------
     quantity : t, q, dq, tau, temp or qcmd
-    rank : place of the word in its quantity's list, 0 for the best
+    rank : place of its word in the list of the quantity's words, 0 for the best
     joint : place of the robot's joint that the name holds, from 0; None without
-    number : the last number of the name; None without
-    other_words : what else the name holds, such as "left"
-    unit : as the name ends with, "" without
-    factor : of the unit, to SI
-    words : of the quantity
+    number : the last number in the name; None without
+    other_words : further words in the name, such as "left"
+    unit : the unit at the end of the name, "" without
+    factor : factor to SI
+    words : the words that say the quantity
     """
 
     quantity: str
@@ -59,52 +59,63 @@ class Reading:
 
 
 class JointNames:
-    """The robot's joints, as tokens that names of columns can hold."""
+    """Finder of the robot's joint names within the names of columns.
+
+    Names are compared as tokens (words and numbers in small letters). A prefix that all
+    joints share may be missing: "elbow" for "left_elbow" beside "left_wrist".
+    """
 
     def __init__(self, names: Sequence[str]) -> None:
-        tokens = [tuple(split_tokens(name)) for name in names]
-        shared = _common_prefix(tokens)
-        self._joint_by_tokens = {words: k for k, words in enumerate(tokens)}
-        short_names = [words[shared:] for words in tokens]
-        has_letters = all(any(w.isalpha() for w in words) for words in short_names)
-        if has_letters and len(set(short_names)) == len(names):
-            for k, words in enumerate(short_names):
-                self._joint_by_tokens.setdefault(words, k)
+        """Prepare the joints' names, and their short forms where these are words that
+        differ."""
+        full_names = [tuple(split_tokens(name)) for name in names]
+        n_shared = _common_prefix_length(full_names)
+        short_names = [tokens[n_shared:] for tokens in full_names]
+        self._joint_by_tokens = {tokens: k for k, tokens in enumerate(full_names)}
+        # Numbers alone are no names: any column can hold them.
+        have_letters = all(any(x.isalpha() for x in tokens) for tokens in short_names)
+        is_unique = len(set(short_names)) == len(names)
+        if have_letters and is_unique:
+            for k, tokens in enumerate(short_names):
+                self._joint_by_tokens.setdefault(tokens, k)
 
     def find(self, tokens: Sequence[str]) -> tuple[int, list[str]] | None:
-        """Find the joint that a name holds; the longest joint's name counts.
+        """Find the joint whose name a column's name contains; the longest joint name
+        wins.
 
         Parameters
         ----------
         tokens : Sequence[str]
-            Words and numbers of the name.
+            Words and numbers of the column's name.
 
         Returns
         -------
         tuple[int, list[str]] | None
-            The joint's place from 0, and the other tokens; None without a joint.
+            The joint's place from 0, and the tokens without its name; None without a
+            joint.
         """
-        by_length = sorted(self._joint_by_tokens, key=len, reverse=True)
-        for words in by_length:
-            if not words:
+        longest_first = sorted(self._joint_by_tokens, key=len, reverse=True)
+        for joint_name in longest_first:
+            if not joint_name:
                 continue
-            for start in range(len(tokens) - len(words) + 1):
-                end = start + len(words)
-                if tuple(tokens[start:end]) == words:
+            for start in range(len(tokens) - len(joint_name) + 1):
+                end = start + len(joint_name)
+                if tuple(tokens[start:end]) == joint_name:
                     others = [*tokens[:start], *tokens[end:]]
-                    return self._joint_by_tokens[words], others
+                    return self._joint_by_tokens[joint_name], others
         return None
 
 
-def _common_prefix(names: Sequence[tuple[str, ...]]) -> int:
-    """How many first tokens all names share, less than any has."""
+def _common_prefix_length(names: Sequence[tuple[str, ...]]) -> int:
+    """Count the first tokens that all names share; at least one token of each name
+    stays."""
     if len(names) < 2:
         return 0
-    shortest = min(len(words) for words in names) - 1
-    for k in range(shortest):
-        if len({words[k] for words in names}) > 1:
+    most_shared = max(min(len(tokens) for tokens in names) - 1, 0)
+    for k in range(most_shared):
+        if len({tokens[k] for tokens in names}) > 1:
             return k
-    return max(shortest, 0)
+    return most_shared
 
 
 def split_tokens(name: str) -> list[str]:
@@ -118,67 +129,60 @@ def split_tokens(name: str) -> list[str]:
     Parameters
     ----------
     name : str
-        As the file writes it.
+        Name as the file writes it.
 
     Returns
     -------
     list[str]
         Words and numbers in their order.
     """
-    with_blanks = re.sub(
-        r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z]{2})",
-        " ",
-        name.strip(),
-    )
+    before_capital = r"(?<=[a-z])(?=[A-Z])"  # stamp|Nano
+    before_last_capital = r"(?<=[A-Z])(?=[A-Z][a-z]{2})"  # Q|Msr
+    with_blanks = re.sub(f"{before_capital}|{before_last_capital}", " ", name.strip())
     decomposed = unicodedata.normalize("NFKD", with_blanks.lower())
     without_accents = re.sub(r"[\u0300-\u036f]", "", decomposed)
     return re.findall(r"[^\W\d_]+|[0-9]+", without_accents)
 
 
 def is_no_measurement(name: str) -> bool:
-    """Tell whether a column is something else than was measured, such as a target.
+    """Return whether a column holds something that was not measured, such as a target,
+    a limit or an error.
 
     Parameters
     ----------
     name : str
-        Of the column.
+        Name of the column.
 
     Returns
     -------
     bool
-        True where one of its words says so.
+        True where one of its words says so (list "others" of words.toml).
     """
     return bool(_OTHERS & set(split_tokens(name)))
 
 
 def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
-    """Read what a column's name says: quantity, joint, unit.
+    """Read quantity, joint and unit off a column's name.
+
+    A unit at the name's end is split off first; it counts where it is a unit of the
+    quantity that the remaining words say.
 
     Parameters
     ----------
     name : str
-        Of the column.
+        Name of the column.
     joints : JointNames | None
-        The robot's joints.
+        The robot's joint names, which the name can contain.
 
     Returns
     -------
     Reading | None
-        None where it says nothing, or of something that was not measured.
+        None where the name says no quantity, or one that was not measured (a target).
     """
     for unit in units_of_name(name):
         reading = _read_tokens(split_tokens(unit.remainder), joints)
         if reading is not None and reading.quantity == unit.quantity:
-            return Reading(
-                reading.quantity,
-                reading.rank,
-                reading.joint,
-                reading.number,
-                reading.other_words,
-                unit=unit.text,
-                factor=unit.factor,
-                words=reading.words,
-            )
+            return replace(reading, unit=unit.text, factor=unit.factor)
         by_unit = _read_by_unit(unit, joints)
         if by_unit is not None:
             return by_unit
@@ -186,28 +190,31 @@ def read_name(name: str, joints: JointNames | None = None) -> Reading | None:
 
 
 def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
-    """The reading of a name that says a joint and a unit of one quantity, "J1 [deg]", or
-    a counter and a unit of time, "Tick (ms)"; None for another name."""
+    """Read a name in which only the unit says the quantity; None for other names.
+
+    Such names are a joint and a unit of one quantity, "J1 [deg]", or a counter and a
+    unit of time, "Tick (ms)". They rank behind all names with a word of the quantity.
+    """
     tokens = split_tokens(unit.remainder)
     match = joints.find(tokens) if joints is not None else None
     joint, others = match or (None, tokens)
-    letters = {token for token in others if token.isalpha()}
+    words = {token for token in others if token.isalpha()}
     numbers = [token for token in others if token.isdigit()]
-    has_joint = joint is not None or bool(letters & _JOINTS and numbers)
+    has_joint = joint is not None or bool(words & _JOINTS and numbers)
     if has_joint:
-        is_read = letters <= FILLERS and unit.text in TELLING_UNITS.get(
-            unit.quantity, ()
-        )
+        units_of_one_quantity = TELLING_UNITS.get(unit.quantity, ())
+        is_read = words <= FILLERS and unit.text in units_of_one_quantity
     else:
-        is_read = unit.quantity == "t" and bool(letters & _COUNTERS) and not numbers
-    if not is_read or letters & _OTHERS:
+        is_read = unit.quantity == "t" and bool(words & _COUNTERS) and not numbers
+    is_other = bool(words & _OTHERS)  # a target, an error
+    if not is_read or is_other:
         return None
     return Reading(
         unit.quantity,
-        len(WORDS[unit.quantity]),
-        joint,
-        int(numbers[-1]) if numbers else None,
-        tuple(numbers[:-1]),
+        rank=len(WORDS[unit.quantity]),
+        joint=joint,
+        number=int(numbers[-1]) if numbers else None,
+        other_words=tuple(numbers[:-1]),
         unit=unit.text,
         factor=unit.factor,
         words=("current",) if unit.text in _AMPERES else (),
@@ -215,7 +222,8 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
 
 
 def _read_tokens(tokens: list[str], joints: JointNames | None) -> Reading | None:
-    """The reading without the robot's joint where there is one, else of all tokens."""
+    """Read tokens of a name: without the robot's joint name that they contain, and,
+    where the remaining tokens say nothing, with it."""
     match = joints.find(tokens) if joints is not None else None
     if match is not None:
         joint, others = match
@@ -226,51 +234,55 @@ def _read_tokens(tokens: list[str], joints: JointNames | None) -> Reading | None
 
 
 def _read_words(tokens: list[str], joint: int | None) -> Reading | None:
+    """Read the quantity that tokens say, with their last number and their further
+    words.
+
+    ``joint`` is the place, from 0, of the robot's joint that was found in the name.
+    None where they say no quantity, or one that was not measured.
+    """
     tokens = _join_compounds(tokens)
-    letters = [token for token in tokens if token.isalpha()]
+    words = [token for token in tokens if token.isalpha()]
     numbers = [token for token in tokens if token.isdigit()]
-    if _OTHERS & set(letters):
+    if _OTHERS & set(words):
         return None
-    quantity = _quantity_of(letters)
+    quantity = _quantity_of(words)
     if quantity is None:
         return None
-    known = WORDS[quantity]
-    its_words = tuple(word for word in letters if word in known)
-    other_words = [
-        word
-        for word in letters
-        if word not in known and word not in FILLERS and word != "q"
-    ]
+    words_of_quantity = WORDS[quantity]
+    its_words = tuple(word for word in words if word in words_of_quantity)
+    says_nothing = {*words_of_quantity, *FILLERS, "q"}
+    other_words = [word for word in words if word not in says_nothing]
     return Reading(
         quantity,
-        min(known.index(word) for word in its_words),
-        joint,
-        int(numbers[-1]) if numbers else None,
-        (*other_words, *numbers[:-1]),
+        rank=min(words_of_quantity.index(word) for word in its_words),
+        joint=joint,
+        number=int(numbers[-1]) if numbers else None,
+        other_words=(*other_words, *numbers[:-1]),
         words=its_words,
     )
 
 
-def _quantity_of(letters: Sequence[str]) -> str | None:
-    """The one quantity that words are of: "q1_torque" is of joint q1, not a position, and
-    "Torque_T" of joint T."""
-    quantities = {
-        quantity: [word for word in letters if word in known]
-        for quantity, known in WORDS.items()
-    }
-    quantities = {quantity: words for quantity, words in quantities.items() if words}
-    if len(quantities) > 1:
-        # A single letter beside a word is a joint's, or another word's symbol.
-        quantities = {
-            quantity: words
-            for quantity, words in quantities.items()
-            if any(len(word) > 1 for word in words)
-        }
-    return next(iter(quantities)) if len(quantities) == 1 else None
+def _quantity_of(words: Sequence[str]) -> str | None:
+    """Return the one quantity that words say; None where they say none, or several.
+
+    A single letter beside a word names a joint or is a symbol: "q1_torque" is the
+    torque of joint q1, and "Torque_T" a torque, although q alone means positions and T
+    a temperature.
+    """
+    quantities = list[str]()
+    by_words_alone = list[str]()  # without single letters
+    for quantity, words_of_quantity in WORDS.items():
+        its_words = [word for word in words if word in words_of_quantity]
+        if its_words:
+            quantities.append(quantity)
+        if any(len(word) > 1 for word in its_words):
+            by_words_alone.append(quantity)
+    candidates = quantities if len(quantities) == 1 else by_words_alone
+    return candidates[0] if len(candidates) == 1 else None
 
 
 def _join_compounds(tokens: Sequence[str]) -> list[str]:
-    """Tokens with "theta dot" as one word."""
+    """Join pairs of tokens that mean one word: "theta", "dot" are a velocity."""
     joined = list[str]()
     for token in tokens:
         pair = (joined[-1], token) if joined else ()

@@ -12,15 +12,15 @@ _STYLES = ("joint", "number", "block", "name")
 
 @dataclass(frozen=True)
 class ColumnSet:
-    """Columns of one quantity.
+    """Columns of one quantity that belong together, one for each joint.
 
     Parameters
     ----------
     quantity : q, dq, tau, temp or qcmd
-    rank : of its word
-    style : "joint" (columns hold the robot's joints' names), "number", "block" (one
-        column), "name" (other words tell them apart)
-    other_words : what all names hold besides
+    rank : place of its word in the list of the quantity's words, 0 for the best
+    style : what tells the joints apart: "joint" (the robot's joint names), "number",
+        "block" (one column holds all joints), "name" (other words)
+    other_words : further words that all its names share
     columns : the file's names by joint, number or words, in the order of the joints
     """
 
@@ -32,56 +32,78 @@ class ColumnSet:
 
     @property
     def keys(self) -> frozenset[Hashable]:
-        """What its joints are told apart by."""
+        """Joints, numbers or words that tell the columns apart."""
         return frozenset(self.columns)
 
     @property
     def preference(self) -> tuple[int, int, int, int]:
-        """Smaller is better: the word, the words besides, the style, the size."""
+        """Sort key by which sets of one quantity compete; the smallest wins.
+
+        In this order: rank of the word, number of further words, style, and size (the
+        larger set wins).
+        """
         style = _STYLES.index(self.style)
         return self.rank, len(self.other_words), style, -len(self.columns)
 
 
 def column_sets(quantity: str, readings: Mapping[str, Reading]) -> list[ColumnSet]:
-    """Collect the sets of columns of one quantity, one column a joint.
+    """Collect the columns of one quantity into sets with one column for each joint.
+
+    A column can stand in several sets, of different styles.
 
     Parameters
     ----------
     quantity : str
         q, dq, tau, temp or qcmd.
     readings : Mapping[str, Reading]
-        What each column's name says.
+        What each column's name says, by the name.
 
     Returns
     -------
     list[ColumnSet]
-        Sets without gaps in their numbers, the best first.
+        The sets whose numbers have no gap, the best first.
     """
     of_quantity = {
         name: reading
         for name, reading in readings.items()
         if reading.quantity == quantity
     }
+    # Names by style, rank of the word, and further words.
     groups = dict[tuple[str, int, tuple[str, ...]], list[str]]()
     for name, reading in of_quantity.items():
         for style, other_words in _styles_of(reading):
             groups.setdefault((style, reading.rank, other_words), []).append(name)
     sets = list[ColumnSet]()
     for (style, rank, other_words), names in groups.items():
-        columns = _columns_by_joint(style, names, of_quantity)
-        if columns:
+        for columns in _sets_of_names(quantity, style, names, of_quantity):
             sets.append(ColumnSet(quantity, rank, style, other_words, columns))
-        elif quantity == "q" and style == "number":
-            for alike in _named_alike(names):
-                columns = _columns_by_joint(style, alike, of_quantity)
-                if columns and len(alike) < len(names):
-                    sets.append(ColumnSet(quantity, rank, style, other_words, columns))
-    return sorted(sets, key=lambda columns: columns.preference)
+    return sorted(sets, key=lambda column_set: column_set.preference)
+
+
+def _sets_of_names(
+    quantity: str,
+    style: str,
+    names: Sequence[str],
+    readings: Mapping[str, Reading],
+) -> list[dict[Hashable, str]]:
+    """Make the sets of some columns that share style, rank and further words.
+
+    Usually that is one set. Position columns with two ways of numbering (motor_pos_1
+    and link_pos_1) give none together; they are split by their names.
+    """
+    columns = _columns_by_joint(style, names, readings)
+    if columns:
+        return [columns]
+    if quantity != "q" or style != "number":
+        return []
+    parts = [part for part in _named_alike(names) if len(part) < len(names)]
+    split_sets = [_columns_by_joint(style, part, readings) for part in parts]
+    return [columns for columns in split_sets if columns]
 
 
 def _named_alike(names: Sequence[str]) -> list[list[str]]:
-    """Columns that differ by their last number alone: motor_pos_1 and link_pos_1 do by
-    more."""
+    """Split columns into lists that differ by their last number alone: motor_pos_1
+    stands with motor_pos_2, not with link_pos_1."""
     groups = dict[str, list[str]]()
     for name in names:
         stem = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", name)
@@ -90,7 +112,11 @@ def _named_alike(names: Sequence[str]) -> list[list[str]]:
 
 
 def _styles_of(reading: Reading) -> list[tuple[str, tuple[str, ...]]]:
-    """The styles that a name can be of, with the words that its set shares."""
+    """List the styles of the sets to which a column can belong, each with the further
+    words that all columns of the set share.
+
+    "name" shares none: there the further words tell the joints apart.
+    """
     if reading.joint is not None:
         return [("joint", reading.other_words)]
     styles = list[tuple[str, tuple[str, ...]]]([("name", ())])
@@ -106,8 +132,11 @@ def _columns_by_joint(
     names: Sequence[str],
     readings: Mapping[str, Reading],
 ) -> dict[Hashable, str]:
-    """Columns of one set by their joint, in the joints' order; empty where two columns
-    name one joint, where numbers have gaps, or where the style needs another count."""
+    """Order the columns of one set by their joint.
+
+    Empty where they are no set: two columns of one joint, numbers with a gap, a "block"
+    of several columns, or one "name" alone.
+    """
     if style == "block":
         return {"": names[0]} if len(names) == 1 else {}
     columns = {_key_of(style, readings[name]): name for name in names}
@@ -116,12 +145,13 @@ def _columns_by_joint(
     if style == "name":
         is_numbered = all(readings[name].number is not None for name in names)
         return {} if is_numbered or len(columns) < 2 else columns
-    in_order = {k: columns[k] for k in sorted(columns)}  # type: ignore[type-var]
+    in_order = {key: columns[key] for key in sorted(columns)}  # type: ignore[type-var]
     return _from_zero(in_order) if style == "number" else in_order
 
 
 def _key_of(style: str, reading: Reading) -> Hashable:
-    """What tells a column's joint from others: the joint, its number, or other words."""
+    """Return what tells a column's joint apart in a set of this style: the robot's
+    joint, a number, or the further words."""
     if style == "joint":
         return reading.joint
     if style == "number":
@@ -130,16 +160,24 @@ def _key_of(style: str, reading: Reading) -> Hashable:
 
 
 def _from_zero(columns: Mapping[Hashable, str]) -> dict[Hashable, str]:
-    """Columns that are counted from 0 or 1 without a gap, from 0; none otherwise."""
+    """Renumber columns from 0 where their numbers begin at 0 or 1 and have no gap;
+    empty otherwise."""
     numbers = list(columns)
-    first = numbers[0]
-    is_whole = first in (0, 1) and numbers == list(range(first, first + len(columns)))  # type: ignore[call-overload,operator]
-    return dict(enumerate(columns.values())) if is_whole else {}
+    n_columns = len(columns)
+    from_zero = list(range(n_columns))
+    from_one = list(range(1, n_columns + 1))
+    if numbers not in (from_zero, from_one):
+        return {}
+    return dict(enumerate(columns.values()))
 
 
 @dataclass(frozen=True)
 class SetChoice:
-    """The sets that were chosen by quantity, and others as good, which leave it open."""
+    """The chosen set of each quantity.
+
+    ``rivals`` are other sets of positions that are equally good: where there are some,
+    the user has to choose.
+    """
 
     sets: dict[str, ColumnSet]
     rivals: tuple[ColumnSet, ...] = ()
@@ -151,108 +189,135 @@ def choose_sets(
     *,
     has_blocks: bool = True,
 ) -> SetChoice | None:
-    """Choose the best set of positions that has torques, or commanded positions, of the
-    same joints.
+    """Choose the set of position columns, and the sets of torques, velocities and so on
+    that have the same joints.
+
+    Positions without torques or commands for the same joints are no candidates. Among
+    the candidates the preference of the positions decides.
 
     Parameters
     ----------
     readings : Mapping[str, Reading]
-        What each column's name says.
+        What each column's name says, by the name.
     n_joints : int | None
-        Of the robot; columns that are called by fewer of its joints than half are not
-        taken.
+        Number of the robot's joints. Columns that are called by its joints have to name
+        more than half of them.
     has_blocks : bool
-        Take one column as all joints too.
+        Whether one column may hold all joints, a list in each cell.
 
     Returns
     -------
     SetChoice | None
-        The sets by quantity, and rivals that are as good; None where there is none.
+        The sets by quantity, and rivals that are equally good; None without a
+        candidate.
     """
-    by_quantity = {
+    sets_of_quantity = {
         quantity: column_sets(quantity, readings)
         for quantity in WORDS
         if quantity != "t"
     }
-    choices = list[SetChoice]()
-    torques = by_quantity["tau"]
-    for positions in _with_torque_alone(by_quantity["q"], torques):
-        if positions.style == "joint" and 2 * len(positions.columns) <= (n_joints or 0):
+    torques = sets_of_quantity["tau"]
+    candidates = list[dict[str, ColumnSet]]()
+    for positions in _without_undriven_joints(sets_of_quantity["q"], torques):
+        if not _is_candidate(positions, n_joints, has_blocks):
             continue
-        if positions.style == "block" and not has_blocks:
-            continue
-        sets = {"q": positions}
-        for quantity, candidates in by_quantity.items():
-            if quantity == "q":
-                continue
-            partner = _partner_of(positions, candidates)
-            if partner is not None:
-                sets[quantity] = partner
-        if {"tau", "qcmd"} & set(sets):
-            choices.append(SetChoice(sets))
-    if not choices:
+        candidate = _with_partners(positions, sets_of_quantity)
+        if {"tau", "qcmd"} & set(candidate):
+            candidates.append(candidate)
+    if not candidates:
         return None
-    first = choices[0].sets["q"]
-    for_robot = [
-        choice
-        for choice in choices
-        if choice.sets["q"].style == "name"
-        and len(choice.sets["q"].columns) == n_joints
+    # One column with all joints gives way to a column for each joint of the robot.
+    fits_robot = [
+        candidate
+        for candidate in candidates
+        if candidate["q"].style == "name" and len(candidate["q"].columns) == n_joints
     ]
-    if first.style == "block" and n_joints != 1 and for_robot:
-        choices = for_robot
-    best = choices[0].sets["q"]
+    is_block = candidates[0]["q"].style == "block"
+    if is_block and n_joints != 1 and fits_robot:
+        candidates = fits_robot
+    best, *others = candidates
     rivals = [
-        choice.sets["q"]
-        for choice in choices[1:]
-        if choice.sets["q"].preference == best.preference
+        other["q"] for other in others if other["q"].preference == best["q"].preference
     ]
-    return SetChoice(choices[0].sets, tuple(rivals))
+    return SetChoice(best, tuple(rivals))
 
 
-def _with_torque_alone(
-    positions: Sequence[ColumnSet], torques: Sequence[ColumnSet]
-) -> list[ColumnSet]:
-    """The sets of positions; those of the robot's joints, of which some have no torque (a
-    gripper's), without these."""
-    out = list[ColumnSet]()
-    for columns in positions:
-        keys = [s.keys for s in torques if s.style == columns.style == "joint"]
-        fewer = [
-            some
-            for some in keys
-            if some < columns.keys and 2 * len(some) > len(columns.keys)
-        ]
-        if columns.keys in keys or not fewer:
-            out.append(columns)
+def _is_candidate(positions: ColumnSet, n_joints: int | None, has_blocks: bool) -> bool:
+    """Return whether a set of positions may be chosen: it names more than half of the
+    robot's joints where it is called by them, and is a block only where blocks are
+    allowed."""
+    if positions.style == "joint":
+        return 2 * len(positions.columns) > (n_joints or 0)
+    return positions.style != "block" or has_blocks
+
+
+def _with_partners(
+    positions: ColumnSet, sets_of_quantity: Mapping[str, Sequence[ColumnSet]]
+) -> dict[str, ColumnSet]:
+    """Return a set of positions with the set of every other quantity that has the same
+    joints."""
+    chosen = {"q": positions}
+    for quantity, column_sets_of_it in sets_of_quantity.items():
+        if quantity == "q":
             continue
-        driven = {key: name for key, name in columns.columns.items() if key in fewer[0]}
-        out.append(replace(columns, columns=driven))
+        partner = _partner_of(positions, column_sets_of_it)
+        if partner is not None:
+            chosen[quantity] = partner
+    return chosen
+
+
+def _without_undriven_joints(
+    position_sets: Sequence[ColumnSet], torque_sets: Sequence[ColumnSet]
+) -> list[ColumnSet]:
+    """Leave joints without a torque column, such as a gripper's, out of the position
+    sets.
+
+    This concerns sets that are called by the robot's joints, and only where more than
+    half of the joints have a torque. Other sets are returned as they are.
+    """
+    driven_joints = [
+        torques.keys for torques in torque_sets if torques.style == "joint"
+    ]
+    out = list[ColumnSet]()
+    for positions in position_sets:
+        joints = positions.keys
+        most_of_them = [
+            driven
+            for driven in driven_joints
+            if driven < joints and 2 * len(driven) > len(joints)
+        ]
+        is_as_it_is = joints in driven_joints or not most_of_them
+        if positions.style != "joint" or is_as_it_is:
+            out.append(positions)
+            continue
+        driven = most_of_them[0]
+        columns = {key: x for key, x in positions.columns.items() if key in driven}
+        out.append(replace(positions, columns=columns))
     return out
 
 
 def _partner_of(
     positions: ColumnSet, candidates: Sequence[ColumnSet]
 ) -> ColumnSet | None:
-    """The set of another quantity of the same joints, of the same words if there is one;
-    its columns in the order of the positions."""
-    partners = [
-        s
-        for s in candidates
-        if s.keys == positions.keys
-        or (s.style == positions.style == "joint" and s.keys > positions.keys)
-    ]
+    """Find the set of another quantity that has the same joints as the positions.
+
+    A set that shares the positions' further words ("left arm") is preferred. Its
+    columns are put in the order of the positions. None where no set has the joints.
+    """
+    partners = list[ColumnSet]()
+    for candidate in candidates:
+        has_same_joints = candidate.keys == positions.keys
+        has_more_joints = candidate.keys > positions.keys
+        is_by_joint = candidate.style == positions.style == "joint"
+        if has_same_joints or (is_by_joint and has_more_joints):
+            partners.append(candidate)
     if not partners:
         return None
-    best = min(
-        partners,
-        key=lambda s: (s.other_words != positions.other_words, s.preference),
-    )
-    columns = {key: best.columns[key] for key in positions.columns}
-    return ColumnSet(
-        best.quantity,
-        best.rank,
-        best.style,
-        best.other_words,
-        columns,
-    )
+
+    def preference(partner: ColumnSet) -> tuple[bool, tuple[int, int, int, int]]:
+        """Sort key; the smallest wins: equal further words come first."""
+        return partner.other_words != positions.other_words, partner.preference
+
+    best = min(partners, key=preference)
+    columns_in_order = {key: best.columns[key] for key in positions.columns}
+    return replace(best, columns=columns_in_order)

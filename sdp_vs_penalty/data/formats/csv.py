@@ -3,7 +3,7 @@ row a sample; read piece by piece: memory for the numbers and for one piece, how
 long the file."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,12 +36,15 @@ _SPARSE_ROWS = 3
 def read(path: Path, choice: Choice) -> Measurements:
     """Read the run of a text table.
 
+    Three layouts are read: a column for each channel (RUN.csv), a table without a
+    header, and the long layout with a row for each joint and instant.
+
     Parameters
     ----------
     path : Path
         Path of the file.
     choice : Choice
-        What of the file to take: joints, columns, rate.
+        The robot's joints, the columns chosen by ``--rename``, and the rate.
 
     Returns
     -------
@@ -55,7 +58,8 @@ def read(path: Path, choice: Choice) -> Measurements:
     """
     table = inspect_table(path)
     names = list(table.names)
-    if not table.has_header and names[0] == "#1" and not choice.rename:
+    is_unnamed = not table.has_header and names[0] == "#1"
+    if is_unnamed and not choice.rename:
         from sdp_vs_penalty.data.formats.headerless import names_without_header
 
         names = names_without_header(
@@ -80,13 +84,15 @@ def read(path: Path, choice: Choice) -> Measurements:
     _refuse_texts(table, names, chosen)
     run = _run_of_columns(table, header, names, chosen)
     clock = () if choice.rate is not None else header.groups.get("t", ())
-    is_text = any(table.kinds[names.index(name)] == "stamp" for name in clock)
-    return replace(run, t=past_midnight(run.t)) if is_text else run
+    has_times_of_day = any(table.kinds[names.index(x)] == "stamp" for x in clock)
+    return replace(run, t=past_midnight(run.t)) if has_times_of_day else run
 
 
 def _has_channels_alone(table: TextTable) -> bool:
-    """Whether all columns are called as in RUN.csv (t, q1 ..., tau1 ...), so that none
-    can say of which joint a row is."""
+    """Return whether all columns are called as in RUN.csv (t, q1 ..., tau1 ...).
+
+    Then no column can name the joint of a row, and the table is not in the long layout.
+    """
     return {group_of(name) for name in table.names} <= {"t", *GROUPS}
 
 
@@ -96,32 +102,38 @@ def _run_of_columns(
     names: Sequence[str],
     chosen: Sequence[int],
 ) -> Measurements:
-    """The run of the chosen columns; of a sparse table what is nearest in time."""
-    called = [names[k] for k in chosen]
+    """Read the run of the chosen columns.
+
+    ``chosen`` holds the columns' places from 0. Where cells are empty, the table is
+    read once more as a sparse one, whose channels have rows and stamps of their own.
+    """
+    chosen_names = [names[k] for k in chosen]
     pieces = read_pieces(table, chosen)
     try:
         return header.gather(
-            header.run(dict(zip(called, piece, strict=True))) for piece in pieces
+            header.run(dict(zip(chosen_names, piece, strict=True))) for piece in pieces
         )
     except EmptyCellError:
-        columns = _sparse_columns(table, header, chosen, called)
+        columns = _sparse_columns(table, header, chosen, chosen_names)
         if columns is None:
             raise
         return header.read(columns)
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Read the columns of a table that are numbers.
+    """Read the columns of a text table that hold numbers, lists of numbers or time
+    stamps.
 
     Parameters
     ----------
     path : Path
-        Of a text table.
+        Path of the file.
 
     Returns
     -------
     dict of str to array
-        (N,) numbers, or (N, n) of lists, by the column's name.
+        By the column's name (N,) numbers, seconds [s] of time stamps, or (N, n) numbers
+        where each cell holds a list.
 
     Raises
     ------
@@ -129,18 +141,18 @@ def read_columns(path: Path) -> dict[str, Array]:
         Naming the row and column that is wrong.
     """
     table = inspect_table(path)
-    chosen = [
-        k for k, kind in enumerate(table.kinds) if kind in ("number", "list", "stamp")
-    ]
+    numeric_kinds = ("number", "list", "stamp")
+    chosen = [k for k, kind in enumerate(table.kinds) if kind in numeric_kinds]
     pieces = list(read_pieces(table, chosen))
-    return {
-        table.names[k]: np.concatenate([piece[place] for piece in pieces])
-        for place, k in enumerate(chosen)
-    }
+    columns = dict[str, Array]()
+    for place, k in enumerate(chosen):
+        columns[table.names[k]] = np.concatenate([piece[place] for piece in pieces])
+    return columns
 
 
 def inspect(path: Path) -> CellTable:
-    """Describe what the columns of a text table hold.
+    """Describe the columns of a text table by its first rows, for the recogniser of
+    columns.
 
     Parameters
     ----------
@@ -150,47 +162,51 @@ def inspect(path: Path) -> CellTable:
     Returns
     -------
     CellTable
-        Kinds and first cells, by name.
+        By the column's name its kind ("number", "text", ...) and its first cells.
     """
     table = inspect_table(path)
     return _cell_table(table, table.names)
 
 
 def _cell_table(table: TextTable, names: Sequence[str]) -> CellTable:
-    """What the recogniser needs to know of the columns."""
+    """Return the kinds and first cells of the columns, by the names that they go by
+    here."""
     kinds = dict(zip(names, table.kinds, strict=True))
     cells = {name: table.first_cells(k) for k, name in enumerate(names)}
     return CellTable(kinds, cells)
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """Write one run as RUN.csv, whole or not at all.
+    """Write one run as RUN.csv with the header t,q1..qn,dq1..dqn,tau1..taun.
+
+    The file appears when it is complete: an interruption leaves no half-written file.
+    Numbers are written so that they are read back to the last bit.
 
     Parameters
     ----------
     measurements : Measurements
         The run.
     path : Path
-        Of the file to write.
+        Path of the file to write.
     """
     with writing(path) as file:
         file.write((",".join(columns_of(measurements)) + "\n").encode())
         for part in measurements.parts():
             rows = np.column_stack(list(columns_of(part).values())).tolist()
-            file.write(
-                "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
-            )
+            # repr() writes the shortest text that gives back the same number.
+            lines = [",".join(map(repr, row)) + "\n" for row in rows]
+            file.write("".join(lines).encode())
 
 
 def numbers(path: Path, width: int) -> Array:
-    """Read the rows of a file without a header.
+    """Read a table of numbers that has no header, with commas between the columns.
 
     Parameters
     ----------
     path : Path
         Path of the file.
     width : int
-        How many columns it has.
+        Number of columns.
 
     Returns
     -------
@@ -224,7 +240,10 @@ def _refuse_texts(
     names: Sequence[str],
     chosen: Sequence[int],
 ) -> None:
-    """InputError naming a chosen column that never holds a number, once."""
+    """Raise InputError for a chosen column that holds texts in all rows.
+
+    One sentence names the column, where the parser would name its first row alone.
+    """
     for k in chosen:
         if table.kinds[k] == "text":
             cell = table.first_cells(k)[0][:40]
@@ -237,36 +256,56 @@ def _sparse_columns(
     table: TextTable,
     header: Header,
     chosen: Sequence[int],
-    called: Sequence[str],
+    chosen_names: Sequence[str],
 ) -> dict[str, Array] | None:
-    """The columns of a table in which some have rows of their own, as topics of
-    different times have: what is nearest in time comes together. None where no more
-    than a few rows lack a cell, which is a fault."""
+    """Read a table whose channels were logged at different times, each in rows of its
+    own.
+
+    In such a table every row leaves the other channels' cells empty. The channels are
+    merged at the rows of the positions: each takes the value that is nearest in time.
+
+    Returns
+    -------
+    dict of str to array, or None
+        (K,) or (K, n) values by the column's name, in the K merged rows. None where
+        fewer than three rows have an empty cell: that is a fault of a full table, not a
+        sparse one.
+    """
     from sdp_vs_penalty.data.merging import merge_columns
 
-    numbers, columns = read_cells(table, chosen)
+    row_numbers, columns = read_cells(table, chosen)
     n_incomplete = sum(not all(row) for row in zip(*columns, strict=True))
     if n_incomplete < _SPARSE_ROWS:
         return None
-    values = {
-        name: parse_with_gaps(table, k, numbers, cells)
-        for name, k, cells in zip(called, chosen, columns, strict=True)
-    }
+    values = dict[str, Array]()  # NaN where a cell is empty
+    for name, k, cells in zip(chosen_names, chosen, columns, strict=True):
+        values[name] = parse_with_gaps(table, k, row_numbers, cells)
     clock = header.groups.get("t", ()) if header.rate is None else ()
-    t = np.arange(len(columns[0]), dtype=float)
-    if clock:
-        parts = [header.factors.get(name, 1.0) * values[name] for name in clock]
-        t = np.sum(parts, axis=0)
+    stamps = _row_stamps(header, clock, values)
     channels = {name: x for name, x in values.items() if name not in clock}
     positions = [name for name in header.groups["q"] if name in channels]
-    rows, merged = merge_columns(t, channels, positions)
-    _say_rows_left_out(table, len(t) - len(rows))
-    stamps = {name: values[name][rows] for name in clock}
-    return stamps | merged
+    rows, merged = merge_columns(stamps, channels, positions)
+    _say_rows_left_out(table, len(stamps) - len(rows))
+    return {name: values[name][rows] for name in clock} | merged
+
+
+def _row_stamps(
+    header: Header,
+    clock: Sequence[str],
+    values: Mapping[str, Array],
+) -> Array:
+    """Return the time stamp (N,) of each row: seconds and nanoseconds added up; without
+    a clock, the row's number."""
+    if not clock:
+        n_rows = len(next(iter(values.values())))
+        return np.arange(n_rows, dtype=float)
+    parts = [header.factors.get(name, 1.0) * values[name] for name in clock]
+    return np.asarray(np.sum(parts, axis=0))
 
 
 def _say_rows_left_out(table: TextTable, n_rows: int) -> None:
-    """A remark about rows that have not all channels."""
+    """Warn that rows without a value of every channel were left out or merged with
+    others."""
     if n_rows == 0:
         return
     rows = formatting.count(n_rows, "row")

@@ -21,19 +21,20 @@ def names_without_header(
     choice: Choice,
     read_columns: Callable[[], Mapping[str, Array]],
 ) -> list[str]:
-    """Name the columns of a table without a header: q, dq and tau of each joint, as
-    research code writes them.
+    """Name the columns of a table without a header: q1..qn, dq1..dqn, tau1..taun, as
+    research code writes them, with t in front where one column more is there.
 
     Parameters
     ----------
     path : Path
         How messages call the file.
     width : int
-        How many columns it has.
+        Number of columns.
     choice : Choice
-        With the rate that stands in for a clock, and the robot's joints.
+        The rate that replaces a clock, and the robot's joints.
     read_columns : callable
-        Returns the columns (N,) in their order, of which a message proposes a rate.
+        Returns the columns (N,) in their order. Called for the error message alone,
+        which proposes a rate.
 
     Returns
     -------
@@ -43,10 +44,11 @@ def names_without_header(
     Raises
     ------
     InputError
-        No rate is given, which would show that somebody knows what the columns are; or
-        the columns are not three a joint.
+        No rate is given (a rate shows that the user knows what the columns are), or the
+        number of columns is not a multiple of the channel groups.
     """
-    layout = _layout(width, None if choice.joints is None else len(choice.joints))
+    n_joints = None if choice.joints is None else len(choice.joints)
+    layout = _layout(width, n_joints)
     if choice.rate is None:
         raise _no_header(path, layout, read_columns)
     if layout is None:
@@ -60,26 +62,27 @@ def _no_header(
     layout: list[str] | None,
     read_columns: Callable[[], Mapping[str, Array]],
 ) -> InputError:
-    """The error of a table whose first row holds numbers, with the command that names
-    its columns."""
+    """Return the error of a table without a header, with the command that names its
+    columns.
+
+    ``layout`` holds the proposed names, one a column; None where the number of columns
+    fits no layout. A raw file of a public data set is recognised by its name: then the
+    error says how to fetch the converted one.
+    """
     problem = "row 1 holds numbers instead of a header"
-    public = fetch_remedy(path)
-    if public is not None:
-        return InputError(problem, public, path)
+    how_to_fetch = fetch_remedy(path)
+    if how_to_fetch is not None:
+        return InputError(problem, how_to_fetch, path)
     remedy = f"put {HEADER} above them, or "
     if layout is None:
         remedy += "name columns by their numbers with `convert --rename t=#1,q1=#2`"
         return InputError(problem, remedy, path)
-    words = [
-        "--rename",
-        ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1)),
-    ]
+    pairs = ",".join(f"{name}=#{k}" for k, name in enumerate(layout, 1))
+    words = ["--rename", pairs]
     has_clock = layout[0] == "t"
     if not has_clock:
-        words += [
-            "--rate",
-            _rate_word(layout, list(read_columns().values())),
-        ]
+        columns = list(read_columns().values())
+        words += ["--rate", _rate_word(layout, columns)]
     groups = [name for name in ("t", "q", "dq", "tau") if f"{name}1" in layout]
     groups = ["t", *groups] if has_clock else groups
     shown = f"{', '.join(groups[:-1])} and {groups[-1]}"
@@ -92,27 +95,30 @@ def _no_header(
 
 
 def _rate_word(layout: Sequence[str], columns: Sequence[Array]) -> str:
-    """The rate at which velocities are the derivative of positions, "HZ" without."""
-    blocks = [
-        [
-            x
-            for name, x in zip(layout, columns, strict=False)
-            if name.rstrip("0123456789") == group
-        ]
-        for group in ("q", "dq")
-    ]
-    if not all(blocks):
+    """Return the sampling rate [Hz] at which dq is the derivative of q, as a word of a
+    command; the placeholder "HZ" where no rate fits."""
+    columns_of_group: dict[str, list[Array]] = {"q": [], "dq": []}
+    for name, column in zip(layout, columns, strict=False):
+        group = name.rstrip("0123456789")  # "dq" of "dq3"
+        if group in columns_of_group:
+            columns_of_group[group].append(column)
+    if not all(columns_of_group.values()):
         return "HZ"
-    positions, velocities = blocks
-    rate = rate_from_velocities(
-        np.stack(positions, axis=1), np.stack(velocities, axis=1)
-    )
+    q = np.stack(columns_of_group["q"], axis=1)
+    dq = np.stack(columns_of_group["dq"], axis=1)
+    rate = rate_from_velocities(q, dq)
     return "HZ" if rate is None else f"{rate:g}"
 
 
 def _layout(width: int, n_joints: int | None) -> list[str] | None:
-    """Our names of so many columns: those of the robot's number of joints, else of
-    three groups; None where neither fits."""
+    """Return names for the columns of a table without a header; None where no layout
+    fits.
+
+    A layout has q, dq and tau, or q and tau, of n joints, with or without a clock in
+    front. The layout with the robot's number of joints is taken, else the first with q,
+    dq and tau.
+    """
+    # Number of clocks, number of joints, and channel groups of each layout that fits.
     layouts = list[tuple[int, int, tuple[str, ...]]]()
     for n_clocks in (0, 1):
         for groups in _GROUPS:
@@ -120,10 +126,10 @@ def _layout(width: int, n_joints: int | None) -> list[str] | None:
             if n > 0 and n_left == 0:
                 layouts.append((n_clocks, n, groups))
     of_robot = [layout for layout in layouts if layout[1] == n_joints]
-    of_three = [layout for layout in layouts if layout[2] == _GROUPS[0]]
-    usual = of_robot or of_three
-    if not usual:
+    with_velocities = [layout for layout in layouts if layout[2] == _GROUPS[0]]
+    candidates = of_robot or with_velocities
+    if not candidates:
         return None
-    n_clocks, n, groups = usual[0]
+    n_clocks, n, groups = candidates[0]
     clock = ["t"] * n_clocks
     return clock + [f"{group}{k}" for group in groups for k in range(1, n + 1)]

@@ -44,81 +44,87 @@ class FilePart:
 
     @property
     def n_rows(self) -> int:
-        """How many samples it has."""
+        """Number of samples of this file."""
         return max(len(block) for block in self.columns.values())
 
     @property
     def clock_columns(self) -> tuple[str, ...]:
-        """The columns of its clock, two of a stamp in two parts; none without."""
+        """Names of the columns that hold this file's time stamps.
+
+        Two columns where a stamp is split into seconds and nanoseconds; empty where the
+        file has no clock. In a file without a header, "#1" names the first column: it
+        is the clock where its values rise evenly, or where it is the only column of a
+        file called like "time.txt".
+        """
         names = list(self.columns)
         if names[0] == "#1":
-            is_only = len(names) == 1
-            is_clock = (
-                _quantity_of(self.path) == "t"
-                if is_only
-                else _goes_on_evenly(self.columns["#1"])
-            )
+            if len(names) == 1:
+                is_clock = _quantity_of(self.path) == "t"
+            else:
+                is_clock = _rises_evenly(self.columns["#1"])
             return ("#1",) if is_clock else ()
         clock = find_clock(names)
         return () if clock is None else parts_of(clock, names)
 
     @property
     def clock(self) -> Array | None:
-        """(N,) its stamps in the file's own unit; None without."""
+        """(N,) time stamps in the file's own unit; None where the file has no clock."""
         parts = self.clock_columns
         if not parts:
             return None
-        first = np.ravel(self.columns[parts[0]])
-        return first + sum(
-            second_part_unit(name) * np.ravel(self.columns[name]) for name in parts[1:]
-        )
+        stamps = np.ravel(self.columns[parts[0]])
+        for name in parts[1:]:  # such as nanoseconds beside seconds
+            stamps = stamps + second_part_unit(name) * np.ravel(self.columns[name])
+        return stamps
 
     def channels(self, is_prefixed: bool) -> dict[str, str]:
-        """Name the channels of this file in the joined run.
+        """Name this file's channels (all columns but the clock) in the joined run.
 
         Parameters
         ----------
         is_prefixed : bool
-            With the file's name before the columns'.
+            Put the file's name before the column's, "dataQ/1", so that equal column
+            names of two files stay apart.
 
         Returns
         -------
         dict[str, str]
-            Names in the run by names in the file, without the clock.
+            Name in the joined run, by the name in this file.
         """
-        others = [name for name in self.columns if name not in self.clock_columns]
+        channels = [name for name in self.columns if name not in self.clock_columns]
         if not is_prefixed:
-            return {name: name for name in others}
+            return {name: name for name in channels}
         stem = self.path.stem
-        if not others or not others[0].startswith("#"):
-            return {name: f"{stem}/{name}" for name in others}
-        if len(others) == 1:
-            return {others[0]: stem}
-        return {name: f"{stem}/{k}" for k, name in enumerate(others, start=1)}
+        has_header = not channels or not channels[0].startswith("#")
+        if has_header:
+            return {name: f"{stem}/{name}" for name in channels}
+        if len(channels) == 1:
+            return {channels[0]: stem}
+        return {name: f"{stem}/{k}" for k, name in enumerate(channels, start=1)}
 
 
-def _goes_on_evenly(values: Array) -> bool:
-    """Whether numbers (N,) are those of a clock: each step is above 0, none ten times as
-    long as usual."""
+def _rises_evenly(values: Array) -> bool:
+    """Return whether values (N,) rise like a clock's: every step is positive, and none
+    is ten times the median step."""
     steps = np.diff(values)
-    return (
-        len(steps) > 0 and steps.min() > 0.0 and steps.max() < 10.0 * np.median(steps)
-    )
+    if len(steps) == 0 or steps.min() <= 0.0:
+        return False
+    return bool(steps.max() < 10.0 * np.median(steps))
 
 
 def files_of_run(path: Path) -> list[Path]:
-    """The files that one argument joins to a run.
+    """List the files that one argument joins to one run.
 
     Parameters
     ----------
     path : Path
-        "positions.csv+torques.csv"; or a folder with a file a quantity, whose names say
-        which ("dataQ.txt", "dataCur.txt").
+        Either "positions.csv+torques.csv", or a folder with one file for each quantity,
+        whose names say the quantity ("dataQ.txt", "dataCur.txt").
 
     Returns
     -------
     list of Path
-        At least two files; none where the argument is another one.
+        Two files or more; empty where the argument is an ordinary file or folder.
     """
     if path.is_dir():
         return [] if format_of(path) else _files_of_folder(path)
@@ -126,36 +132,45 @@ def files_of_run(path: Path) -> list[Path]:
     if len(names) < 2 or path.exists() or not all(names):
         return []
     folder = Path(names[0]).parent
-    return [_beside(Path(name), folder) for name in names]
+    return [_in_first_folder(Path(name), folder) for name in names]
 
 
-def _beside(path: Path, folder: Path) -> Path:
-    """A file by its path, or by its name in the folder of the first one."""
-    is_there = path.exists() or path.is_absolute()
-    return path if is_there or not (folder / path).exists() else folder / path
+def _in_first_folder(path: Path, folder: Path) -> Path:
+    """Return the path of a later file: as it stands, or, where it does not exist, in
+    the folder of the first file ("log/q.csv+tau.csv" means log/tau.csv)."""
+    if path.exists() or path.is_absolute():
+        return path
+    in_folder = folder / path
+    return in_folder if in_folder.exists() else path
 
 
 def _files_of_folder(folder: Path) -> list[Path]:
-    """The files of a folder whose names say one quantity each, where positions and
-    torques are among them and none is a run itself."""
+    """List the files of a folder that together are one run, one quantity in each.
+
+    Empty where the names of the files do not say positions and torques (or commands),
+    or where the file of positions holds torques as well and so is a run by itself.
+    """
     files = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES]
-    quantities = {file: _quantity_of(file) for file in files}
-    found = set(quantities.values())
-    if "q" not in found or not {"tau", "qcmd"} & found:
+    quantity_of_file = {file: _quantity_of(file) for file in files}
+    quantities = set(quantity_of_file.values())
+    if "q" not in quantities or not {"tau", "qcmd"} & quantities:
         return []
-    positions = next(file for file in files if quantities[file] == "q")
-    home = format_of(positions) or csv
+    positions = next(file for file in files if quantity_of_file[file] == "q")
+    file_format = format_of(positions) or csv
     try:
         with reading(positions):
-            table = home.inspect(positions)
-        is_run = recognise(list(table.kinds), None, table) is not None
+            table = file_format.inspect(positions)
+        is_run_by_itself = recognise(list(table.kinds), None, table) is not None
     except InputError:
         return []
-    return [] if is_run else [file for file in files if quantities[file]]
+    if is_run_by_itself:
+        return []
+    return [file for file in files if quantity_of_file[file] is not None]
 
 
 def _quantity_of(path: Path) -> str | None:
-    """The quantity that a file's name says: "q" of dataQ.txt; None without."""
+    """Return the quantity that a file's name says, "q" for dataQ.txt; None where it
+    says none."""
     reading_of_name = read_name(path.stem)
     return None if reading_of_name is None else reading_of_name.quantity
 
@@ -165,23 +180,26 @@ def read_joined(
     files: Sequence[Path],
     choice: Choice,
 ) -> Measurements:
-    """Read one run from several files.
+    """Read one run whose channels are spread over several files.
+
+    Columns keep their names where these tell the channels apart. Otherwise the file's
+    name is put before them: two files may both have a column "joint1".
 
     Parameters
     ----------
     path : Path
-        How messages call them together.
+        What messages call the files together.
     files : sequence of Path
-        Text tables, .npy, .npz, .mat or .parquet files; each with a clock, or as many
-        rows as the first one.
+        Text tables, .npy, .npz, .mat or .parquet files; each with a clock, or with as
+        many rows as the first one.
     choice : Choice
-        What of them to take.
+        Which columns to take, the robot's joints, and the rate.
 
     Returns
     -------
     Measurements
-        The samples of the first file with those of the others that are nearest in time,
-        within half a period. In SI units.
+        The samples of the first file with a clock. Each is completed by the sample of
+        every other file that is nearest in time, within half a period. In SI units.
 
     Raises
     ------
@@ -190,19 +208,21 @@ def read_joined(
         positions and torques among their columns.
     """
     parts = [_read_part(file) for file in files]
-    names = Counter(name for part in parts for name in part.channels(False))
-    has_repeated_names = any(n > 1 for n in names.values())
-    run_table = _join(parts, has_repeated_names or "#1" in names)
-    if not has_repeated_names and not _has_channels(run_table[0], choice):
-        run_table = _join(parts, is_prefixed=True)
-    table, columns = run_table
+    n_uses = Counter(n for part in parts for n in part.channels(is_prefixed=False))
+    has_repeated_names = any(n > 1 for n in n_uses.values())
+    has_unnamed_columns = "#1" in n_uses
+    table, columns = _join(parts, has_repeated_names or has_unnamed_columns)
+    if not has_repeated_names and not _has_channels(table, choice):
+        # Only the names of the files say what their columns are.
+        table, columns = _join(parts, is_prefixed=True)
     header = Header.of(path, list(columns), choice, table=table)
-    name = path.name if path.is_dir() else files[0].name
-    return replace(header.read(columns), names=(name,))
+    name_of_run = path.name if path.is_dir() else files[0].name
+    return replace(header.read(columns), names=(name_of_run,))
 
 
 def _has_channels(table: CellTable, choice: Choice) -> bool:
-    """Whether the columns that are chosen, or those of a run, are there."""
+    """Return whether the joined table has the columns that the user chose; without a
+    choice, whether its positions and torques are recognised."""
     names = list(table.kinds)
     if not choice.rename:
         return recognise(names, choice.joints, table) is not None
@@ -214,14 +234,14 @@ def _has_channels(table: CellTable, choice: Choice) -> bool:
 
 
 def _read_part(path: Path) -> FilePart:
-    """The columns of a file that are numbers."""
+    """Read the numeric columns of one file of a run."""
     with reading(path):
-        home = format_of(path) or csv
-        read_columns = getattr(home, "read_columns", None)
-        if read_columns is None:
+        file_format = format_of(path) or csv
+        if not hasattr(file_format, "read_columns"):
             what = "a bag cannot be joined with another file"
             raise InputError(what, "convert it first, or name it alone", path)
-        table, columns = home.inspect(path), read_columns(path)
+        table = file_format.inspect(path)
+        columns = file_format.read_columns(path)
     if not columns:
         raise InputError("no column of numbers", "name another file", path)
     return FilePart(path, table, columns)
@@ -230,56 +250,94 @@ def _read_part(path: Path) -> FilePart:
 def _join(
     parts: Sequence[FilePart], is_prefixed: bool
 ) -> tuple[CellTable, dict[str, Array]]:
-    """The columns of all files in the rows of the first one with a clock, and what they
-    hold; is_prefixed : names begin with their file's."""
-    clocks = [part for part in parts if part.clock_columns]
-    base = clocks[0] if clocks else parts[0]
-    rows, is_near = _rows_of_parts(base, parts)
-    columns = {name: base.columns[name][is_near] for name in base.clock_columns}
-    kinds = {name: base.table.kinds[name] for name in base.clock_columns}
-    cells = {name: base.table.cells.get(name, ()) for name in base.clock_columns}
-    if list(columns) == ["#1"]:
-        columns, kinds, cells = {"t": columns["#1"]}, {"t": "number"}, {}
-    for part, places in zip(parts, rows, strict=True):
+    """Join the columns of all files in the rows of one of them.
+
+    The first file with a clock gives the rows (the first file where none has a clock).
+    A row without a partner in some other file is left out, and a remark counts them.
+    With ``is_prefixed`` the columns are called "file/column".
+
+    Returns the kinds and first cells of the joined columns (for the recogniser), and
+    the columns (N,) or (N, n) by name.
+    """
+    with_clock = [part for part in parts if part.clock_columns]
+    base = with_clock[0] if with_clock else parts[0]
+    rows_of_parts, is_matched = _rows_of_parts(base, parts)
+    columns = dict[str, Array]()
+    kinds = dict[str, str]()
+    cells = dict[str, Sequence[str]]()
+    # The clock of the base file becomes the clock of the run.
+    for name in base.clock_columns:
+        is_unnamed = name == "#1"
+        joined_name = "t" if is_unnamed else name
+        columns[joined_name] = base.columns[name][is_matched]
+        kinds[joined_name] = "number" if is_unnamed else base.table.kinds[name]
+        cells[joined_name] = () if is_unnamed else base.table.cells.get(name, ())
+    # Then come the channels of all files, in the rows that every file has.
+    for part, rows in zip(parts, rows_of_parts, strict=True):
         for name, joined_name in part.channels(is_prefixed).items():
-            columns[joined_name] = part.columns[name][places[is_near]]
+            columns[joined_name] = part.columns[name][rows[is_matched]]
             kinds[joined_name] = part.table.kinds[name]
             cells[joined_name] = part.table.cells.get(name, ())
-    n_lost = base.n_rows - int(is_near.sum())
+    n_lost = int(np.sum(~is_matched))
     if n_lost:
-        lost = formatting.count(n_lost, "row")
-        warning = f"{base.path}: {lost} without a partner in the other files left out"
-        warnings.warn(warning, Remark, stacklevel=4)
+        _warn_of_lost_rows(base.path, n_lost)
     return CellTable(kinds, cells), columns
+
+
+def _warn_of_lost_rows(path: Path, n_lost: int) -> None:
+    """Warn that rows of the base file have no partner in the other files."""
+    lost = formatting.count(n_lost, "row")
+    warning = f"{path}: {lost} without a partner in the other files left out"
+    warnings.warn(warning, Remark, stacklevel=5)
 
 
 def _rows_of_parts(
     base: FilePart, parts: Sequence[FilePart]
 ) -> tuple[list[NDArray[np.intp]], NDArray[np.bool_]]:
-    """For each file the row that belongs to each row of ``base`` (N,), and whether all
-    files have one (N,)."""
+    """Match the rows of every file to the N rows of the base file.
+
+    Files with equal clocks, or without one, are matched row by row. Others are matched
+    by the nearest stamp, which counts as a match within half a period of the base
+    clock.
+
+    Returns
+    -------
+    rows : list of (N,) int arrays, one a file
+        Row of the file that belongs to each row of the base file.
+    is_matched : (N,) bool
+        Whether every file has a matching row.
+    """
     n_rows = base.n_rows
-    clock = base.clock
-    is_near = np.ones(n_rows, bool)
+    base_clock = base.clock
+    is_matched = np.ones(n_rows, bool)
     rows = list[NDArray[np.intp]]()
     for part in parts:
-        other = part.clock
-        is_by_row = other is None or clock is None or np.array_equal(other, clock)
-        if is_by_row and part.n_rows != n_rows:
-            what = (
-                f"{part.path.name} has {part.n_rows} rows, {base.path.name} has {n_rows},"
-                " and no clock says which belong together"
-            )
-            remedy = "give each file a column t, or as many rows"
-            raise InputError(what, remedy, part.path)
-        if other is None or clock is None or is_by_row:
+        clock = part.clock
+        if clock is None or base_clock is None or np.array_equal(clock, base_clock):
+            _require_equal_rows(part, base)
             rows.append(np.arange(n_rows))
             continue
-        order = np.argsort(other, kind="stable")
-        nearest, near = nearest_rows(clock, other[order], half_period(clock))
+        # nearest_rows asks for rising stamps; `order` leads back to the file's rows.
+        order = np.argsort(clock, kind="stable")
+        nearest, is_near = nearest_rows(
+            base_clock, clock[order], half_period(base_clock)
+        )
         rows.append(order[nearest])
-        is_near &= near
-    if not is_near.any():
+        is_matched &= is_near
+    if not is_matched.any():
         what = "the stamps of these files have no instant in common"
         raise InputError(what, "name files of one recording", base.path)
-    return rows, is_near
+    return rows, is_matched
+
+
+def _require_equal_rows(part: FilePart, base: FilePart) -> None:
+    """Raise InputError where files without a common clock have different numbers of
+    rows."""
+    if part.n_rows == base.n_rows:
+        return
+    what = (
+        f"{part.path.name} has {part.n_rows} rows, {base.path.name} has {base.n_rows},"
+        " and no clock says which belong together"
+    )
+    remedy = "give each file a column t, or as many rows"
+    raise InputError(what, remedy, part.path)

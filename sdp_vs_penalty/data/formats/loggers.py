@@ -17,49 +17,54 @@ GROUPS_OF_LOGGERS = ("q", "dq", "tau", "temp", "qcmd")
 def columns_of_logger(
     logger: Mapping[str, Any], names: Sequence[str]
 ) -> dict[str, dict[Hashable, str]]:
-    """Find the columns of a known logger.
+    """Find the columns of a known logger in a file.
 
     Parameters
     ----------
     logger : Mapping[str, Any]
-        Its entry of loggers.toml.
+        The logger's entry of loggers.toml: patterns of column names by channel group.
     names : Sequence[str]
-        Of the file's columns.
+        Names of the file's columns.
 
     Returns
     -------
     dict[str, dict[Hashable, str]]
-        The file's names by group and joint; empty where positions, or torques and
-        commands, are not among them.
+        By channel group (q, dq, tau, ...) and joint the file's column. Groups that do
+        not have the joints of q are left out. Empty where positions, or both torques
+        and commands, are missing: then the file is not of this logger.
     """
     groups = {
         group: columns_of_pattern(logger.get(group), names)
         for group in GROUPS_OF_LOGGERS
     }
     joints = list(groups["q"])
-    complete = {
+    with_all_joints = {
         group: columns
         for group, columns in groups.items()
         if columns and list(columns) == joints
     }
-    return complete if {"tau", "qcmd"} & set(complete) else {}
+    has_torques = bool({"tau", "qcmd"} & set(with_all_joints))
+    return with_all_joints if has_torques else {}
 
 
 def columns_of_pattern(patterns: Any, names: Sequence[str]) -> dict[Hashable, str]:
-    """Find the columns of the first pattern that fits. Numbers stand behind any mark,
-    ``q_0``, ``q[0]``, ``q.0``, and count from 0 or from 1 without a gap.
+    """Find the columns that fit the first matching pattern of a list.
+
+    In a pattern, ``{k}`` stands for a joint's number (written ``q_0``, ``q[0]`` or
+    ``q.0``, counted from 0 or 1 without a gap) and ``{joint}`` for a joint's name.
 
     Parameters
     ----------
     patterns : Any
         One pattern, several, or None.
     names : Sequence[str]
-        Of the file's columns.
+        Names of the file's columns.
 
     Returns
     -------
     dict[Hashable, str]
-        The file's names by the joint's number or name; empty where none fits.
+        The file's column by the joint's number or name. One column that holds all
+        joints has the key "". Empty where no pattern fits.
     """
     for pattern in as_list(patterns):
         regex = _regex(pattern)
@@ -74,19 +79,22 @@ def columns_of_pattern(patterns: Any, names: Sequence[str]) -> dict[Hashable, st
         numbered = sorted((int(match[1]), name) for match, name in columns)
         numbers = [number for number, _ in numbered]
         first = numbers[0]
-        if first <= 1 and numbers == list(range(first, first + len(numbers))):
+        has_no_gap = numbers == list(range(first, first + len(numbers)))
+        if first <= 1 and has_no_gap:
             return dict(numbered)
     return {}
 
 
 def _regex(pattern: str) -> re.Pattern[str]:
-    text = re.escape(pattern)
-    text = text.replace(r"\{k\}", r"[ _.\[(/-]*([0-9]+)[\])]*")
+    """Compile a pattern of loggers.toml: ``{k}`` matches a number with the marks around
+    it, ``{joint}`` a name without a slash."""
+    number_in_marks = r"[ _.\[(/-]*([0-9]+)[\])]*"
+    text = re.escape(pattern).replace(r"\{k\}", number_in_marks)
     return re.compile(text.replace(r"\{joint\}", "([^/]+)"))
 
 
 def as_list(value: Any) -> list[Any]:
-    """Make a list of a value of loggers.toml.
+    """Return the patterns of an entry of loggers.toml as a list.
 
     Parameters
     ----------
@@ -96,7 +104,7 @@ def as_list(value: Any) -> list[Any]:
     Returns
     -------
     list[Any]
-        No, one or several values.
+        No, one or several texts.
     """
     if value is None:
         return []

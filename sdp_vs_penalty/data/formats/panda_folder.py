@@ -10,17 +10,23 @@ from sdp_vs_penalty.errors import InputError
 
 SUFFIXES = ()
 FOLDER = "exciting_traj_*.txt"
+#: How the authors' files are called, by the channel group that they hold.
+_FILES = {"t": "time", "q": "positions", "dq": "velocity", "tau": "torques"}
 
 
 def read(folder: Path, choice: Choice) -> Measurements:
-    """Read the Panda authors' four text files: one number a line, sample-major.
+    """Read the run that the paper's authors published of the Panda: a folder with a
+    text file for each of time, positions, velocities and torques, one number a line.
+
+    The numbers of a sample's joints follow each other: q1 ... q7 of the first sample,
+    then of the second.
 
     Parameters
     ----------
     folder : Path
-        That holds them.
+        The folder that holds the files "exciting_traj_*.txt".
     choice : Choice
-        Not used.
+        Not used: the files name no columns.
 
     Returns
     -------
@@ -30,15 +36,10 @@ def read(folder: Path, choice: Choice) -> Measurements:
     Raises
     ------
     InputError
-        A file is missing, or does not fit the others.
+        A file is missing, or its count of numbers does not fit the others.
     """
     columns = {}
-    for key, name in (
-        ("t", "time"),
-        ("q", "positions"),
-        ("dq", "velocity"),
-        ("tau", "torques"),
-    ):
+    for key, name in _FILES.items():
         path = folder / f"exciting_traj_{name}.txt"
         if not path.exists():
             what = (
@@ -57,11 +58,4 @@ def read(folder: Path, choice: Choice) -> Measurements:
     q = columns["q"].reshape(len(t), -1)
     dq = columns["dq"].reshape(len(t), -1)
     tau = columns["tau"].reshape(len(t), -1)
-    return Measurements(
-        t,
-        q,
-        tau,
-        dq,
-        None,
-        (folder.name,),
-    )
+    return Measurements(t=t, q=q, tau=tau, dq=dq, names=(folder.name,))

@@ -43,6 +43,9 @@ Recognised: TypeAlias = tuple[dict[str, str], dict[str, float]]
 _JOINT_NAMES = re.compile(r"(?:.*[^a-z])?names?[^a-z0-9]*([0-9]*)[^a-z0-9]*")
 #: Angles beyond two turns are degrees [rad].
 _TWO_TURNS = 4.0 * np.pi
+#: Seconds since 1970 in the years 2001 and 2128: stamps in between are plausible [s].
+_EARLIEST_STAMP = 1e9
+_LATEST_STAMP = 5e9
 #: A unit, or what else stands in brackets at the end of a name.
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\W\d][^\[\]()]{0,11})[\])]\s*$")
 #: Words of torques that are currents.
@@ -52,7 +55,10 @@ _SLOWEST_STEP = 0.1
 
 
 class AmbiguousColumnsError(InputError):
-    """Two sets of columns are positions as well; words : of ``--rename`` for the first."""
+    """Two sets of columns are equally good as positions, such as those of two arms.
+
+    ``words`` holds the value of ``convert --rename`` that takes the first set.
+    """
 
     def __init__(self, what: str, words: str) -> None:
         super().__init__(what, f"choose with `convert --rename {words}`")
@@ -61,7 +67,7 @@ class AmbiguousColumnsError(InputError):
 
 @dataclass(frozen=True)
 class CellTable:
-    """What a file's columns hold.
+    """Kinds and first cells of a file's columns, as the recogniser needs them.
 
     Parameters
     ----------
@@ -73,17 +79,17 @@ class CellTable:
     cells: Mapping[str, Sequence[str]]
 
     def values(self, name: str) -> Array:
-        """Parse the first cells of a column.
+        """Return the numbers in the first 50 cells of a column that are not empty.
 
         Parameters
         ----------
         name : str
-            Of the column.
+            Name of the column.
 
         Returns
         -------
         Array
-            (K,) numbers; of lists all of theirs.
+            (K,) numbers; where cells hold lists, the numbers of all lists in one row.
         """
         text = " ".join(self.cells.get(name, ())[:50])
         numbers = re.findall(r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?", text)
@@ -92,19 +98,19 @@ class CellTable:
 
 @dataclass(frozen=True)
 class Recognition:
-    """What a file of foreign names is read as.
+    """Which column of a foreign file is which channel, in which unit and why.
 
     Parameters
     ----------
-    rename : our names (t, q1 ..., or q for a block) to the file's; t to "sec+nanosec"
-        where a stamp is in two parts
-    scale : factors by our names, where they are not 1
-    logger : what writes such files, in words
-    units : what each group is in, where that is not SI, and why
-    joints : their names, where the file says them
-    order : of the joints of a block, where the robot's is another one
-    episode : the column that counts runs
-    has_other_joints : the robot's joints have other names than the file's
+    rename : the file's names by ours (t, q1 ..., or q for a block); t is
+        "sec+nanosec" where a stamp is in two parts
+    scale : factors to SI by our names, where they are not 1
+    logger : the program that writes such files, in words
+    units : sentences on the units that are not SI, with the reasons
+    joints : names of the joints, where the file says them
+    order : places of the robot's joints within a block, where the orders differ
+    episode : name of the column that counts runs
+    has_other_joints : whether the robot's joints have other names than the file's
     """
 
     rename: dict[str, str]
@@ -118,7 +124,8 @@ class Recognition:
 
     @property
     def is_identity(self) -> bool:
-        """Whether the file has our own names."""
+        """Whether all columns already have our names (t, q1, tau1 ...), so that nothing
+        was guessed."""
         return all(
             our_name == their_name for our_name, their_name in self.rename.items()
         )
@@ -129,21 +136,22 @@ class Recognition:
         names: Sequence[str],
         rate: float | None = None,
     ) -> str:
-        """Format the command that reads the file alike.
+        """Format the `convert` command that states this reading of the columns
+        explicitly.
 
         Parameters
         ----------
         path : Path
             Path of the file.
         names : Sequence[str]
-            Of the file's columns.
+            Names of the file's columns.
         rate : float | None
-            Samples a second in place of its clock [Hz].
+            Sampling rate that replaces the file's clock [Hz].
 
         Returns
         -------
         str
-            A command that can be pasted.
+            A command for the shell.
         """
         words = ["--rename", rename_words(self.rename, names)]
         if self.scale:
@@ -160,24 +168,25 @@ class Recognition:
         names: Sequence[str],
         rate: float | None = None,
     ) -> str:
-        """Say what was taken for what, in which unit and why, with the command that
-        repeats it.
+        """Format the remark on the recognised columns: which column was taken for which
+        channel, in which unit and why, and the command that states the same.
 
         Parameters
         ----------
         path : Path
             Path of the file.
         names : Sequence[str]
-            Of the file's columns.
+            Names of the file's columns.
         rate : float | None
-            Samples a second in place of its clock [Hz].
+            Sampling rate that replaces the file's clock [Hz].
 
         Returns
         -------
         str
             One sentence.
         """
-        columns = ", ".join(f"{a} = {b}" for a, b in first_and_last(self.rename))
+        pairs = first_and_last(self.rename)
+        columns = ", ".join(f"{ours} = {theirs}" for ours, theirs in pairs)
         units = "".join(f"; {unit}" for unit in self.units)
         joints = f"; joints {', '.join(self.joints)}" if self.joints else ""
         if self.joints and self.has_other_joints:
@@ -189,17 +198,18 @@ class Recognition:
 
 
 def first_and_last(rename: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Shorten pairs of names to the first and last of each group.
+    """Shorten a renaming for a message: of each channel group the first and the last
+    column.
 
     Parameters
     ----------
     rename : Mapping[str, str]
-        Our names to the file's.
+        The file's names by our names (t, q1, tau1 ...).
 
     Returns
     -------
     list[tuple[str, str]]
-        Pairs of texts such as q1..q6 and pos_0 .. pos_5.
+        One pair a group, such as ("q1..q6", "pos_0 .. pos_5").
     """
     groups = dict[str, list[tuple[str, str]]]()
     for our_name, their_name in rename.items():
@@ -216,49 +226,59 @@ def first_and_last(rename: Mapping[str, str]) -> list[tuple[str, str]]:
 
 
 def counted_from_zero(names: Sequence[str]) -> bool:
-    """Tell whether columns that are called as ours are counted from 0.
+    """Return whether columns with our names count the joints from 0 (q0, tau0) instead
+    of 1.
 
     Parameters
     ----------
     names : Sequence[str]
-        Of the columns.
+        Names of the columns.
 
     Returns
     -------
     bool
-        True where q0, dq0 or tau0 is among them.
+        True where q0, dq0, tau0 or qcmd0 is among them.
     """
     return bool({"q0", "dq0", "tau0", "qcmd0"} & set(names))
 
 
 def has_our_names(names: Sequence[str]) -> bool:
-    """Tell whether columns are called as in RUN.csv, counted from 1.
+    """Return whether a file has the names of RUN.csv, so that nothing needs to be
+    recognised.
 
     Parameters
     ----------
     names : Sequence[str]
-        Of the columns.
+        Names of the columns.
 
     Returns
     -------
     bool
-        True where t, q and tau or qcmd are, one a joint.
+        True where t, positions (q or q1 ...) and torques or commands are there, for the
+        same number of joints, counted from 1.
     """
     known = set(names)
     has_positions = bool({"q", "q1"} & known)
     has_torques = bool({"tau", "tau1", "qcmd", "qcmd1"} & known)
     is_ours = "t" in known and has_positions and has_torques
-    return is_ours and _are_as_many(names) and not counted_from_zero(names)
+    return is_ours and _has_equal_counts(names) and not counted_from_zero(names)
 
 
-def _are_as_many(names: Sequence[str]) -> bool:
-    """Whether as many columns are called q1, q2 ... as tau1, tau2 ... or commands."""
+def _has_equal_counts(names: Sequence[str]) -> bool:
+    """Return whether q1, q2 ... are as many columns as tau1, tau2 ... (or qcmd1, ...).
+
+    A group that is one block, or is missing, has no numbered column and is not
+    compared.
+    """
     n_columns = {
         group: sum(bool(re.fullmatch(rf"{group}[0-9]+", name)) for name in names)
         for group in ("q", "tau", "qcmd")
     }
+    n_positions = n_columns["q"]
     n_torques = n_columns["tau"] or n_columns["qcmd"]
-    return 0 in (n_columns["q"], n_torques) or n_columns["q"] == n_torques
+    if n_positions == 0 or n_torques == 0:
+        return True
+    return n_positions == n_torques
 
 
 def recognise(
@@ -266,25 +286,32 @@ def recognise(
     joints: Sequence[str] | None = None,
     table: CellTable | None = None,
 ) -> Recognition | None:
-    """What the columns of these names are.
+    """Recognise which column of a foreign log is which channel, and in which unit.
+
+    The column names of known loggers are tried first, then the words in the names.
+    Columns of text are never channels.
 
     Parameters
     ----------
-    names : of the columns, in the file's order
-    joints : names of the robot's joints in order, for columns that are called by joints
-    table : what the columns hold
+    names : sequence of str
+        Names of the columns, in the file's order.
+    joints : sequence of str, optional
+        Names of the robot's joints in order: columns can be called by them.
+    table : CellTable, optional
+        Kinds and first cells of the columns; they tell degrees from radians, say.
 
     Returns
     -------
     Recognition or None
-        None where positions, or torques and commands, are not among them.
+        None where positions, or both torques and commands, are not among the columns.
 
     Raises
     ------
     AmbiguousColumnsError
-        Two sets of columns are positions as well, such as those of two arms.
+        Two sets of columns are equally good as positions, such as those of two arms.
     """
-    usable = [n for n in names if table is None or table.kinds.get(n) != "text"]
+    kinds = {} if table is None else table.kinds
+    usable = [name for name in names if kinds.get(name) != "text"]
     recognition = _by_logger(usable, names, joints, table)
     if recognition is None:
         recognition = _by_words(usable, names, joints, table)
@@ -294,19 +321,20 @@ def recognise(
 def recognised(
     names: Sequence[str], joints: Sequence[str] | None = None
 ) -> Recognised | None:
-    """Recognise columns by their names alone.
+    """Recognise which column is which channel by the columns' names alone.
 
     Parameters
     ----------
     names : Sequence[str]
-        Of the columns, in order.
+        Names of the columns, in the file's order.
     joints : Sequence[str] | None
-        The robot's joint names.
+        Names of the robot's joints in order.
 
     Returns
     -------
     Recognised | None
-        Names and factors of :func:`recognise`; None where there is no clock either.
+        The file's names, and factors to SI, both by our names (t, q1, tau1 ...). None
+        where positions, torques or the clock are not recognised.
     """
     recognition = recognise(names, joints)
     if recognition is None or "t" not in recognition.rename:
@@ -315,30 +343,37 @@ def recognised(
 
 
 def find_clock(names: Sequence[str]) -> str | None:
-    """Find the column of a file's clock.
+    """Find the column that holds a file's time stamps.
+
+    Among several, the best word wins ("time" before "tick"), then the name with the
+    fewest other words.
 
     Parameters
     ----------
     names : Sequence[str]
-        Of the columns.
+        Names of the columns.
 
     Returns
     -------
     str | None
-        Its name, "sec+nanosec" where it is in two parts; None without.
+        The column's name; "sec+nanosec" for a stamp in two columns; None without a
+        clock.
     """
     from sdp_vs_penalty.data.formats.column_names import read_name
 
     pair = find_two_parts(names)
     if pair is not None:
         return "+".join(pair)
-    readings = [(read_name(name), name) for name in names]
-    clocks = [
-        (reading.rank, len(reading.other_words), name)
-        for reading, name in readings
-        if reading is not None and reading.quantity == "t" and reading.number is None
-    ]
-    return min(clocks)[2] if clocks else None
+    clocks = list[tuple[int, int, str]]()  # the smallest is the best
+    for name in names:
+        reading = read_name(name)
+        if reading is None or reading.quantity != "t" or reading.number is not None:
+            continue
+        clocks.append((reading.rank, len(reading.other_words), name))
+    if not clocks:
+        return None
+    _, _, best_name = min(clocks)
+    return best_name
 
 
 def _by_logger(
@@ -347,7 +382,12 @@ def _by_logger(
     joints: Sequence[str] | None,
     table: CellTable | None,
 ) -> Recognition | None:
-    """What a logger of the table writes; None where the file is none of theirs."""
+    """Recognise a file by the loggers that are known (loggers.toml); None where none
+    wrote it.
+
+    ``usable`` are the columns that can hold numbers, ``names`` all columns: those of
+    text can hold the joints' names.
+    """
     from sdp_vs_penalty.data.formats.loggers import LOGGERS, columns_of_logger
 
     for logger in LOGGERS:
@@ -355,12 +395,9 @@ def _by_logger(
         clock = _first_present(logger["t"], usable)
         if clock is None or not groups:
             continue
-        called, keys = _joints_of_logger(
-            logger,
-            list(groups["q"]),
-            names,
-            joints,
-            table,
+        keys_in_file = list(groups["q"])
+        joint_names, keys = _joints_of_logger(
+            logger, keys_in_file, names, joints, table
         )
         rename = {"t": clock}
         for group, columns in groups.items():
@@ -370,17 +407,20 @@ def _by_logger(
         return Recognition(
             rename,
             scale,
-            str(logger["name"]),
-            units,
-            called,
+            logger=str(logger["name"]),
+            units=units,
+            joints=joint_names,
             episode=_first_present(logger.get("episode"), names),
-            has_other_joints=_has_other_joints(joints, called),
+            has_other_joints=_has_other_joints(joints, joint_names),
         )
     return None
 
 
 def _our_name(group: str, key: Hashable, number: int) -> str:
-    """Our name of a column: of a block the group's alone."""
+    """Return our name of a joint's column, "q3".
+
+    The key "" marks a column that holds all joints: its name is the group's, "q".
+    """
     return group if key == "" else f"{group}{number}"
 
 
@@ -391,22 +431,36 @@ def _joints_of_logger(
     joints: Sequence[str] | None,
     table: CellTable | None,
 ) -> tuple[tuple[str, ...], list[Hashable]]:
-    """The joints' names where the file says them, and the keys of their columns, both
-    in the robot's order."""
+    """Find the joints' names in a known logger's file, and put the joints in the
+    robot's order.
+
+    ``keys`` tell the joints of the position columns apart: names, numbers, or "" for
+    one column with all joints. Names stand in the columns' names, or in text columns of
+    their own (the logger's pattern "names").
+
+    Returns
+    -------
+    joint_names : tuple of str
+        Empty where the file does not name its joints.
+    keys : list
+        The given keys, in the order of ``joint_names`` where there are some.
+    """
     from sdp_vs_penalty.data.formats.loggers import columns_of_pattern
 
-    if keys != [""] and all(isinstance(key, str) for key in keys):
+    are_keys_names = keys != [""] and all(isinstance(key, str) for key in keys)
+    if are_keys_names:
         in_order = _in_order_of(joints, [str(key) for key in keys])
         return tuple(in_order), list(in_order)
-    columns = columns_of_pattern(logger.get("names"), names)
-    if table is None or not columns or not set(keys) <= set(columns):
+    name_columns = columns_of_pattern(logger.get("names"), names)
+    has_names = bool(name_columns) and set(keys) <= set(name_columns)
+    if table is None or not has_names:
         return (), keys
-    texts = [_first_cell(table, columns[key]) for key in keys]
-    if len(set(texts)) != len(texts):
+    names_in_file = [_first_cell(table, name_columns[key]) for key in keys]
+    if len(set(names_in_file)) != len(names_in_file):
         return (), keys
-    key_by_name = dict(zip(texts, keys, strict=True))
-    called = _in_order_of(joints, texts)
-    return tuple(called), [key_by_name[name] for name in called]
+    key_by_name = dict(zip(names_in_file, keys, strict=True))
+    joint_names = _in_order_of(joints, names_in_file)
+    return tuple(joint_names), [key_by_name[name] for name in joint_names]
 
 
 def _units_of_logger(
@@ -414,31 +468,48 @@ def _units_of_logger(
     rename: Mapping[str, str],
     table: CellTable | None,
 ) -> tuple[dict[str, float], tuple[str, ...]]:
-    """Factors by our names, and the units in words with the reason for each."""
+    """Find the units of a known logger's columns.
+
+    An entry of loggers.toml gives a unit for each channel group; "angle" and "clock"
+    mean that the unit shows in the first values.
+
+    Returns
+    -------
+    scale : dict of str to float
+        Factors to SI by our names, where they are not 1.
+    sentences : tuple of str
+        The unit of each group and the reason for it, for the remark to the user.
+    """
     scale = dict[str, float]()
-    units = list[str]()
+    sentences = list[str]()
     for group, unit in logger.get("units", {}).items():
-        columns = {
-            our_name: n for our_name, n in rename.items() if group_of(our_name) == group
-        }
+        our_names = [name for name in rename if group_of(name) == group]
+        columns = [rename[name] for name in our_names]
+        if not columns:
+            continue
         why = f"as {logger['name']} writes it"
         if unit == "angle":
-            unit, why = _unit_of_angles(list(columns.values()), table)
+            unit, why = _unit_of_angles(columns, table)
         elif unit == "clock":
-            unit, why = _unit_of_clock(list(columns.values()), table)
-        if columns and unit in SHARES:
-            units.append(_share_sentence(group, unit))
-        if not columns or unit.lower() not in UNITS:
+            unit, why = _unit_of_clock(columns, table)
+        if unit in SHARES:
+            sentences.append(_share_sentence(group, unit))
+        if unit.lower() not in UNITS:
             continue
-        units.append(f"{group} in {unit}, {why}")
+        sentences.append(f"{group} in {unit}, {why}")
         factor = UNITS[unit.lower()]
         if factor != 1.0:
-            scale |= dict.fromkeys(columns, factor)
-    return scale, tuple(units)
+            scale |= dict.fromkeys(our_names, factor)
+    return scale, tuple(sentences)
 
 
 def _unit_of_angles(names: Sequence[str], table: CellTable | None) -> tuple[str, str]:
-    """ "deg" where the first values are beyond two turns, "rad" otherwise, and why."""
+    """Guess the unit of angles from their first values, and give the reason as a
+    phrase.
+
+    Values beyond two turns (4 pi) are degrees, "deg"; others "rad". Without values the
+    unit stays open: "angle".
+    """
     if table is None or not names:
         return "angle", ""
     values = np.concatenate([table.values(name) for name in names])
@@ -448,18 +519,23 @@ def _unit_of_angles(names: Sequence[str], table: CellTable | None) -> tuple[str,
 
 
 def _unit_of_clock(names: Sequence[str], table: CellTable | None) -> tuple[str, str]:
-    """ "ms" where the first steps are a tenth or more, "s" otherwise, and why: no arm is
-    logged ten times a second."""
+    """Guess the unit of a clock from its first steps, and give the reason as a phrase.
+
+    A median step of 0.1 or more counts milliseconds, "ms": no arm is logged at only 10
+    Hz. A smaller step counts seconds, "s". Without values the unit stays open: "clock".
+    """
     if table is None or not names:
         return "clock", ""
     steps = np.diff(table.values(names[0]))
-    usual = float(np.median(steps)) if len(steps) else 1.0
-    unit = "ms" if usual >= _SLOWEST_STEP else "s"
-    return unit, f"its first steps are {usual:.3g}"
+    median_step = float(np.median(steps)) if len(steps) else 1.0
+    unit = "ms" if median_step >= _SLOWEST_STEP else "s"
+    return unit, f"its first steps are {median_step:.3g}"
 
 
 def _first_present(patterns: Any, names: Sequence[str]) -> str | None:
-    """The first of some names, or sums of two, that the file has."""
+    """Return the first of some column names that the file has, as an entry of
+    loggers.toml lists them; "sec+nanosec" needs both columns. None where the file has
+    no such column."""
     from sdp_vs_penalty.data.formats.loggers import as_list
 
     for pattern in as_list(patterns):
@@ -468,37 +544,64 @@ def _first_present(patterns: Any, names: Sequence[str]) -> str | None:
     return None
 
 
-def _in_order_of(joints: Sequence[str] | None, called: Sequence[str]) -> list[str]:
-    """Joints' names in the robot's order where it has all of them, or they have all of
-    its; in the file's order otherwise."""
+def _in_order_of(
+    joints: Sequence[str] | None, names_in_file: Sequence[str]
+) -> list[str]:
+    """Put the joint names of a file in the robot's order.
+
+    They stay in the file's order where neither the robot has all of the file's joints
+    nor the file all of the robot's.
+    """
     if joints is None:
-        return list(called)
-    places = _match_joints(joints, called)
-    order = [places[joint] for joint in joints if joint in places]
-    is_complete = len(order) in (len(joints), len(called))
-    return order if order and is_complete else list(called)
+        return list(names_in_file)
+    name_in_file = _match_joints(joints, names_in_file)
+    in_order = [name_in_file[joint] for joint in joints if joint in name_in_file]
+    is_complete = len(in_order) in (len(joints), len(names_in_file))
+    return in_order if in_order and is_complete else list(names_in_file)
 
 
-def _has_other_joints(joints: Sequence[str] | None, called: Sequence[str]) -> bool:
-    """Whether the robot's joints and the file's have no name in common."""
-    return bool(joints) and not _match_joints(joints or (), called)
+def _has_other_joints(
+    joints: Sequence[str] | None, names_in_file: Sequence[str]
+) -> bool:
+    """Return whether the robot has joint names, and the file's names match none of
+    them."""
+    return bool(joints) and not _match_joints(joints or (), names_in_file)
 
 
-def _match_joints(joints: Sequence[str], called: Sequence[str]) -> dict[str, str]:
-    """The file's name of each of the robot's joints: the same but for marks and capital
-    letters, or the same behind one prefix that all have."""
-    plain = {re.sub(r"[^a-z0-9]", "", name.lower()): name for name in called}
-    plain_joints = {joint: re.sub(r"[^a-z0-9]", "", joint.lower()) for joint in joints}
+def _match_joints(
+    joints: Sequence[str], names_in_file: Sequence[str]
+) -> dict[str, str]:
+    """Find the file's name of each of the robot's joints.
+
+    Names are compared without marks and capital letters. The file may put one prefix
+    before all names, such as the arm's: "left_joint1" for "joint1".
+
+    Returns the file's name by the robot's name, for the joints that match.
+    """
+    name_by_letters = {_letters_and_digits(name): name for name in names_in_file}
+    joint_letters = {joint: _letters_and_digits(joint) for joint in joints}
     prefixes = [""]
-    for name in plain:
-        for text in plain_joints.values():
-            if name.endswith(text):
-                prefixes.append(name.removesuffix(text))
-    matches = [
-        {j: plain[p + text] for j, text in plain_joints.items() if p + text in plain}
-        for p in dict.fromkeys(prefixes)
-    ]
-    return matches[0] or max(matches, key=len)
+    for letters in name_by_letters:
+        for ending in joint_letters.values():
+            if letters.endswith(ending):
+                prefixes.append(letters.removesuffix(ending))
+    matches = list[dict[str, str]]()
+    for prefix in dict.fromkeys(prefixes):
+        with_prefix = {j: prefix + letters for j, letters in joint_letters.items()}
+        matches.append(
+            {
+                joint: name_by_letters[letters]
+                for joint, letters in with_prefix.items()
+                if letters in name_by_letters
+            }
+        )
+    without_prefix = matches[0]
+    return without_prefix or max(matches, key=len)
+
+
+def _letters_and_digits(name: str) -> str:
+    """Return a name in small letters without marks and blanks: "joint1" of "Joint_1"."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def _by_words(
@@ -507,46 +610,54 @@ def _by_words(
     joints: Sequence[str] | None,
     table: CellTable | None,
 ) -> Recognition | None:
-    """What the words of each name say."""
-    known, choice = _read_and_choose(usable, joints)
+    """Recognise a file by the words in its columns' names; None where they say no
+    positions, or neither torques nor commands.
+
+    ``usable`` are the columns that can hold numbers, ``names`` all columns.
+    """
+    readings, choice = _read_and_choose(usable, joints)
     if choice is not None and not joints:
-        choice = _one_joint_of_several(known, choice, table)
+        choice = _one_joint_of_several(readings, choice, table)
     if choice is None:
         return None
     clock = find_clock(usable)
     if choice.rivals:
         raise _ambiguous(choice, clock)
-    called, keys, order = _joints_of_words(
-        choice.sets["q"],
-        names,
-        joints,
-        table,
-    )
+    positions = choice.sets["q"]
+    joint_names, keys, order = _joints_of_words(positions, names, joints, table)
     rename = {} if clock is None else {"t": clock}
-    for quantity, columns in choice.sets.items():
+    for quantity, column_set in choice.sets.items():
         for k, key in enumerate(keys, start=1):
-            rename[_our_name(quantity, key, k)] = columns.columns[key]
+            rename[_our_name(quantity, key, k)] = column_set.columns[key]
     scale = {
-        our_name: known[their_name].factor
+        our_name: readings[their_name].factor
         for our_name, their_name in rename.items()
-        if their_name in known and known[their_name].factor != 1.0
+        if their_name in readings and readings[their_name].factor != 1.0
     }
     return Recognition(
         rename,
         scale,
-        units=tuple(_units_of_words(rename, known)),
-        joints=called,
+        units=tuple(_units_of_words(rename, readings)),
+        joints=joint_names,
         order=order,
         episode="episode_index" if "episode_index" in names else None,
-        has_other_joints=_has_other_joints(joints, called),
+        has_other_joints=_has_other_joints(joints, joint_names),
     )
 
 
 def _read_and_choose(
     usable: Sequence[str], joints: Sequence[str] | None
 ) -> tuple[dict[str, Reading], SetChoice | None]:
-    """What the names say, and the sets of columns; without the robot's joints where only
-    some of them are in the names and other words tell as many columns apart."""
+    """Read the columns' names, and choose the sets of columns that hold q, tau and so
+    on.
+
+    The names are read twice: with the robot's joint names as words that they can hold,
+    and without. The second reading is taken where only it gives as many columns as the
+    robot has joints.
+
+    Returns what each name says, and the choice (None where there is no set of
+    positions).
+    """
     from sdp_vs_penalty.data.formats.column_names import JointNames
     from sdp_vs_penalty.data.formats.column_sets import choose_sets
 
@@ -556,9 +667,11 @@ def _read_and_choose(
     if choice is not None and len(choice.sets["q"].columns) == n_joints:
         return with_joints, choice
     without_joints = _readings(usable, None)
-    other = choose_sets(without_joints, n_joints)
-    if joints and other is not None and len(other.sets["q"].columns) == n_joints:
-        return without_joints, other
+    other_choice = choose_sets(without_joints, n_joints)
+    if joints and other_choice is not None:
+        n_columns = len(other_choice.sets["q"].columns)
+        if n_columns == n_joints:
+            return without_joints, other_choice
     return with_joints, choice
 
 
@@ -567,24 +680,30 @@ def _one_joint_of_several(
     choice: SetChoice,
     table: CellTable | None,
 ) -> SetChoice:
-    """The sets of "A angle" to "F angle" where "A angle" was chosen alone, because "A"
-    says nothing; a column of lists holds all joints by itself."""
+    """Correct a choice that took one joint's column for the column of all joints.
+
+    Of the columns "A angle" to "F angle", the word "A" says nothing, so "A angle" looks
+    like a block with all joints. Where it holds single numbers instead of lists, the
+    set in which a word tells the joints apart is chosen instead.
+    """
     from sdp_vs_penalty.data.formats.column_sets import choose_sets
 
     positions = choice.sets["q"]
     name = next(iter(positions.columns.values()))
-    is_list = table is None or table.kinds.get(name) != "number"
-    if positions.style != "block" or is_list:
+    holds_single_numbers = table is not None and table.kinds.get(name) == "number"
+    if positions.style != "block" or not holds_single_numbers:
         return choice
-    other = choose_sets(readings, None, has_blocks=False)
-    has_it = other is not None and name in other.sets["q"].columns.values()
-    return other if other is not None and has_it else choice
+    without_blocks = choose_sets(readings, None, has_blocks=False)
+    if without_blocks is None:
+        return choice
+    is_one_of_several = name in without_blocks.sets["q"].columns.values()
+    return without_blocks if is_one_of_several else choice
 
 
 def _readings(
     names: Sequence[str], joint_names: JointNames | None
 ) -> dict[str, Reading]:
-    """What each name says, of those that say something."""
+    """Read what each column's name says; names that say nothing are left out."""
     from sdp_vs_penalty.data.formats.column_names import read_name
 
     readings = {name: read_name(name, joint_names) for name in names}
@@ -592,7 +711,7 @@ def _readings(
 
 
 def _ambiguous(choice: SetChoice, clock: str | None) -> InputError:
-    """The error of columns that could be positions as well."""
+    """Return the error of column sets that are equally good as positions."""
     candidates = [choice.sets["q"], *choice.rivals]
     shown = " or ".join(_first_to_last(columns) for columns in candidates)
     pairs = {} if clock is None else {"t": clock}
@@ -604,6 +723,7 @@ def _ambiguous(choice: SetChoice, clock: str | None) -> InputError:
 
 
 def _first_to_last(columns: ColumnSet) -> str:
+    """Format a set of columns by its first and last name, for a message."""
     names = list(columns.columns.values())
     return f"{names[0]} to {names[-1]}"
 
@@ -614,28 +734,40 @@ def _joints_of_words(
     joints: Sequence[str] | None,
     table: CellTable | None,
 ) -> tuple[tuple[str, ...], list[Hashable], tuple[int, ...] | None]:
-    """The joints' names, the keys of their columns in the robot's order, and the order
-    of the joints within a block."""
+    """Find the joints' names in a file that was recognised by words, and put the joints
+    in the robot's order.
+
+    Returns
+    -------
+    joint_names : tuple of str
+        Empty where the file does not name its joints.
+    keys : list
+        What tells the joints' columns apart, in the order of ``joint_names``.
+    order : tuple of int, or None
+        Where one column holds all joints: the place, in its lists, of each joint.
+    """
     keys = list(positions.columns)
     if positions.style == "joint" and joints is not None:
         return tuple(joints[int(str(key))] for key in keys), keys, None
-    texts = _texts_of_joints(names, table)
-    if not texts:
+    names_in_file = _texts_of_joints(names, table)
+    if not names_in_file:
         return (), keys, None
-    called = _in_order_of(joints, texts)
+    in_order = _in_order_of(joints, names_in_file)
     if positions.style == "block":
-        order = tuple(texts.index(name) for name in called)
-        return tuple(called), keys, order
-    if len(texts) != len(keys):
+        order = tuple(names_in_file.index(name) for name in in_order)
+        return tuple(in_order), keys, order
+    if len(names_in_file) != len(keys):
         return (), keys, None
-    key_by_name = dict(zip(texts, keys, strict=True))
-    return tuple(called), [key_by_name[name] for name in called], None
+    key_by_name = dict(zip(names_in_file, keys, strict=True))
+    return tuple(in_order), [key_by_name[name] for name in in_order], None
 
 
 def _units_of_words(
     rename: Mapping[str, str], readings: Mapping[str, Reading]
 ) -> list[str]:
-    """The units that names end with, where they are not SI; torques that are currents."""
+    """Format what the columns' names say about units, one sentence each: units other
+    than SI, per cent of a rating, unknown units, and torques that are motor currents.
+    """
     units = dict[str, str]()
     for our_name, their_name in rename.items():
         reading = readings.get(their_name)
@@ -650,19 +782,16 @@ def _units_of_words(
         reading = readings.get(their_name)
         if reading is not None and reading.unit in SHARES and group not in units:
             units[group] = reading.unit
-            what = (
-                f"{group} is in {reading.unit} of a rating that the file does not say"
-            )
-            sentences.append(f"{what}: --scale {group}=... makes SI units of it")
+            sentences.append(_share_sentence(group, reading.unit))
     sentences += [
         f"the unit {unit!r} of {group} is not known: --scale {group}=... makes SI units of"
         " it"
         for group, unit in _unknown_units(rename, readings).items()
     ]
-    torques = [
-        readings[n] for our_name, n in rename.items() if group_of(our_name) == "tau"
+    torque_columns = [
+        n for our_name, n in rename.items() if group_of(our_name) == "tau"
     ]
-    if any(_CURRENTS & set(r.words) for r in torques):
+    if any(_CURRENTS & set(readings[name].words) for name in torque_columns):
         sentences.append("tau is a current in A: --scale tau=... makes torques of it")
     return sentences
 
@@ -670,8 +799,11 @@ def _units_of_words(
 def _unknown_units(
     rename: Mapping[str, str], readings: Mapping[str, Reading]
 ) -> dict[str, str]:
-    """What all names of a group have in brackets at their end and nobody knows, by the
-    group."""
+    """Find the text in brackets that ends all names of a channel group and is no unit
+    known here.
+
+    Returns the text by the channel group (q, tau, ...).
+    """
     texts = dict[str, set[str]]()
     for our_name, their_name in rename.items():
         reading = readings.get(their_name)
@@ -687,35 +819,43 @@ def _unknown_units(
 
 
 def _share_sentence(group: str, unit: str) -> str:
-    """What is to be done about values in per cent of something."""
+    """Format the remark on values in per cent of a rating: only the user knows the
+    factor to SI."""
     what = f"{group} is in {unit} of a rating that the file does not say"
     return f"{what}: --scale {group}=... makes SI units of it"
 
 
 def _texts_of_joints(names: Sequence[str], table: CellTable | None) -> list[str]:
-    """The joints' names in the order of their columns, where columns hold them: one
-    text a joint, or a list of texts."""
+    """Find the joints' names in text columns, in the order of the columns' numbers.
+
+    Such columns are called "name0", "name1" ..., one joint each, or "name", with a list
+    of all names in each cell. Empty where there are no such columns, or names repeat.
+    """
     if table is None:
         return []
+    without_number = -1
     columns = dict[int, str]()
     for name in names:
         match = _JOINT_NAMES.fullmatch(name.lower())
         if match is not None:
-            columns[int(match[1] or -1)] = name
-    texts = [_first_cell(table, columns[k]) for k in sorted(columns)]
-    if list(columns) == [-1]:
+            number = int(match[1]) if match[1] else without_number
+            columns[number] = name
+    texts = [_first_cell(table, columns[number]) for number in sorted(columns)]
+    if list(columns) == [without_number]:
         return _words_of_list(texts[0])
     is_unique = len(set(texts)) == len(texts)
     return texts if is_unique and all(texts) else []
 
 
 def _first_cell(table: CellTable, name: str) -> str:
-    """The first text of a column, "" without."""
+    """Return the first cell of a column that is not empty; "" where the column has
+    none."""
     return next(iter(table.cells.get(name, ())), "")
 
 
 def _words_of_list(text: str) -> list[str]:
-    """The names in a list that is written as text; none of one name alone."""
+    """Split the text of a list of names, "['j1', 'j2']"; empty for fewer than two
+    names."""
     words = re.findall(r"[A-Za-z_][\w/.-]*", text)
     words = [word for word in words if word != "array"]
     return words if len(words) > 1 else []
@@ -724,20 +864,26 @@ def _words_of_list(text: str) -> list[str]:
 def _with_unit_of_clock(
     recognition: Recognition, table: CellTable | None
 ) -> Recognition:
-    """The same with the unit of its clock where it counts since 1970."""
+    """Add the unit of a clock that counts since 1970 in milli-, micro- or nanoseconds.
+
+    A first stamp that is between 1e9 and 5e9 s (the years 2001 to 2128) in one of these
+    units is taken to count in it.
+    """
     clock = recognition.rename.get("t")
     if table is None or clock is None or "t" in recognition.scale:
         return recognition
     if table.kinds.get(clock) != "number":
         return recognition
-    values = table.values(clock)
-    # Seconds since 1970 between 2001 and 2128 are 1e9 to 5e9.
-    for word in ("ms", "us", "ns"):
-        if len(values) and 1e9 < UNITS[word] * values[0] < 5e9:
-            why = f"t in {word}, for it counts since 1970"
+    stamps = table.values(clock)
+    if len(stamps) == 0:
+        return recognition
+    for unit in ("ms", "us", "ns"):
+        first_stamp = UNITS[unit] * stamps[0]
+        if _EARLIEST_STAMP < first_stamp < _LATEST_STAMP:
+            why = f"t in {unit}, for it counts since 1970"
             return replace(
                 recognition,
-                scale={"t": UNITS[word], **recognition.scale},
+                scale={"t": UNITS[unit], **recognition.scale},
                 units=(*recognition.units, why),
             )
     return recognition

@@ -122,31 +122,37 @@ TELLING_UNITS: dict[str, frozenset[str]] = {
 
 
 def unit_of_factor(factor: float, quantity: str) -> str | None:
-    """Find the unit that values of a quantity are multiplied by a factor for.
+    """Find the unit whose conversion to SI is a given factor.
 
     Parameters
     ----------
-    factor
-        To SI.
-    quantity
-        "t", "q", "dq", "tau" ...: of several units its own comes first.
+    factor : float
+        Factor to SI, such as 0.001.
+    quantity : str
+        "t", "q", "dq", "tau" ...: of several units with the factor, one of this
+        quantity is preferred ("ms" or "mnm").
 
     Returns
     -------
     str or None
-        A word of UNITS; None where none has this factor.
+        A unit of UNITS; None where no unit has this factor.
     """
-    words = [word for word, value in UNITS.items() if value == factor]
-    its_own = [word for word in words if word in UNITS_IN_NAMES.get(quantity, ())]
-    return next(iter([*its_own, *words]), None)
+    units = [unit for unit, value in UNITS.items() if value == factor]
+    units_of_quantity = UNITS_IN_NAMES.get(quantity, ())
+    preferred = [unit for unit in units if unit in units_of_quantity]
+    return next(iter([*preferred, *units]), None)
 
 
 @dataclass(frozen=True)
 class NamedUnit:
-    """A unit at the end of a name.
+    """A unit at the end of a column's name.
 
-    quantity : that it is of; text : as the name writes it; factor : to SI; remainder :
-    the name without it.
+    Parameters
+    ----------
+    quantity : quantity that has this unit
+    text : the unit as the table of units writes it
+    factor : factor to SI
+    remainder : the name without the unit
     """
 
     quantity: str
@@ -156,18 +162,19 @@ class NamedUnit:
 
 
 def units_of_name(name: str) -> list[NamedUnit]:
-    """List the units that a name could end with, the longest first; a joint's number
-    may follow.
+    """List the units with which a column's name can end, the longest first.
+
+    A joint's number may follow the unit: "pos_deg_3".
 
     Parameters
     ----------
     name : str
-        Of a column.
+        Name of the column.
 
     Returns
     -------
     list[NamedUnit]
-        Empty where it ends with none.
+        Empty where it ends with no unit.
     """
     text = name.strip()
     folded = text.casefold()
@@ -180,13 +187,18 @@ def units_of_name(name: str) -> list[NamedUnit]:
             if match is not None:
                 remainder = f"{text[: match.start()]} {match['number']}"
                 candidates.append(NamedUnit(quantity, unit, factor, remainder))
-    return sorted(candidates, key=lambda candidate: -len(candidate.text))
+    return sorted(candidates, key=lambda unit: len(unit.text), reverse=True)
 
 
 @cache
 def _pattern(unit: str) -> re.Pattern[str]:
-    """A unit behind what is no letter, or with a capital letter ("posDeg"), at the end
-    but for a number."""
-    begins = r"(?:(?<![A-Za-zµ°/·*])|(?<=[a-z])(?=[A-Z][a-z]{2}))"
-    ends = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
-    return re.compile(f"{begins}(?i:{re.escape(unit)}){ends}")
+    """Compile the pattern of a unit at the end of a name, where a number may follow.
+
+    The unit stands behind a mark or blank ("pos_deg"), or begins with a capital letter
+    ("posDeg"). It is no part of a longer word.
+    """
+    behind_a_mark = r"(?<![A-Za-zµ°/·*])"
+    at_a_capital = r"(?<=[a-z])(?=[A-Z][a-z]{2})"
+    number_and_marks = r"[\W_]*(?P<number>[0-9]*)[\W_]*$"
+    begin = f"(?:{behind_a_mark}|{at_a_capital})"
+    return re.compile(f"{begin}(?i:{re.escape(unit)}){number_and_marks}")

@@ -23,56 +23,56 @@ def unwrapped(
     path: str | Path,
     groups: Sequence[str] = POSITIONS,
 ) -> Measurements:
-    """The run with angles that go on where they were cut at a full turn, their means
-    within half a turn of zero.
+    """Undo the jumps by full turns of angles that a controller keeps within one turn.
+
+    The means of the angles are moved to within half a turn of zero: a controller that
+    counts from 0 to 360 degrees writes 350 for a joint at -10.
 
     Parameters
     ----------
-    run : one run whose positions in ``groups`` are angles [rad]
-    path : how the remark that counts the cuts calls the file
-    groups : of positions
+    run : Measurements
+        One run, whose positions in ``groups`` are angles [rad].
+    path : str or Path
+        How the remark that counts the jumps calls the file.
+    groups : sequence of str
+        Channel groups to mend, among q, qcmd and qmot.
 
     Returns
     -------
     Measurements
-        The run itself where nothing was cut.
+        The run with continuous angles; the run itself where no angle jumps.
     """
     blocks = dict(run.groups)
     n_cuts = 0
     for group in groups:
         if group not in blocks:
             continue
-        turns = [_turns(column) for column in blocks[group].T]
-        n_of_group = sum(int(np.count_nonzero(np.diff(x))) for x in turns)
-        if n_of_group:
-            going_on = blocks[group] - 2.0 * np.pi * np.column_stack(turns)
-            # A controller of 0 to 360 degrees says 350 of a joint at -10.
-            middle = np.round(np.nanmean(going_on, axis=0) / (2.0 * np.pi))
-            blocks[group] = going_on - 2.0 * np.pi * middle
-            n_cuts += n_of_group
+        turns = [_turns(angles) for angles in blocks[group].T]
+        n_cuts_of_group = sum(int(np.count_nonzero(np.diff(x))) for x in turns)
+        if n_cuts_of_group:
+            continuous = blocks[group] - 2.0 * np.pi * np.column_stack(turns)
+            turns_of_mean = np.round(np.nanmean(continuous, axis=0) / (2.0 * np.pi))
+            blocks[group] = continuous - 2.0 * np.pi * turns_of_mean
+            n_cuts += n_cuts_of_group
     if n_cuts == 0:
         return run
     places = formatting.count(n_cuts, "place")
     warning = f"{path}: angles are cut at a full turn in {places}: they go on there"
     warnings.warn(warning, Remark, stacklevel=2)
-    mended = Measurements.of(
-        run.t,
-        blocks,
-        run.names,
-        run.run,
-    )
+    mended = Measurements.of(run.t, blocks, run.names, run.run)
     return replace(mended, joint_names=run.joint_names)
 
 
 def _turns(angles: Array) -> Array:
-    """(N,) whole turns by which angles (N,) [rad] have been moved since the first."""
+    """Count the full turns by which each of the angles (N,) [rad] has jumped since the
+    first sample.
+
+    Returns (N,) turns, positive for jumps upwards. A step within a quarter of pi of
+    full turns is a jump. Steps to or from NaN are none.
+    """
     steps = np.diff(angles)
     steps = np.where(np.isfinite(steps), steps, 0.0)
     n_turns = np.round(steps / (2.0 * np.pi))
     is_cut = np.abs(steps - 2.0 * np.pi * n_turns) < _TOLERANCE
-    return np.concatenate(
-        [
-            [0.0],
-            np.cumsum(np.where(is_cut, n_turns, 0.0)),
-        ]
-    )
+    turns_since_first = np.cumsum(np.where(is_cut, n_turns, 0.0))
+    return np.concatenate([[0.0], turns_since_first])

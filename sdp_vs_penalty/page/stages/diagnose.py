@@ -138,6 +138,8 @@ def _card(
         draw.tag("p", f"Size {words.size_and_constants}", "size")
         if words.rivals:
             draw.tag("p", words.rivals, "rivals")
+        if words.splits:
+            draw.note(words.splits)
         if words.test:
             with draw.details("To test it, record", f"tell-{k}"):
                 draw.note("With the model's file, which is under Use:")

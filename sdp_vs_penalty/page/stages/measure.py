@@ -111,7 +111,7 @@ def _choose(view: View) -> None:
 _USES = (
     ("train", "identify from it"),
     ("test", "test on it"),
-    ("split", "split: identify from most, test on the rest"),
+    ("split", "split: identify and test"),
     ("", "remove"),
 )
 
@@ -296,12 +296,14 @@ def _split_bar(
     """
     split = run["split"]
     with draw.tag("div", style="split"):
-        words = (
-            f"{run['name']}: {split['train_seconds']:.3g} s to identify from,"
-            f" {split['test_seconds']:.3g} s kept for testing, in blocks over the whole"
-            " run"
-        )
-        draw.tag("p", words, "soft")
+        with draw.tag("p", style="soft row"):
+            text = f"{split['train_seconds']:.3g} s to identify from"
+            draw.tag("span", text, "train-words")
+            text = (
+                f"{split['test_seconds']:.3g} s kept for testing; behind the filters"
+                f" {split['judged_share']:.0%} of the run is judged"
+            )
+            draw.tag("span", text, "test-words")
         with draw.tag("div", style="split-bar", aria_hidden="true"):
             for part in split["bar"]:
                 place = f"left:{part['left']:.2f}%;width:{part['width']:.2f}%"
