@@ -964,26 +964,35 @@ def event_lines(
     show_all: bool = False,
     most_lines: int = 3,
 ) -> list[str]:
-    """A line an event; one for all of them where they are more than ``most_lines``, unless
-    ``show_all``.
+    """Describe events in words, one line each.
 
-    events : with ``joint`` (from 1), ``t_start``, ``t_end`` [s] and ``frequency`` [Hz]
-    or None.
+    More than ``most_lines`` events are summed up in one line, unless ``show_all``.
+
+    Parameters
+    ----------
+    events
+        Objects with joint (from 1), t_start and t_end [s], and frequency [Hz] or None.
+    show_all
+        Whether every event has its line.
+    most_lines
+        The most lines without ``show_all``.
+
+    Returns
+    -------
+    list of str
+        The lines.
     """
     if len(events) > most_lines and not show_all:
         where = formatting.joints(sorted({e.joint for e in events}))
-        hums = sum(e.frequency is not None for e in events)
-        hum = f", {hums} of them a hum" if hums else ""
+        n_hums = sum(e.frequency is not None for e in events)
+        hums = f", {n_hums} of them a hum" if n_hums else ""
         first = min(e.t_start for e in events)
         last = max(e.t_end for e in events)
-        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hum}"]
-    kinds = (
-        "isolated disturbance"
-        if e.frequency is None
-        else f"a hum of {e.frequency:.3g} Hz"
-        for e in events
-    )
-    return [
-        f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s"
-        for kind, e in zip(kinds, events, strict=True)
-    ]
+        return [f"{len(events)} events on {where}, {first:.2f} s to {last:.2f} s{hums}"]
+    lines = []
+    for e in events:
+        kind = "isolated disturbance"
+        if e.frequency is not None:
+            kind = f"a hum of {e.frequency:.3g} Hz"
+        lines.append(f"{kind} on joint {e.joint}: {e.t_start:.2f} s to {e.t_end:.2f} s")
+    return lines
