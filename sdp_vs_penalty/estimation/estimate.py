@@ -423,7 +423,7 @@ class Estimate(Record):
         ddq: ArrayLike,
         t: ArrayLike | None = None,
     ) -> Array:
-        """Modelled torque at states.
+        """Return the modelled torque at states.
 
         Parameters
         ----------
@@ -655,7 +655,7 @@ class Estimate(Record):
 
 
 def load_estimate(path: str | Path) -> Estimate:
-    """Read a model.json.
+    """Read an Estimate from a model.json.
 
     Parameters
     ----------

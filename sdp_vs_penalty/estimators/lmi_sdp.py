@@ -486,9 +486,11 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
     list of Constraint
         Constraints for a solver.
 
-    Notes ----- The range of a parameter is implied if reaching its end makes more
-    torque than was measured, whatever the other parameters do. Redundant rows leave the
-    dual undetermined, which costs a solver digits; feasibility and certificate use all
+    Notes
+    -----
+    The range of a parameter is implied if reaching its end makes more torque than was
+    measured, whatever the other parameters do. Redundant rows leave the dual
+    undetermined, which costs a solver digits; feasibility and certificate use all
     constraints.
     """
     torque = objective.least_squares.own_torque

@@ -538,7 +538,7 @@ def minimise(
 
 
 def largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
-    """Largest absolute difference between two lists of arrays.
+    """Return the largest absolute difference between two lists of arrays.
 
     Parameters
     ----------

@@ -392,7 +392,7 @@ def problem_names() -> list[str]:
 
 
 def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
-    """Resolve a problem: a Problem, a built-in name, a folder or a robot's file.
+    """Return a Problem from a Problem, a built-in name, a folder or a robot's file.
 
     Parameters
     ----------
@@ -508,7 +508,8 @@ def _from_robot_file(
 
 
 def lowest_masses(nominal: Array) -> Array:
-    """Lower bounds of the links' masses: a third of the nominal masses, and at most 10 g.
+    """Return lower bounds of the links' masses: a third of the nominal ones, at most 10
+    g.
 
     Parameters
     ----------
@@ -551,7 +552,7 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
 
 
 def with_bounds(problem: Problem, text: str | None) -> Problem:
-    """The same problem with other bounds of parameters.
+    """Return the problem with other bounds of parameters.
 
     A nominal link outside of its new bound of mass is moved to the middle of the bounds.
 

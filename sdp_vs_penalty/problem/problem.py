@@ -571,7 +571,7 @@ class Problem(Shown):
 
 
 def open_box(links: int, mass: float | Array = 0.0) -> Array:
-    """Bounds of the links' parameters that bound the masses from below only.
+    """Return bounds of the links' parameters that bound the masses from below only.
 
     Parameters
     ----------
@@ -617,7 +617,7 @@ _BARYCENTRIC = (
 
 
 def barycentric_names(link: int) -> tuple[str, ...]:
-    """Names of a link's mass, centre of mass and inertia about it, in the order of the box.
+    """Return the names of a link's barycentric parameters, in the order of the box.
 
     Parameters
     ----------

@@ -107,7 +107,8 @@ def published_cell(
 
 
 def box_tables(problem: Problem) -> list[str]:
-    """Published tables that list bounds and values of the links' parameters.
+    """Return the names of the published tables with bounds and values of links'
+    parameters.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ def published_values(
     column: str,
     corrected: bool = True,
 ) -> dict[str, float]:
-    """Published barycentric values by their printed names.
+    """Return published barycentric values by their printed names.
 
     Parameters
     ----------
@@ -164,7 +165,7 @@ def published_links(
     column: str,
     corrected: bool = True,
 ) -> Array:
-    """Standard parameters of a published column.
+    """Return the standard parameters of a published column.
 
     A cell that the paper leaves empty, as its value does not matter, becomes the middle of
     its bounds.
@@ -202,7 +203,7 @@ def published_links(
 
 
 def published_friction(problem: Problem, table: str) -> Array:
-    """Published friction constants.
+    """Return the published friction constants of each joint.
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ def published_friction(problem: Problem, table: str) -> Array:
 def published_trajectory(
     problem: Problem, settings: Mapping[str, Any]
 ) -> FourierTrajectory:
-    """Exciting trajectory of a published table with rows a_1.., b_1.., q_0 and a column a joint.
+    """Return the exciting trajectory of a published table (rows a_1.., b_1.., q_0).
 
     Parameters
     ----------
@@ -308,7 +309,7 @@ def real_file(problem: str, name: str) -> Path | None:
 
 
 def measured_runs(problem: str) -> dict[str, Measurements]:
-    """Published runs of a robot.
+    """Return the published runs of a robot.
 
     Parameters
     ----------

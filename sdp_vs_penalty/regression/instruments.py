@@ -43,7 +43,8 @@ Instrumented = tuple[int, NDArray[np.intp], Array, Array]
 
 
 def commanded_motion(measured: Measurements) -> Measurements:
-    """The same log with its command as the motion "qsim" of the instruments.
+    """Return a log whose command is the motion "qsim", on which instruments are
+    computed.
 
     Parameters
     ----------

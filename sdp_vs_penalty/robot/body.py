@@ -94,9 +94,11 @@ def around(
     Body
         Contains all points.
 
-    Notes ----- Khachiyan's ascent on the weights of the lifted points (Todd,
-    Minimum-Volume Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then
-    enlarged until all points are inside.
+    Notes
+    -----
+    Khachiyan's ascent on the weights of the lifted points (Todd, Minimum-Volume
+    Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then enlarged until
+    all points are inside.
     """
     cloud = np.asarray(points, float)
     chunks = np.array_split(directions(), 20)  # a cloud may have many points
@@ -156,7 +158,8 @@ def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
 
 
 def balls(centres: ArrayLike, radius: float) -> Array:
-    """Extreme points of balls along the coordinate axes, which stand for the balls.
+    """Return the extreme points of balls along the coordinate axes, in place of the
+    balls.
 
     Parameters
     ----------
@@ -175,7 +178,7 @@ def balls(centres: ArrayLike, radius: float) -> Array:
 
 
 def directions(count: int = 400) -> Array:
-    """Unit vectors spread evenly over the sphere, by the golden angle.
+    """Return unit vectors spread evenly over the sphere, by the golden angle.
 
     Parameters
     ----------

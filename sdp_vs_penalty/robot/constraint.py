@@ -23,7 +23,7 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 
 def cone_margin(cone: str, values: Array) -> Array:
-    """Margin of a point in a cone: positive inside, zero on the boundary, negative outside.
+    """Return the margin of a point in a cone: positive inside, zero on the boundary.
 
     The margin is the smallest eigenvalue (psd), s - |u| for the point (s, u) (soc), or the
     smallest entry (nonnegative).
@@ -53,7 +53,7 @@ def cone_margin(cone: str, values: Array) -> Array:
 
 
 def cone_depths(cone: str, values: Array, terms: Array) -> Array:
-    """Margins of points in cones relative to the terms that were summed: free of units.
+    """Return margins of points in cones relative to the summed terms, free of units.
 
     A matrix F is judged as D F D with D = diag(terms)^-1/2. Rounding errors in F are then of
     the size of eps, whatever cancelled in the sum. A depth above :func:`safe_depth` is a
@@ -84,7 +84,7 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
 
 
 def safe_depth(size: int) -> float:
-    """Largest depth that rounding errors can make of a violated cone.
+    """Return the largest depth that rounding can make of a violated cone.
 
     Parameters
     ----------
@@ -100,7 +100,8 @@ def safe_depth(size: int) -> float:
 
 
 def smallest_eigenvalue(values: Array) -> Array:
-    """Smallest eigenvalue of symmetric matrices, with the right sign in any system of units.
+    """Return the smallest eigenvalue of symmetric matrices, its sign right in any
+    units.
 
     A link's matrix holds its mass in one corner and, in kilometres, moments of 1e-9 in the
     others: rounding errors of the size of the corner would decide on the sign. The sign is
@@ -140,7 +141,7 @@ def smallest_eigenvalue(values: Array) -> Array:
 
 
 def project(cone: str, value: Array) -> Array:
-    """Project onto a cone: its nearest point. All three cones are their own duals.
+    """Return the nearest points in a cone. All three cones are their own duals.
 
     Parameters
     ----------
@@ -182,7 +183,7 @@ def projected_rows(
     values: Array,
     directions: Array,
 ) -> tuple[Array, Array]:
-    """The projections Pi(M) as rows, and their derivative.
+    """Return the projections Pi(M) onto a cone as rows, and their derivative.
 
     For M + A x they are the gradient and an element of the generalised Hessian of
     1/2 sum |Pi(M + A x)|^2: Gauss-Newton steps on the rows are semismooth Newton steps.
@@ -322,7 +323,7 @@ class Constraint:
     coefficients: Array
 
     def value(self, theta: ArrayLike) -> Array:
-        """The constrained quantity F(theta) = F_0 + sum theta_i F_i.
+        """Return the constrained quantity F(theta) = F_0 + sum theta_i F_i.
 
         Parameters
         ----------
@@ -338,7 +339,8 @@ class Constraint:
         return self.constant + np.tensordot(part, self.coefficients, axes=(0, 0))
 
     def margin(self, theta: ArrayLike) -> float:
-        """Margin of F(theta) in the cone; negative exactly where the constraint is violated.
+        """Return the margin of F(theta) in the cone; negative if the constraint is
+        violated.
 
         Parameters
         ----------
@@ -382,7 +384,7 @@ class BarycentricBound:
     family: str = "barycentric inertia"
 
     def margin(self, theta: ArrayLike) -> float:
-        """Margin of a link's barycentric inertia to its bounds.
+        """Return the margin of a link's barycentric inertia to its bounds.
 
         Parameters
         ----------
@@ -409,7 +411,7 @@ class ConstraintSet:
     nonconvex: tuple[BarycentricBound, ...] = ()
 
     def worst(self, theta: ArrayLike) -> dict[str, float]:
-        """Largest violation of each family of constraints.
+        """Return the largest violation of each family of constraints.
 
         Parameters
         ----------
@@ -432,7 +434,8 @@ class ConstraintSet:
         return out
 
     def margin(self, theta: ArrayLike) -> float:
-        """Smallest margin of the convex constraints; not negative exactly where all are met.
+        """Return the smallest margin of the convex constraints; nonnegative if all
+        hold.
 
         Parameters
         ----------
@@ -447,7 +450,7 @@ class ConstraintSet:
         return float(self.entries.margins(theta)[0].min(initial=np.inf))
 
     def depths(self, theta: ArrayLike) -> list[float]:
-        """Depth of theta in each group of constraints, free of units.
+        """Return the depth of theta in each group of constraints, free of units.
 
         Parameters
         ----------
@@ -472,7 +475,8 @@ class ConstraintSet:
         ]
 
     def depth(self, theta: ArrayLike) -> float:
-        """Depth of theta in the feasible set: the smallest of :meth:`depths`.
+        """Return the depth of theta in the feasible set, the smallest of
+        :meth:`depths`.
 
         Parameters
         ----------
@@ -594,7 +598,7 @@ class ConeGroup:
         return out.reshape(-1, out.shape[2])
 
     def values(self, theta: Array) -> Array:
-        """Points F(theta) of all constraints of the group.
+        """Return the points F(theta) of all constraints of the group.
 
         Parameters
         ----------
@@ -741,7 +745,8 @@ class StackedCones:
         return margin, size
 
     def adjoint(self, flat: Array, p: int) -> Array:
-        """Adjoint of the linear part of F: inner products of multipliers with dF / dtheta_k.
+        """Return the adjoint of F's linear part: products of multipliers with dF /
+        dtheta_k.
 
         Parameters
         ----------
@@ -808,7 +813,8 @@ def pseudo_inertia(
     indices: ArrayLike,
     radius: float = 0.0,
 ) -> Constraint:
-    """Physical consistency of a link: its pseudo-inertia matrix P(theta) is positive definite.
+    """Return the constraint that a link's pseudo-inertia P(theta) is positive
+    semidefinite.
 
     P >= 0 contains m >= 0, positive definiteness of the inertia and the triangle
     inequalities. With a radius r, Sigma_c >= m r^2 1 is demanded as well, as
@@ -853,7 +859,7 @@ def density_in_ellipsoid(
     indices: ArrayLike,
     quadric: ArrayLike,
 ) -> Constraint:
-    """The link's mass lies inside an ellipsoid: tr(P Q) >= 0.
+    """Return the constraint tr(P Q) >= 0: the link's mass lies inside an ellipsoid.
 
     (x, 1)^T Q (x, 1) is 1 at the centre of the ellipsoid and 0 on its surface. Its mean over
     the density is not negative, and it is linear in theta. With P >= 0 the constraint holds
@@ -900,7 +906,7 @@ def linear(
     constant: ArrayLike,
     cone: str = "nonnegative",
 ) -> Constraint:
-    """Linear constraint: constant + coefficients^T theta lies in a cone.
+    """Return the constraint that constant + coefficients^T theta lies in a cone.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ class Geometry:
 def link_geometry(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Geometry | None]:
-    """Shapes of the moving links of a URDF, each with what is fixed to it.
+    """Return the shapes of a URDF's moving links, each with what is fixed to it.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ _STEINER_OF_PRODUCTS = np.where(_ROWS == _COLUMNS, 1.0, 2.0)[:, None] * (
 
 
 def parameter_names(link: int) -> tuple[str, ...]:
-    """Names of a link's ten parameters: m3, mx3, ..., Izz3 of link 3.
+    """Return the names of a link's ten parameters: m3, mx3, ..., Izz3 of link 3.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def parameter_names(link: int) -> tuple[str, ...]:
 
 
 def pseudo_inertia(theta: ArrayLike) -> Array:
-    """Pseudo-inertia matrices of standard parameters.
+    """Return the pseudo-inertia matrices of standard parameters.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def pseudo_inertia(theta: ArrayLike) -> Array:
 
 
 def from_pseudo_inertia(matrix: ArrayLike) -> Array:
-    """Standard parameters of pseudo-inertia matrices.
+    """Return the standard parameters of pseudo-inertia matrices.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
 
 
 def inertia_matrix(entries: ArrayLike) -> Array:
-    """The symmetric inertia of six entries.
+    """Return the symmetric inertia matrices of six entries.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def inertia_matrix(entries: ArrayLike) -> Array:
 
 
 def inertia_entries(matrix: ArrayLike) -> Array:
-    """The six entries of a symmetric inertia.
+    """Return the six entries of symmetric inertia matrices.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def inertia_entries(matrix: ArrayLike) -> Array:
 
 
 def standard_from_barycentric(p: ArrayLike) -> Array:
-    """Standard parameters of parameters about the centre of mass.
+    """Convert parameters about the centre of mass to standard parameters.
 
     The convention of Gaz et al. (RA-L 2019), with the inertia entries in our order.
 
@@ -196,7 +196,7 @@ def standard_from_barycentric(p: ArrayLike) -> Array:
 
 
 def barycentric_from_standard(theta: ArrayLike) -> Array:
-    """Parameters about the centre of mass of standard parameters.
+    """Convert standard parameters to parameters about the centre of mass.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def barycentric_from_standard(theta: ArrayLike) -> Array:
 
 
 def transform(placement: ArrayLike) -> Array:
-    """The map of standard parameters from a frame B to a frame A.
+    """Return the matrix that maps standard parameters from a frame B to a frame A.
 
     The pseudo-inertia is a second moment of homogeneous coordinates, hence
     P_A = X P_B X^T.
@@ -240,8 +240,8 @@ def transform(placement: ArrayLike) -> Array:
 
 
 def consistency_margin(theta: ArrayLike) -> Array:
-    """The smallest eigenvalue of the pseudo-inertia: positive or zero exactly if a body
-    can have these parameters.
+    """Return the smallest eigenvalue of the pseudo-inertia; nonnegative if a body can
+    exist.
 
     Parameters
     ----------
@@ -257,8 +257,7 @@ def consistency_margin(theta: ArrayLike) -> Array:
 
 
 def thickness(theta: ArrayLike) -> Array:
-    """The smallest radius r with Sigma_c >= m r^2 1: zero for a rod, negative if
-    inconsistent.
+    """Return the largest radius r with Sigma_c >= m r^2 1; negative if inconsistent.
 
     Sigma_c is the second moment about the centre of mass: a link whose mass lies on a
     line or in a plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
@@ -278,8 +277,7 @@ def thickness(theta: ArrayLike) -> Array:
 
 
 def gyration(theta: ArrayLike) -> Array:
-    """The radius of gyration sqrt(tr(Sigma_c) / m): how far from its centre a link's mass
-    lies.
+    """Return the radius of gyration sqrt(tr(Sigma_c) / m) about the centre of mass.
 
     Of a point mass and of no mass zero, of two equal masses half their distance, of a
     uniform ball of radius R sqrt(3/5) R.
@@ -298,7 +296,7 @@ def gyration(theta: ArrayLike) -> Array:
 
 
 def second_moment(theta: ArrayLike) -> Array:
-    """The second moment about the centre of mass, over the mass.
+    """Return the second moment about the centre of mass, over the mass.
 
     It is the mean of x x^T, a uniform ellipsoid's half axes squared over 5.
 

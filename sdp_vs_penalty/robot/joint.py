@@ -69,7 +69,7 @@ class Joint(JsonRecordSkippingNone):
 
 
 def check_pose(where: str, pose: Array) -> None:
-    """Refuse a matrix that is no pose: a rotation and a translation within a robot's size.
+    """Raise InputError for a matrix that is no pose, or lies beyond a robot's size.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def resolve_mimic_joints(
 def hold_followers(
     held: Mapping[str, float], followers: Mapping[str, Follower]
 ) -> dict[str, float]:
-    """Positions of held joints and of all mimic joints that follow them.
+    """Return the positions of held joints and of all mimic joints that follow them.
 
     Parameters
     ----------
@@ -397,7 +397,7 @@ class Transmission(JsonRecord):
         )
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
-        """Joint positions from logged motor or joint channels.
+        """Return joint positions from logged motor or joint channels.
 
         Parameters
         ----------
@@ -418,7 +418,7 @@ class Transmission(JsonRecord):
         )
 
     def joint_torques(self, channels: ArrayLike) -> Array:
-        """Joint torques from logged motor or joint torques.
+        """Return joint torques from logged motor or joint torques.
 
         Parameters
         ----------

@@ -121,7 +121,8 @@ def load_mjcf(
     gravity: Sequence[float] | None = None,
     held: Mapping[str, float] | None = None,
 ) -> tuple[Robot, Array, dict[str, float]]:
-    """The robot of an MJCF file, its nominal links, and nominal values of its joints.
+    """Read the robot of an MJCF file, its nominal links, and nominal values of its
+    joints.
 
     Parameters
     ----------
@@ -268,7 +269,7 @@ def model_arrays(path: str) -> Iterator[Arrays]:
 
 
 def _name_of_model(model: object) -> str:
-    """The model's name, at the beginning of all names."""
+    """Return the model's name, the first in MuJoCo's zero-terminated list of names."""
     names: bytes = model.names  # type: ignore[attr-defined]
     return names.partition(b"\0")[0].decode(errors="replace")
 

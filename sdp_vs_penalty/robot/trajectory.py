@@ -60,7 +60,8 @@ class FourierTrajectory:
             )
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given instants; at rest outside the duration.
+        """Return positions, velocities and accelerations; at rest outside of the
+        duration.
 
         The acceleration jumps where a blend meets the series, as in the authors' generator.
 
@@ -129,7 +130,7 @@ def random_trajectory(
     frequency: float = 0.15 * np.pi,
     blend: float = 0.5,
 ) -> FourierTrajectory:
-    """Random Fourier trajectory within the limits of a robot.
+    """Return a random Fourier trajectory within the limits of a robot.
 
     Amplitudes are uniform in [-1, 1] and then scaled joint by joint to fill at most 80 % of
     the range and 60 % of the velocity limit. The centre is random where the motion fits.
@@ -213,7 +214,7 @@ class PointTrajectory:
         return float(self.moves.sum() + self.pauses.sum())
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given instants.
+        """Return positions, velocities and accelerations at given instants.
 
         Parameters
         ----------
@@ -249,7 +250,7 @@ def shortest_moves(
     acceleration: Array,
     jerk: Array,
 ) -> Array:
-    """Shortest durations of moves between points, within limits.
+    """Return the shortest durations of moves between points, within limits.
 
     Parameters
     ----------
@@ -273,7 +274,7 @@ def shortest_moves(
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
-    """ROS message trajectory_msgs/JointTrajectory as text, in JSON, which is YAML too.
+    """Return a ROS message trajectory_msgs/JointTrajectory as JSON (which is YAML too).
 
     Parameters
     ----------

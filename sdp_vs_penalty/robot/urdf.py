@@ -105,7 +105,9 @@ def _numbers(
 
 
 def pose_of(element: Any) -> Array:
-    """Pose of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll); without one, the identity.
+    """Return the pose of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Without an <origin> it is the identity.
 
     Parameters
     ----------
@@ -152,7 +154,7 @@ def pose_of(element: Any) -> Array:
 
 
 def read_inertial(link: Any) -> Array:
-    """Standard parameters of a <link> element, about the link frame.
+    """Read the standard parameters of a <link> element, about the link frame.
 
     Parameters
     ----------
@@ -271,7 +273,7 @@ def _followers(root: Any) -> dict[str, Follower]:
 def placed_links(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Parts]:
-    """Inertials that make up each moving link with a mass.
+    """Return the inertials that make up each moving link with a mass.
 
     Parameters
     ----------
@@ -315,7 +317,7 @@ def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
 
 
 def parse_urdf(path: str | Path) -> Any:
-    """Outermost element of an XML file. Entities are not expanded, no other file is read.
+    """Parse an XML file safely: no entities are expanded, no other file is read.
 
     Parameters
     ----------
@@ -509,7 +511,7 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
 
 
 def joint_motion(joint: Joint, value: float) -> Array:
-    """Pose of a link relative to its joint frame at a joint position.
+    """Return the pose of a link relative to its joint frame at a joint position.
 
     Parameters
     ----------

@@ -181,10 +181,10 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     for k, start in enumerate(starts):
         part = factor[start : start + size]
         size_of_part = part.shape[0]
-        place = ([0], [k])
-        top = scipy.sparse.csr_matrix(([-1.0], place), (1, columns))
-        blocks.append([None, top])
-        blocks.append([None, top])
+        # b - A x is (t_k + 1, t_k - 1, sqrt(2) G x).
+        minus_t = scipy.sparse.csr_matrix(([-1.0], ([0], [k])), (1, columns))
+        blocks.append([None, minus_t])
+        blocks.append([None, minus_t])
         blocks.append([-np.sqrt(2.0) * part, None])
         constants.append(np.array([1.0, -1.0]))
         constants.append(np.zeros(size_of_part))
