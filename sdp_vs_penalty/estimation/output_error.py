@@ -298,7 +298,7 @@ def _windows_of(course: Course, seconds: float) -> list[_Window]:
         start = course.states.rows(np.array([first]))
         torque = between[first : first + count]
         q = course.states.q[first + 1 : first + 1 + count]
-        windows.append(_Window(start, course.dt, torque, q))
+        windows.append(_Window(start, h=course.dt, torque=torque, q=q))
     return windows
 
 

@@ -418,9 +418,9 @@ class Split:
         task = make_task(
             self.problem,
             model,
-            train,
-            self.weighting,
-            self.seed,
+            regression=train,
+            weighting=self.weighting,
+            seed=self.seed,
         )
         return *self.phases.stretch(number), task, test
 

@@ -412,8 +412,8 @@ class _Loop:
         return make_task(
             self.problem,
             model,
-            compress(rows, model),
-            self.weighting,
+            regression=compress(rows, model),
+            weighting=self.weighting,
         )
 
     def with_better_delay(self, model: Model, rows: FilteredRuns) -> Model:
@@ -523,7 +523,14 @@ def servo_log(
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
     moves_delay = given_delay is None and delay > 0.0
-    loop = _Loop(problem, runs, weighting, tuple(load), of_law, moves_delay)
+    loop = _Loop(
+        problem,
+        runs,
+        weighting,
+        load=tuple(load),
+        drives=of_law,
+        open_delay=moves_delay,
+    )
     # The load's shape constants beside given gains: errors stand for a torque then.
     model, theta = loop.fitted_at_delay(delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}

@@ -318,8 +318,8 @@ def _with_banks(
                 joint,
                 key,
                 now,
-                splines[grid],
-                columns,
+                spline=splines[grid],
+                columns=columns,
             )
         )
     effects = (*fixed, *parts)
@@ -687,9 +687,9 @@ class _ShapeProfile:
         best, *_ = least_squares(
             residual_and_jacobian,
             start[free],
-            (low, high),
-            1e-4,
-            ftol,
+            ends=(low, high),
+            xtol=1e-4,
+            ftol=ftol,
             steps=50,
         )
         out = start.copy()

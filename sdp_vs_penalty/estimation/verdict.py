@@ -644,7 +644,9 @@ def noise_level(
     if not runs.segments:
         return None, ""
     model = problem.model().reference_free
-    theta = make_task(problem, model, compress(filtered, model), "none").ols
+    theta = make_task(
+        problem, model, regression=compress(filtered, model), weighting="none"
+    ).ols
     noise = noise_of(
         runs.with_model(lambda m: model.seen_along(theta, m), gains=model.gains)
     )

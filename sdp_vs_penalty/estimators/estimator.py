@@ -127,10 +127,10 @@ class Task:
         target = self.base @ self.ols
         return LeastSquares(
             self.base,
-            target,
-            0.0,
-            float(target @ target),
-            len(target),
+            rho=target,
+            residual_norm=0.0,
+            tau_squared=float(target @ target),
+            rows=len(target),
         )
 
     def minimum_thickness(self, radius: float) -> list[Constraint]:
@@ -294,7 +294,9 @@ def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]
     """
     pairs = zip(links, problem.link_bodies, strict=False)
     return tuple(
-        build.density_in_ellipsoid("body", f"link {k}", indices, body.quadric)
+        build.density_in_ellipsoid(
+            "body", name=f"link {k}", indices=indices, quadric=body.quadric
+        )
         for k, (indices, body) in enumerate(pairs, start=1)
     )
 

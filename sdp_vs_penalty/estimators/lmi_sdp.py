@@ -423,12 +423,12 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             smallest_scale = max(data.loss(best.theta), 1e-3 * smallest_scale)
         problem = least_squares_sdp(
             objective,
-            sent,
-            inside,
-            task.bound,
-            centre,
-            fine,
-            smallest_scale,
+            constraints=sent,
+            reference=inside,
+            bound=task.bound,
+            centre=centre,
+            fine=fine,
+            least_loss=smallest_scale,
         )
         try:
             chosen = solver(posed.solver)

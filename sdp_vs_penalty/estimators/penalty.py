@@ -525,7 +525,7 @@ def minimise(
     for _ in range(_STEPS):
         n_stages += 1
         last = x
-        x = _Stage(penalty, shifts, weight, last, near).solve()
+        x = _Stage(penalty, shifts, weight, centre=last, near=near).solve()
         moved = penalty.shifted(x, shifts, weight)
         previous = residual
         residual = largest_change(moved, shifts) / weight
@@ -606,9 +606,9 @@ class Penalty(Estimator):
         return fit_penalty(
             task,
             task.data,
-            self.demands(task),
-            self.starts,
-            self.tolerance,
+            constraints=self.demands(task),
+            starts=self.starts,
+            tolerance=self.tolerance,
         )
 
 
@@ -630,10 +630,10 @@ class PenaltyTwoStep(Penalty):
         """Minimise the distance to the OLS base parameters with exact penalties."""
         return fit_penalty(
             task,
-            task.base_distance,
-            self.demands(task),
-            self.starts,
-            self.tolerance,
+            data=task.base_distance,
+            constraints=self.demands(task),
+            starts=self.starts,
+            tolerance=self.tolerance,
         )
 
 

@@ -219,12 +219,12 @@ def _robot_of(
     ]
     robot = Robot.from_dh(
         folder.name,
-        kinematics["a"],
-        [np.pi * x for x in kinematics["alpha_over_pi"]],
-        kinematics["d"],
-        kinematics["convention"],
-        gravity,
-        limits,
+        a=kinematics["a"],
+        alpha=[np.pi * x for x in kinematics["alpha_over_pi"]],
+        d=kinematics["d"],
+        convention=kinematics["convention"],
+        gravity=gravity,
+        limits=limits,
     )
     return _RobotParts(robot)
 
@@ -662,7 +662,9 @@ def convert(
             " q1,30 q2"
         )
         raise InputError("no transmission is known", remedy, "convert(motors=True)")
-    run = read_run(source, None, joints, topic, rename, rate)
+    run = read_run(
+        source, joints=None, names=joints, topic=topic, rename=rename, rate=rate
+    )
     if scale:
         run = scaled(run, scale)
     if transmission is not None:

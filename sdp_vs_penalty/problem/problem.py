@@ -84,10 +84,10 @@ class CentreOfMassCone(JsonRecord):
         return build.linear(
             "centre of mass cone",
             name,
-            indices[:4],
-            coefficients,
-            np.zeros(3),
-            "soc",
+            indices=indices[:4],
+            coefficients=coefficients,
+            constant=np.zeros(3),
+            cone="soc",
         )
 
 
@@ -374,7 +374,15 @@ class Problem(Shown):
         ):
             signs, ends = _interval(*self.total_mass)
             rows = np.tile(signs, (len(masses), 1))
-            convex.append(build.linear("total mass", "robot", masses, rows, ends))
+            convex.append(
+                build.linear(
+                    "total mass",
+                    name="robot",
+                    indices=masses,
+                    coefficients=rows,
+                    constant=ends,
+                )
+            )
         for effect, indices in model.parts:
             convex += effect.constraints(indices, model.parameters)
         return ConstraintSet(tuple(convex), tuple(nonconvex))
@@ -518,9 +526,9 @@ class Problem(Shown):
             build.linear(
                 "mass",
                 name,
-                indices[:1],
-                rows[None, :],
-                constant,
+                indices=indices[:1],
+                coefficients=rows[None, :],
+                constant=constant,
             )
         )
         # sign (m c_axis - m end) >= 0 for each finite end of the centre of mass's box.
@@ -535,9 +543,9 @@ class Problem(Shown):
                 build.linear(
                     "centre of mass",
                     name,
-                    indices[:4],
-                    coefficients,
-                    np.zeros(k),
+                    indices=indices[:4],
+                    coefficients=coefficients,
+                    constant=np.zeros(k),
                 )
             )
         out += [
@@ -555,9 +563,9 @@ class Problem(Shown):
                 build.linear(
                     "trace",
                     name,
-                    indices[[0, 4, 6, 9]],
-                    coefficients,
-                    upper,
+                    indices=indices[[0, 4, 6, 9]],
+                    coefficients=coefficients,
+                    constant=upper,
                 )
             )
         else:
@@ -565,7 +573,9 @@ class Problem(Shown):
             radius = self.link_defaults[link, 1]
             ball = np.diag([*np.full(3, -1.0 / radius**2), 1.0])
             out.append(
-                build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball)
+                build.density_in_ellipsoid(
+                    "bounding ellipsoid", name, indices, quadric=ball
+                )
             )
         return out
 

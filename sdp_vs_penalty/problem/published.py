@@ -152,7 +152,9 @@ def published_values(
     for name in box_tables(problem):
         for row in problem.published[name]:
             text = (
-                published_cell(problem, name, row, column, corrected)
+                published_cell(
+                    problem, table=name, row=row, column=column, corrected=corrected
+                )
                 if column in row
                 else ""
             )
@@ -256,10 +258,10 @@ def published_trajectory(
     return FourierTrajectory(
         a,
         b,
-        np.array(values("q_0")),
-        np.pi * frequency,
-        blend,
-        duration,
+        q_0=np.array(values("q_0")),
+        frequency=np.pi * frequency,
+        blend=blend,
+        duration=duration,
     )
 
 

@@ -229,17 +229,17 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
         factors.append(
             Factor(
                 joint,
-                0,
-                columns,
-                triangular(stack),
-                n_rows,
+                block=0,
+                indices=columns,
+                triangle=triangular(stack),
+                rows=n_rows,
             )
         )
     block = (0, 0.0, 0.0)
     return Regression(
         model.parameters,
-        n,
-        (block,),
-        tuple(factors),
+        joints=n,
+        blocks=(block,),
+        factors=tuple(factors),
         oversampling=1.0,
     )

@@ -191,12 +191,13 @@ def solve(gram: Array, right: Array) -> Array:
     squares = np.diagonal(gram, axis1=-2, axis2=-1)
     norms = np.sqrt(np.maximum(squares, 0.0))
     largest = norms.max(axis=-1, keepdims=True, initial=0.0)
-    is_there = norms > 1e-9 * largest
-    safe_norms = np.where(is_there, norms, 1.0)
-    scale = np.where(is_there, 1.0 / safe_norms, 0.0)[..., None]
+    is_nonzero = norms > 1e-9 * largest
+    safe_norms = np.where(is_nonzero, norms, 1.0)
+    scale = np.where(is_nonzero, 1.0 / safe_norms, 0.0)[..., None]
     unit = scale * gram * np.swapaxes(scale, -1, -2)
-    diagonal = np.einsum("...ii->...i", unit)  # a view
-    diagonal += np.where(is_there, RIDGE, 1.0)
+    diagonal = np.einsum("...ii->...i", unit)  # a writable view
+    # Zero columns get a one, so that their solution is zero.
+    diagonal += np.where(is_nonzero, RIDGE, 1.0)
     solution = np.linalg.solve(unit, scale * right)
     return np.asarray(scale * solution)
 

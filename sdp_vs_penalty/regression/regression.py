@@ -369,10 +369,10 @@ class Regression:
         merged = []
         empty = Factor(
             0,
-            0,
-            np.arange(0),
-            np.zeros((0, 1)),
-            0,
+            block=0,
+            indices=np.arange(0),
+            triangle=np.zeros((0, 1)),
+            rows=0,
         )
         for joint in range(self.joints):
             parts = [factor for factor in self.factors if factor.joint == joint]
@@ -384,7 +384,15 @@ class Regression:
                 continue
             triangle = triangular([part.triangle for part in parts])
             n_rows = sum(part.rows for part in parts)
-            merged.append(Factor(joint, 0, first.indices, triangle, n_rows))
+            merged.append(
+                Factor(
+                    joint,
+                    block=0,
+                    indices=first.indices,
+                    triangle=triangle,
+                    rows=n_rows,
+                )
+            )
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
@@ -701,8 +709,8 @@ def _take(
                 joint,
                 block,
                 columns.indices,
-                both[:0],
-                0,
+                triangle=both[:0],
+                rows=0,
             )
             old = cells.get((block, joint), empty)
             folded = _folded(np.vstack([old.triangle, piece]))

@@ -112,10 +112,10 @@ def around(
     outside = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
     return Body(
         centre,
-        margin * max(outside, 1.0) * half_axes + layer,
-        axes,
-        source,
-        volume,
+        half_axes=margin * max(outside, 1.0) * half_axes + layer,
+        axes=axes,
+        source=source,
+        volume=volume,
     )
 
 

@@ -671,12 +671,13 @@ class StackedCones:
         StackedCones
             The stack.
         """
-        start = 0
-        none = np.zeros(0, np.intp)
-        rows = [none]
-        columns = [none]
+        start = 0  # number of the group's first entry
+        no_places = np.zeros(0, np.intp)
+        rows = [no_places]
+        columns = [no_places]
         values = [np.zeros(0)]
         for group in groups:
+            # (cones, parameters of a cone, entries of a cone)
             flat = group.coefficients.reshape(*group.indices.shape, -1)
             member, position, entry = np.nonzero(flat)
             rows.append(start + member * flat.shape[2] + entry)
@@ -848,8 +849,8 @@ def pseudo_inertia(
         name,
         indices,
         coefficients,
-        np.zeros((4, 4)),
-        "psd",
+        constant=np.zeros((4, 4)),
+        cone="psd",
     )
 
 
@@ -893,8 +894,8 @@ def density_in_ellipsoid(
         family,
         name,
         indices,
-        row[:, None],
-        [0.0],
+        coefficients=row[:, None],
+        constant=[0.0],
     )
 
 
@@ -932,7 +933,7 @@ def linear(
         family,
         name,
         cone,
-        places,
-        np.asarray(constant, float),
-        np.asarray(coefficients, float),
+        indices=places,
+        constant=np.asarray(constant, float),
+        coefficients=np.asarray(coefficients, float),
     )

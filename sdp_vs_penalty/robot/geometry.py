@@ -327,11 +327,12 @@ def _cylinder(shape: Any) -> Geometry:
     (radius,) = _lengths(shape, "radius", 1)
     (length,) = _lengths(shape, "length", 1)
     end = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
-    angles = np.pi / 8.0 * np.arange(16)
-    outer = radius / np.cos(np.pi / 16.0)
-    x = outer * np.cos(angles)
-    y = outer * np.sin(angles)
-    rings = [np.column_stack([x, y, np.full(16, z)]) for z in (end, -end)]
+    n_sides = 16
+    angles = 2.0 * np.pi / n_sides * np.arange(n_sides)
+    outer_radius = radius / np.cos(np.pi / n_sides)  # so that sides touch the cylinder
+    x = outer_radius * np.cos(angles)
+    y = outer_radius * np.sin(angles)
+    rings = [np.column_stack([x, y, np.full(n_sides, z)]) for z in (end, -end)]
     return Geometry(np.concatenate(rings), np.pi * radius**2 * length)
 
 

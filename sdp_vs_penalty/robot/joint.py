@@ -221,7 +221,7 @@ def resolve_mimic_joints(
         tuple(tree),
         matrix,
         offset,
-        tuple(massless),
+        massless=tuple(massless),
     )
 
 
@@ -330,9 +330,9 @@ def parse_mechanism(
     places = tuple(sorted({k - 1 for k in massless}))
     return tuple(tree[k] for k in first_same), Mechanism(
         tuple(tree),
-        rows[:, :n],
-        rows[:, -1],
-        places,
+        matrix=rows[:, :n],
+        offset=rows[:, -1],
+        massless=places,
     )
 
 

@@ -183,7 +183,9 @@ def _robot_of(
         x, y, z = map(float, gravity)
         down = (x, y, z)
     name = model.name or model.path.stem
-    robot = Robot(name, joints, down, None, mechanism, held)
+    robot = Robot(
+        name, joints, gravity=down, transmission=None, mechanism=mechanism, held=held
+    )
     return robot, np.array([x for k, x in enumerate(links) if k not in massless])
 
 
@@ -211,10 +213,10 @@ def _compiled(path: Path) -> MujocoModel:
     )
     return MujocoModel(
         path,
-        model_name.partition(":")[2],
-        (x, y, z),
-        called,
-        arrays,
+        name=model_name.partition(":")[2],
+        gravity=(x, y, z),
+        joint_names=called,
+        arrays=arrays,
     )
 
 
@@ -401,8 +403,8 @@ def _joint(
         kind,
         parent,
         placement,
-        axis / np.linalg.norm(axis),
-        np.eye(4),
+        axis=axis / np.linalg.norm(axis),
+        link_frame=np.eye(4),
         lower=lower,
         upper=upper,
         velocity=np.inf,

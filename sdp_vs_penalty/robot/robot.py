@@ -142,12 +142,14 @@ class Robot(JsonRecordSkippingNone):
         stays = [k for k in range(self.n) if k not in places]
         value = np.zeros(self.n)
         value[list(places)] = [held[self.joint_names[k]] for k in places]
-        m = self.mechanism or Mechanism(self.tree, np.eye(self.n), np.zeros(self.n), ())
+        m = self.mechanism or Mechanism(
+            self.tree, matrix=np.eye(self.n), offset=np.zeros(self.n), massless=()
+        )
         mechanism = Mechanism(
             m.tree,
-            m.matrix[:, stays],
-            m.offset + m.matrix @ value,
-            m.massless,
+            matrix=m.matrix[:, stays],
+            offset=m.offset + m.matrix @ value,
+            massless=m.massless,
         )
         still = [
             HeldJoint(

@@ -165,10 +165,10 @@ def random_trajectory(
     unit = FourierTrajectory(
         a,
         b,
-        np.zeros(robot.n),
-        frequency,
-        blend,
-        duration,
+        q_0=np.zeros(robot.n),
+        frequency=frequency,
+        blend=blend,
+        duration=duration,
     )
     q, dq, _ = unit.states(
         np.linspace(
@@ -186,11 +186,11 @@ def random_trajectory(
     q_0 = rng.uniform(lower - low, upper - high)
     return FourierTrajectory(
         a * scale[:, None],
-        b * scale[:, None],
-        q_0,
-        frequency,
-        blend,
-        duration,
+        b=b * scale[:, None],
+        q_0=q_0,
+        frequency=frequency,
+        blend=blend,
+        duration=duration,
     )
 
 

@@ -255,7 +255,14 @@ def load_urdf(
     name = root.get("name") or Path(path).stem
     gravity_vector = tuple(map(float, gravity))
     nominal_with_mass = [x for k, x in enumerate(nominal) if k not in massless]
-    robot = Robot(name, joints, gravity_vector, transmission, mechanism, still)
+    robot = Robot(
+        name,
+        joints,
+        gravity=gravity_vector,
+        transmission=transmission,
+        mechanism=mechanism,
+        held=still,
+    )
     return robot, np.array(nominal_with_mass)
 
 
@@ -557,7 +564,9 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
     if not has_transmission:
         return None
     sides = ("joint",) * len(names)
-    return Transmission(matrix, np.zeros(len(names)), sides, sides)
+    return Transmission(
+        matrix, offset=np.zeros(len(names)), positions=sides, torques=sides
+    )
 
 
 def _transmission_kind(element: Any) -> str:

@@ -161,8 +161,8 @@ class Slice:
         fit = Fit(
             solution.x,
             objective,
-            self.reduced,
-            multipliers,
+            constraints=self.reduced,
+            multipliers=multipliers,
             bound=self.limit,
         )
         evidence = dual_evidence(fit)
@@ -233,8 +233,8 @@ def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
     )
     return SdpProblem(
         conic_problem(groups, None, np.zeros(k)),
-        np.zeros(k),
-        np.ones(k),
-        1.0,
-        placed,
+        centre=np.zeros(k),
+        theta_scale=np.ones(k),
+        loss_scale=1.0,
+        placed=placed,
     )

@@ -264,12 +264,12 @@ def least_squares_sdp(
     return SdpProblem(
         conic,
         centre,
-        scale,
-        loss_scale,
-        placed,
-        offset,
-        entropy,
-        start,
+        theta_scale=scale,
+        loss_scale=loss_scale,
+        placed=placed,
+        offset=offset,
+        entropy=entropy,
+        entropy_row=start,
     )
 
 
@@ -311,10 +311,10 @@ def largest_margin(
     )
     return SdpProblem(
         conic,
-        np.zeros(p),
-        scale,
-        1.0,
-        placed,
+        centre=np.zeros(p),
+        theta_scale=scale,
+        loss_scale=1.0,
+        placed=placed,
     )
 
 
@@ -354,10 +354,10 @@ def conic_problem(
     P = scipy.sparse.csc_matrix((m, m)) if quadratic is None else quadratic
     return ConicProblem(
         P,
-        linear,
-        A,
-        stacked.constant,
-        tuple(cones),
+        q=linear,
+        A=A,
+        b=stacked.constant,
+        cones=tuple(cones),
     )
 
 
@@ -380,10 +380,10 @@ def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
     """
     return ConeGroup(
         kind,
-        np.arange(1),
-        np.arange(matrix.shape[1])[None],
-        constant[None],
-        matrix.T[None],
+        places=np.arange(1),
+        indices=np.arange(matrix.shape[1])[None],
+        constant=constant[None],
+        coefficients=matrix.T[None],
     )
 
 
@@ -455,7 +455,7 @@ def scaled(
                 group.places,
                 indices,
                 constant,
-                columns,
+                coefficients=columns,
             )
         )
         for place, member_scale in zip(group.places.tolist(), scale, strict=True):
@@ -546,8 +546,8 @@ def _log_det(
         "psd",
         links.places,
         indices,
-        svec(constant),
-        svec(blocks),
+        constant=svec(constant),
+        coefficients=svec(blocks),
     )
     # exp(t) <= Z_kk: the exponential cone holds (t, 1, Z_kk).
     pairs = np.column_stack(

@@ -185,9 +185,9 @@ class _InteriorPoint:
                 best = Optimum(
                     final.theta,
                     final.multipliers,
-                    k,
-                    error,
-                    central,
+                    iterations=k,
+                    error=error,
+                    central=central,
                 )
             if error <= accuracy or not self.advance():
                 break

@@ -220,9 +220,9 @@ class Solver(ABC):
         return Solution(
             x,
             z,
-            meaning,
-            f"{status} {more}".rstrip(),
-            int(iterations),
+            claims=meaning,
+            status=f"{status} {more}".rstrip(),
+            iterations=int(iterations),
         )
 
     @property
