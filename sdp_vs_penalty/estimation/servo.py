@@ -281,8 +281,8 @@ def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
     test_load, test_terms = np.hsplit(test, [-_Terms.count])
     U, V = column_space(train_load)
     projections = U.T @ train_terms
-    remaining = np.linalg.qr(train_terms - U @ projections, mode="r")
-    return np.asarray(remaining), test_terms - test_load @ (V @ projections)
+    remaining_terms = np.linalg.qr(train_terms - U @ projections, mode="r")
+    return np.asarray(remaining_terms), test_terms - test_load @ (V @ projections)
 
 
 def _fitted(terms: Array, law: Array) -> Array:
@@ -542,13 +542,13 @@ def servo_log(
     )
     loop = replace(loop, load=with_shapes(load, shapes))
     model, _ = loop.fitted_at_delay(delay)
-    model, rows, apart = _refined(loop, model, instruments, progress)
+    model, rows, distance = _refined(loop, model, instruments, progress)
     details = {
         "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
         "held_out": errors,
         "shapes": [s.to_dict() for s in shapes],
-        "motion": apart.tolist(),
+        "motion": distance.tolist(),
     }
     return model, rows, details
 

@@ -634,13 +634,13 @@ def noise_level(
         "repetition" or "spectrum"; "" without a floor.
     """
     settings = filtered_runs.settings
-    shown = window_subsample(filtered_runs.measurements, filtered_runs.settings)
+    windows = window_subsample(filtered_runs.measurements, filtered_runs.settings)
     filtered = (
         filtered_runs
-        if shown is filtered_runs.measurements
-        else FilteredRuns.of(shown, settings)
+        if windows is filtered_runs.measurements
+        else FilteredRuns.of(windows, settings)
     )
-    runs = segmented(shown, settings)
+    runs = segmented(windows, settings)
     if not runs.segments:
         return None, ""
     model = problem.model().reference_free

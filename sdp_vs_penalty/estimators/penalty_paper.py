@@ -721,8 +721,8 @@ class PenalisedLoss:
         """
         out = {TriangleInequality.family: 0.0}
         for demand in self.demands:
-            before = out.get(demand.family, 0.0)
-            out[demand.family] = max(before, demand.violation(p))
+            so_far = out.get(demand.family, 0.0)
+            out[demand.family] = max(so_far, demand.violation(p))
         return out
 
 

@@ -81,7 +81,7 @@ def check_fields(
             )
     for key, like in fields.items():
         many = isinstance(like, list)
-        one = like[0] if isinstance(like, list) else like
+        example = like[0] if isinstance(like, list) else like
         if key == "kinematics" and key not in data:
             raise InputError(
                 "the section [kinematics] is missing",
@@ -90,7 +90,7 @@ def check_fields(
         if key not in data:
             if key in _NEEDED and "urdf" not in data:
                 raise InputError(f"the field {key!r} is missing in {where}", "add it")
-        elif isinstance(one, dict):
+        elif isinstance(example, dict):
             head = f"[[{key}]]" if many else f"[{key}]"
             parts = data[key] if many else [data[key]]
             if not (
@@ -99,7 +99,7 @@ def check_fields(
                 what = f"{key} is no {'list of sections' if many else 'section'}"
                 raise InputError(what, f"write {head} above its fields")
             for part in parts:
-                check_fields(part, one, head)
+                check_fields(part, example, head)
         else:
             _check(f"{section} {key}".lstrip(), data[key], key, like, data)
 
@@ -521,11 +521,11 @@ def lowest_masses(nominal: Array) -> Array:
     (links,) array
         Masses [kg]; 10 g where no nominal mass is known.
     """
-    least = c.DEFAULT_LINK_MASS[0]
+    largest_bound = c.DEFAULT_LINK_MASS[0]
     return np.where(
         nominal > 0.0,
-        np.minimum(least, nominal / c.FAR_MASS),
-        least,
+        np.minimum(largest_bound, nominal / c.FAR_MASS),
+        largest_bound,
     )
 
 

@@ -342,8 +342,8 @@ class Problem(Shown):
             The changed problem.
         """
         robot = replace(self.robot, gravity=tuple(map(float, gravity)))
-        turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
-        independent = None if turned else self.independent
+        is_turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
+        independent = None if is_turned else self.independent
         return replace(self, robot=robot, independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
@@ -456,11 +456,13 @@ class Problem(Shown):
         com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
             link = cone.link - 1
-            across = ~cone.along
-            (along,) = self.box[link, 1:4][cone.along]
-            if np.all(np.isfinite(along)) or cone.slope == 0.0:
-                widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
-                com[link, across] = np.minimum(com[link, across], widest)
+            is_across = ~cone.along
+            (ends_along,) = self.box[link, 1:4][cone.along]
+            if np.all(np.isfinite(ends_along)) or cone.slope == 0.0:
+                widest = cone.radius + max(
+                    cone.slope * x for x in np.nan_to_num(ends_along)
+                )
+                com[link, is_across] = np.minimum(com[link, is_across], widest)
         return np.asarray(com)
 
     @cached_property
@@ -490,17 +492,17 @@ class Problem(Shown):
             mass,
         )
         mass = np.minimum(mass, self.total_mass[1])
-        full = self._boxed[:, None]
-        square = np.where(full, self._centres, 0.0) ** 2
+        is_boxed = self._boxed[:, None]
+        squared_com = np.where(is_boxed, self._centres, 0.0) ** 2
         moments = self.box[:, [4, 6, 9], 1] + mass * (
-            square.sum(axis=1, keepdims=True) - square
+            squared_com.sum(axis=1, keepdims=True) - squared_com
         )
         com = np.where(
-            full,
+            is_boxed,
             self._centres,
             np.minimum(self._centres, radius),
         )
-        return mass[:, 0], com, np.where(full, moments, mass * radius**2)
+        return mass[:, 0], com, np.where(is_boxed, moments, mass * radius**2)
 
     def _link_constraints(
         self,

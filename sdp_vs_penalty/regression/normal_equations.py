@@ -141,8 +141,8 @@ class NormalEquations:
             Right side.
         """
         s = self.gram.shape[-1]
-        before = self.gram.shape[:-2]
-        flat = self.gram.reshape(*before, s * s)
+        leading_shape = self.gram.shape[:-2]
+        flat = self.gram.reshape(*leading_shape, s * s)
         gram = weights[..., None, :] @ flat
         cross = np.einsum("...j,...js->...s", weights, self.cross)
         return gram.reshape(*gram.shape[:-2], s, s), cross
@@ -162,15 +162,15 @@ class NormalEquations:
         left : (..., n) array
             Squared residuals, at least FLOOR of the squared torque.
         """
-        left = self.total
+        residuals = self.total
         for _ in range(ROUNDS):
-            gram, cross = self.normal(chosen / left)
+            gram, cross = self.normal(chosen / residuals)
             theta = solve(gram, cross[..., None])[..., 0]
             column = theta[..., None, :, None]
             image = (self.gram @ column)[..., 0]
             fall = np.einsum("...js,...s->...j", image - 2.0 * self.cross, theta)
-            left = np.maximum(self.energy + fall, FLOOR * self.total)
-        return theta, left
+            residuals = np.maximum(self.energy + fall, FLOOR * self.total)
+        return theta, residuals
 
 
 def solve(gram: Array, right: Array) -> Array:

@@ -109,10 +109,10 @@ def around(
     size, axes = np.linalg.eigh(3.0 * second)
     half_axes = np.sqrt(np.maximum(size, 0.0))
     half_axes = np.maximum(half_axes, 1e-3 * half_axes.max())
-    outside = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
+    largest_distance = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
     return Body(
         centre,
-        half_axes=margin * max(outside, 1.0) * half_axes + layer,
+        half_axes=margin * max(largest_distance, 1.0) * half_axes + layer,
         axes=axes,
         source=source,
         volume=volume,
@@ -192,12 +192,12 @@ def directions(count: int = 400) -> Array:
     """
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
-    turn = np.pi * (1.0 + 5.0**0.5) * k
-    across = np.sqrt(1.0 - z**2)
+    angle = np.pi * (1.0 + 5.0**0.5) * k
+    radius = np.sqrt(1.0 - z**2)
     return np.column_stack(
         [
-            across * np.cos(turn),
-            across * np.sin(turn),
+            radius * np.cos(angle),
+            radius * np.sin(angle),
             z,
         ]
     )

@@ -190,15 +190,20 @@ def projected_rows(
 
     Parameters
     ----------
-    cone : "psd", "soc" or "nonnegative"
-    values : M (g, ...)
-    directions : A (g, entries, p)
+    cone : str
+        "psd", "soc" or "nonnegative".
+    values : (g, ...) array
+        M, the points of g equal cones.
+    directions : (g, entries, p) array
+        A.
 
     Returns
     -------
-    rows : r (m,) with |r|^2 = sum |Pi(M)|^2
-    derivative : J (m, p) with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an
-        element of the generalised derivative
+    rows : (m,) array
+        r with |r|^2 = sum |Pi(M)|^2.
+    derivative : (m, p) array
+        J with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an element of the
+        generalised derivative.
 
     References
     ----------
@@ -269,27 +274,27 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     norm = np.linalg.norm(values[:, 1:], axis=1)
     on_axis = norm <= 1e-14 * np.abs(s)
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
-    along = np.array(
+    on_diagonals = np.array(
         [
             np.where(on_axis, s, s + norm),
             s - norm,
         ]
     )
-    ends = np.maximum(along, 0.0) / np.sqrt(2.0)
+    ends = np.maximum(on_diagonals, 0.0) / np.sqrt(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.clip(
+        clipped = np.clip(
             0.5 * (1.0 + s / norm),
             0.0,
             1.0,
         )
-    across = np.where(on_axis, s > 0.0, share)
+    slope_across = np.where(on_axis, s > 0.0, clipped)
     on_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
     sum_and_difference = np.array(
         [directions[:, 0] + on_ray, directions[:, 0] - on_ray]
     )
-    both = sum_and_difference / np.sqrt(2.0)
-    beside_ray = directions[:, 1:] - ray[:, :, None] * on_ray[:, None]
-    tail = np.sqrt(across)[:, None, None] * beside_ray
+    unit_combinations = sum_and_difference / np.sqrt(2.0)
+    across_ray = directions[:, 1:] - ray[:, :, None] * on_ray[:, None]
+    tail = np.sqrt(slope_across)[:, None, None] * across_ray
     rows = np.concatenate(
         [
             ends.ravel(),
@@ -298,7 +303,7 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     )
     derivative = np.concatenate(
         [
-            (both * (ends > 0.0)[:, :, None]).reshape(-1, width),
+            (unit_combinations * (ends > 0.0)[:, :, None]).reshape(-1, width),
             tail.reshape(-1, width),
         ]
     )
@@ -710,8 +715,10 @@ class StackedCones:
 
         Returns
         -------
-        tuple of (e,) arrays
-            F(theta), and |F_0| + sum |theta_i F_i|: the size of the terms that were summed.
+        (e,) array
+            F(theta), the entries of all constraints.
+        (e,) array
+            |F_0| + sum |theta_i F_i|: the size of the terms that were summed.
         """
         terms = self.value * theta[self.column]
         count = len(self.constant)
@@ -720,7 +727,7 @@ class StackedCones:
         return np.asarray(values), np.asarray(size)
 
     def margins(self, theta: ArrayLike) -> tuple[Array, Array]:
-        """Margins of all constraints at a point.
+        """Return the margins of all constraints at a point.
 
         Parameters
         ----------
@@ -729,8 +736,10 @@ class StackedCones:
 
         Returns
         -------
-        tuple of (m,) arrays
-            The margin of each constraint, and the size of its largest summed term.
+        (m,) array
+            Margin of each constraint.
+        (m,) array
+            Size of its largest summed term, with which rounding is compared.
         """
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
         all_values, all_terms = self.at(np.asarray(theta, float))
@@ -770,12 +779,12 @@ class StackedCones:
         )
 
     def split(self, flat: Any) -> list[Any]:
-        """Split a stacked vector by groups.
+        """Split a stacked vector into one array a group; the arrays are views.
 
         Parameters
         ----------
         flat : (e,) array
-            A vector over all entries.
+            Vector over all entries.
 
         Returns
         -------
@@ -791,17 +800,18 @@ class StackedCones:
         return out
 
     def each(self, flat: Array) -> list[Array]:
-        """Split a stacked vector by constraints.
+        """Split a stacked vector into one array a constraint, in the order of the
+        constraints.
 
         Parameters
         ----------
         flat : (e,) array
-            A vector over all entries.
+            Vector over all entries.
 
         Returns
         -------
         list of arrays
-            One array a constraint.
+            One array a constraint, with its shape.
         """
         by_place: dict[int, Array] = {}
         for group, part in zip(self.groups, self.split(flat), strict=True):

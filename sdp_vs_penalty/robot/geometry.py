@@ -82,9 +82,9 @@ def link_geometry(
                 *(shape.points for shape in shapes),
             ]
         )
-        known = len(cloud) and None not in shapes_of_parts
+        is_known = len(cloud) and None not in shapes_of_parts
         out.append(
-            Geometry(cloud, sum(shape.volume for shape in shapes)) if known else None
+            Geometry(cloud, sum(shape.volume for shape in shapes)) if is_known else None
         )
     return out
 

@@ -78,12 +78,13 @@ def parameter_names(link: int) -> tuple[str, ...]:
 
     Parameters
     ----------
-    link : counted from 1
+    link : int
+        Number of the link, from 1.
 
     Returns
     -------
     tuple of str
-        (10,) in our order.
+        Ten names in our order.
     """
     return tuple(f"{name}{link}" for name in PARAMETERS)
 
@@ -93,13 +94,14 @@ def pseudo_inertia(theta: ArrayLike) -> Array:
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame [kg, kg m, kg
+        m^2].
 
     Returns
     -------
-    Array
-        (..., 4, 4) second moments of homogeneous coordinates.
+    (..., 4, 4) array
+        Second moments of the homogeneous coordinates (x, y, z, 1).
     """
     return np.tensordot(
         np.asarray(theta, float),
@@ -113,12 +115,13 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
 
     Parameters
     ----------
-    matrix : (..., 4, 4) symmetric
+    matrix : (..., 4, 4) array
+        Symmetric pseudo-inertias.
 
     Returns
     -------
-    Array
-        (..., 10) about the same frame.
+    (..., 10) array
+        Standard parameters about the same frame.
     """
     p = np.asarray(matrix, float)
     trace = np.trace(
@@ -135,12 +138,13 @@ def inertia_matrix(entries: ArrayLike) -> Array:
 
     Parameters
     ----------
-    entries : (..., 6) Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2]
+    entries : (..., 6) array
+        Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
 
     Returns
     -------
-    Array
-        (..., 3, 3) [kg m^2].
+    (..., 3, 3) array
+        Inertia matrices [kg m^2].
     """
     e = np.asarray(entries, float)
     out = np.empty((*e.shape[:-1], 3, 3))
@@ -154,12 +158,13 @@ def inertia_entries(matrix: ArrayLike) -> Array:
 
     Parameters
     ----------
-    matrix : (..., 3, 3) [kg m^2]
+    matrix : (..., 3, 3) array
+        Inertia matrices [kg m^2].
 
     Returns
     -------
-    Array
-        (..., 6) Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
+    (..., 6) array
+        Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
     """
     m = np.asarray(matrix, float)
     return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
@@ -223,17 +228,18 @@ def barycentric_from_standard(theta: ArrayLike) -> Array:
 def transform(placement: ArrayLike) -> Array:
     """Return the matrix that maps standard parameters from a frame B to a frame A.
 
-    The pseudo-inertia is a second moment of homogeneous coordinates, hence
-    P_A = X P_B X^T.
+    The pseudo-inertia is a second moment of homogeneous coordinates, hence P_A = X P_B
+    X^T.
 
     Parameters
     ----------
-    placement : (4, 4) A_X_B, the pose of B in A
+    placement : (4, 4) array
+        X = A_X_B, the pose of B in A.
 
     Returns
     -------
-    Array
-        (10, 10).
+    (10, 10) array
+        The linear map.
     """
     x = np.asarray(placement, float)
     return from_pseudo_inertia(x @ PSEUDO_INERTIA_BASIS @ x.T).T
@@ -245,13 +251,13 @@ def consistency_margin(theta: ArrayLike) -> Array:
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (...).
+    (...) array
+        Smallest eigenvalues.
     """
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
@@ -264,13 +270,13 @@ def thickness(theta: ArrayLike) -> Array:
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (...) [m].
+    (...) array
+        r [m].
     """
     smallest = np.linalg.eigvalsh(second_moment(theta))[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
@@ -279,18 +285,18 @@ def thickness(theta: ArrayLike) -> Array:
 def gyration(theta: ArrayLike) -> Array:
     """Return the radius of gyration sqrt(tr(Sigma_c) / m) about the centre of mass.
 
-    Of a point mass and of no mass zero, of two equal masses half their distance, of a
-    uniform ball of radius R sqrt(3/5) R.
+    It is zero for a point mass and for no mass, half the distance of two equal masses,
+    and sqrt(3/5) R for a uniform ball of radius R.
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (...) [m].
+    (...) array
+        Radius [m].
     """
     return np.sqrt(np.maximum(np.trace(second_moment(theta), axis1=-2, axis2=-1), 0.0))
 
@@ -298,17 +304,18 @@ def gyration(theta: ArrayLike) -> Array:
 def second_moment(theta: ArrayLike) -> Array:
     """Return the second moment about the centre of mass, over the mass.
 
-    It is the mean of x x^T, a uniform ellipsoid's half axes squared over 5.
+    It is the mean of x x^T; its eigenvalues are a fifth of a uniform ellipsoid's
+    squared half axes.
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (..., 3, 3) Sigma_c / m [m^2]; zeros for no mass.
+    (..., 3, 3) array
+        Sigma_c / m [m^2]; zeros for no mass.
     """
     p = pseudo_inertia(theta)
     mass = p[..., 3, 3, None, None]

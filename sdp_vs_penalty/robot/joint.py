@@ -46,26 +46,26 @@ class Joint(JsonRecordSkippingNone):
         """Raise InputError for frames, axis, kind or limits that no joint can have."""
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
-        who = f"joint {self.name}"
+        place = f"joint {self.name}"
         for name, shape in (
             ("placement", (4, 4)),
             ("axis", (3,)),
             ("link_frame", (4, 4)),
         ):
-            check_finite(f"{who}: {name}", getattr(self, name), shape)
+            check_finite(f"{place}: {name}", getattr(self, name), shape)
         for name in ("placement", "link_frame"):
-            check_pose(f"{who}: {name}", getattr(self, name))
+            check_pose(f"{place}: {name}", getattr(self, name))
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(
-                f"{who}: the axis is no unit vector", "divide it by its length"
+                f"{place}: the axis is no unit vector", "divide it by its length"
             )
         if self.kind not in ("revolute", "prismatic"):
             raise InputError(
-                f"{who}: kind {self.kind!r} is unknown", "write revolute or prismatic"
+                f"{place}: kind {self.kind!r} is unknown", "write revolute or prismatic"
             )
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
-            raise InputError(f"{who}: {what}", "swap them")
+            raise InputError(f"{place}: {what}", "swap them")
 
 
 def check_pose(where: str, pose: Array) -> None:
@@ -83,14 +83,16 @@ def check_pose(where: str, pose: Array) -> None:
     InputError
         Where it is no pose.
     """
-    turn = pose[:3, :3]
+    rotation = pose[:3, :3]
     tolerance = 1e-6
-    far = 1e9
-    if np.any(np.abs(pose[:3]) > far):
-        raise InputError(f"{where} holds numbers beyond {far:g}", "write it in metres")
+    largest = 1e9
+    if np.any(np.abs(pose[:3]) > largest):
+        raise InputError(
+            f"{where} holds numbers beyond {largest:g}", "write it in metres"
+        )
     is_rotation = (
-        np.allclose(turn @ turn.T, np.eye(3), atol=tolerance)
-        and np.linalg.det(turn) > 0.0
+        np.allclose(rotation @ rotation.T, np.eye(3), atol=tolerance)
+        and np.linalg.det(rotation) > 0.0
         and np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0], atol=tolerance)
     )
     if not is_rotation:

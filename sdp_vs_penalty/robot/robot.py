@@ -691,8 +691,8 @@ class Robot(JsonRecordSkippingNone):
         for sign, inertias in self._signed(theta):
             model = pin.Model()
             model.gravity = self._model.gravity
-            for i, one in enumerate(self.tree):
-                parent = 0 if one.parent == -1 else int(rows[one.parent]) + 1
+            for i, joint in enumerate(self.tree):
+                parent = 0 if joint.parent == -1 else int(rows[joint.parent]) + 1
                 pose = inertias.jointPlacements[i + 1]
                 for k in range(6):
                     kind = (
@@ -704,14 +704,14 @@ class Robot(JsonRecordSkippingNone):
                         parent,
                         kind(np.eye(3)[k % 3]),
                         pose,
-                        f"{one.name} {k}",
+                        f"{joint.name} {k}",
                     )
                     pose = pin.SE3.Identity()
                 place = model.addJoint(
                     parent,
                     inertias.joints[i + 1],
                     pose,
-                    one.name,
+                    joint.name,
                 )
                 model.inertias[place] = inertias.inertias[i + 1]
             data = model.createData()

@@ -78,7 +78,7 @@ class FourierTrajectory:
         t = np.asarray(t, float)[:, None]
         end = self.duration - self.blend
         w = np.pi / self.blend
-        inside = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
+        in_series = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
         q1, v1, _ = self._series(np.array([0.0]))
         q2, v2, _ = self._series(np.array([end - self.blend]))
         rising = np.clip(t, 0.0, self.blend)
@@ -93,19 +93,19 @@ class FourierTrajectory:
             0.5 * v2 * (1.0 + np.cos(w * falling)),
             -0.5 * v2 * w * np.sin(w * falling),
         )
-        when = [t < self.blend, t > end]
-        parts = zip(first, last, inside, strict=True)
+        conditions = [t < self.blend, t > end]
+        parts = zip(first, last, in_series, strict=True)
         states = [
             np.select(
-                when,
+                conditions,
                 [begin, finish],
                 middle,
             )
             for begin, finish, middle in parts
         ]
         q, dq, ddq = states
-        moving = (t > 0.0) & (t < self.duration)
-        return q, np.where(moving, dq, 0.0), np.where(moving, ddq, 0.0)
+        is_moving = (t > 0.0) & (t < self.duration)
+        return q, np.where(is_moving, dq, 0.0), np.where(is_moving, ddq, 0.0)
 
     def _series(self, s: Array) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (K, n) of the Fourier series at instants s (K,) [s] after
@@ -226,20 +226,20 @@ class PointTrajectory:
         tuple of (N, n) arrays
             q, dq, ddq.
         """
-        at = np.asarray(t, float)
-        k = np.clip(
-            np.searchsorted(self._starts, at, side="right") - 1,
+        instants = np.asarray(t, float)
+        move = np.clip(
+            np.searchsorted(self._starts, instants, side="right") - 1,
             0,
             len(self.moves) - 1,
         )
-        T = self.moves[k][:, None]
+        T = self.moves[move][:, None]
         x = np.clip(
-            (at - self._starts[k])[:, None] / T,
+            (instants - self._starts[move])[:, None] / T,
             0.0,
             1.0,
         )
-        d = self.points[k + 1] - self.points[k]
-        q = self.points[k] + d * (35 * x**4 - 84 * x**5 + 70 * x**6 - 20 * x**7)
+        d = self.points[move + 1] - self.points[move]
+        q = self.points[move] + d * (35 * x**4 - 84 * x**5 + 70 * x**6 - 20 * x**7)
         dq = d / T * 140 * x**3 * (1 - x) ** 3
         return q, dq, d / T**2 * 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x)
 

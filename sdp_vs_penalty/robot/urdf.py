@@ -311,16 +311,18 @@ def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
     Inertials of links that are fixed to it are added. A link counts as massless if its
     inertial says so, and others have mass.
     """
-    moved = [
+    parameters = [
         [inertia.transform(at) @ read_inertial(e) for e, at in elements]
         for elements in parts
     ]
-    nominal = [np.sum(elements, axis=0) for elements in moved]
+    nominal = [np.sum(elements, axis=0) for elements in parameters]
     has_inertial = [
         any(e.find("inertial") is not None for e, _ in elements) for elements in parts
     ]
-    none = tuple(k for k, x in enumerate(nominal) if has_inertial[k] and not x.any())
-    return nominal, none if any(x.any() for x in nominal) else ()
+    massless = tuple(
+        k for k, x in enumerate(nominal) if has_inertial[k] and not x.any()
+    )
+    return nominal, massless if any(x.any() for x in nominal) else ()
 
 
 def parse_urdf(path: str | Path) -> Any:
@@ -496,16 +498,18 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         )
     limit = element.find("limit")
     limits = []
-    for key, none in (
+    for key, no_limit in (
         ("lower", -np.inf),
         ("upper", np.inf),
         ("velocity", np.inf),
         ("effort", np.inf),
     ):
-        span = None if kind == "continuous" and key in ("lower", "upper") else limit
-        (value,) = _numbers(span, key, none, largest=np.inf)
+        element_of_limit = (
+            None if kind == "continuous" and key in ("lower", "upper") else limit
+        )
+        (value,) = _numbers(element_of_limit, key, no_limit, largest=np.inf)
         # How files write "no limit" where the format asks for a number [rad or m].
-        limits.append(none if abs(value) > 1e6 else value)
+        limits.append(no_limit if abs(value) > 1e6 else value)
     return Joint(
         name,
         _MOVING[kind],

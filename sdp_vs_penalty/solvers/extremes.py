@@ -118,17 +118,17 @@ class Slice:
         """
         g = self.basis.T @ slope
         size = float(np.linalg.norm(g))
-        middle = float(slope @ self.interior)
+        value_at_interior = float(slope @ self.interior)
         terms = slope * (np.abs(self.interior) + 1e-12)
         if size <= 1e-12 * float(np.linalg.norm(terms)):
             # The function is constant on the slice up to rounding, which this bound
             # contains.
             spread = float(np.abs(g) @ self.limit)
-            return Extreme(middle, middle - spread, self.interior)
+            return Extreme(value_at_interior, value_at_interior - spread, self.interior)
         x, lower = self._solve(g / size)
-        near = self.interior + self.basis @ x
-        theta = repair(self.constraints, near, self.interior)
-        return Extreme(float(slope @ theta), middle + size * lower, theta)
+        optimum = self.interior + self.basis @ x
+        theta = repair(self.constraints, optimum, self.interior)
+        return Extreme(float(slope @ theta), value_at_interior + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
         """Return the largest value of a linear function over the slice.

@@ -233,19 +233,19 @@ def least_squares_sdp(
     start = 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
-        more, logs, links = _log_det(
+        log_det_cones, logs, links = _log_det(
             entropy,
             centre,
             scale,
             p + r,
         )
-        groups += more
+        groups += log_det_cones
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
         linear[:p] = weight * scale * entropy.entries.adjoint(inverse.ravel(), p)
-        n_more = logs.size + 10 * len(inverse)
-        quadratic = np.pad(quadratic, (0, n_more))
-        linear = np.pad(linear, (0, n_more))
+        n_new = logs.size + 10 * len(inverse)
+        quadratic = np.pad(quadratic, (0, n_new))
+        linear = np.pad(linear, (0, n_new))
         linear[logs] = -weight
         # Constants of the divergence: the trace at the centre, log det P0 - 4, and the
         # scaling of P to a diagonal of ones.
@@ -530,18 +530,18 @@ def _log_det(
     blocks[:, z, i, 4 + j] = 1.0
     blocks[:, z, 4 + j, i] = 1.0
     diagonal = np.flatnonzero(i == j)
-    last = 4 + np.arange(4)
-    blocks[:, z[diagonal], last, last] = 1.0
+    lower_diagonal = 4 + np.arange(4)
+    blocks[:, z[diagonal], lower_diagonal, lower_diagonal] = 1.0
     constant[:, :4, :4] = links.values(centre) * factors
     # Places in x: ten entries of Z and four t of each link.
-    new = width + np.arange(14 * n).reshape(n, 14)
+    places = width + np.arange(14 * n).reshape(n, 14)
     indices = np.column_stack(
         [
             links.indices,
-            new[:, :10],
+            places[:, :10],
         ]
     )
-    logs = new[:, 10:].ravel()
+    logs = places[:, 10:].ravel()
     matrices = ConeGroup(
         "psd",
         links.places,
@@ -553,7 +553,7 @@ def _log_det(
     pairs = np.column_stack(
         [
             logs,
-            new[:, diagonal].ravel(),
+            places[:, diagonal].ravel(),
         ]
     )
     first, second, third = np.eye(3)

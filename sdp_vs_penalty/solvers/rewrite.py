@@ -148,8 +148,8 @@ def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
         shape = (len(nonzero), P.shape[0])
         entries = (np.sqrt(diagonal[nonzero]), (ones, nonzero))
         return scipy.sparse.csr_matrix(entries, shape)
-    full = P.toarray()
-    values, vectors = np.linalg.eigh(full + np.triu(full, 1).T)
+    dense = P.toarray()
+    values, vectors = np.linalg.eigh(dense + np.triu(dense, 1).T)
     significant = values > 1e-15 * values[-1]
     roots = np.sqrt(values[significant])
     return scipy.sparse.csr_matrix(roots[:, None] * vectors[:, significant].T)
