@@ -580,7 +580,10 @@ def _given_delay(drives: Sequence[Effect]) -> float | None:
     """Return the delay [s] that the user gave for the drives' effects; None without
     one.
     """
-    return next((e.shape["T"] for e in drives if "T" in e.given), None)
+    for effect in drives:
+        if "T" in effect.given:
+            return effect.shape["T"]
+    return None
 
 
 def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:

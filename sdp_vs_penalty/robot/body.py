@@ -173,8 +173,10 @@ def balls(centres: ArrayLike, radius: float) -> Array:
     (6 k, 3) array
         Points [m].
     """
-    ends = radius * np.concatenate([np.eye(3), -np.eye(3)])
-    return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
+    axes = np.eye(3)
+    ends = radius * np.concatenate([axes, -axes])
+    points = [np.asarray(centre, float) + ends for centre in np.atleast_2d(centres)]
+    return np.concatenate(points)
 
 
 def directions(count: int = 400) -> Array:

@@ -75,9 +75,8 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
     """
     if cone == "psd":
         size = np.sqrt(nonzero_or_one(np.diagonal(terms, axis1=1, axis2=2)))
-        return np.asarray(
-            np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0]
-        )
+        scaled = values / (size[:, :, None] * size[:, None, :])  # D F D
+        return np.asarray(np.linalg.eigvalsh(scaled)[:, 0])
     if cone == "soc":
         return cone_margin(cone, values) / nonzero_or_one(terms.sum(axis=1))
     return cone_margin(cone, values / nonzero_or_one(terms))

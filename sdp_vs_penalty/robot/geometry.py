@@ -380,8 +380,11 @@ def _mesh(
 
 def _mesh_file(path: Path, filename: str) -> Path | None:
     """Return the path of a mesh file, None if there is none."""
-    # A name that is too long, or holds a zero byte, is no file's.
-    return next((p for p in _places(path, filename) if os.path.isfile(p)), None)
+    for place in _places(path, filename):
+        # os.path.isfile: False also for a name that is too long or holds a zero byte.
+        if os.path.isfile(place):
+            return place
+    return None
 
 
 def _places(path: Path, filename: str) -> Iterator[Path]:

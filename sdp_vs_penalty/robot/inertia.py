@@ -298,7 +298,8 @@ def gyration(theta: ArrayLike) -> Array:
     (...) array
         Radius [m].
     """
-    return np.sqrt(np.maximum(np.trace(second_moment(theta), axis1=-2, axis2=-1), 0.0))
+    squared = np.trace(second_moment(theta), axis1=-2, axis2=-1)
+    return np.sqrt(np.maximum(squared, 0.0))
 
 
 def second_moment(theta: ArrayLike) -> Array:

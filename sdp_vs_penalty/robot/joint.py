@@ -468,6 +468,7 @@ def parse_transmission(
     """
     n = len(motors)
     rows = [parse_formula(text, n) for text in motors]
+    # One word stands for all channels.
     sides = [tuple(s) * n if len(s) == 1 else tuple(s) for s in (positions, torques)]
     matrix = np.array([row[:n] for row in rows]).reshape(n, n)
     return Transmission(

@@ -206,7 +206,8 @@ class PointTrajectory:
     @cached_property
     def _starts(self) -> Array:
         """(W - 1,) instants at which the moves begin [s]."""
-        return np.cumsum(self.pauses[:-1] + np.concatenate([[0.0], self.moves[:-1]]))
+        previous_moves = np.concatenate([[0.0], self.moves[:-1]])
+        return np.cumsum(self.pauses[:-1] + previous_moves)
 
     @property
     def duration(self) -> float:

@@ -63,7 +63,9 @@ def flat(values: Any, size: int) -> Array:
     (size,)
         NaN if the solver returned none.
     """
-    return np.full(size, np.nan) if values is None else np.array(values, float).ravel()
+    if values is None:
+        return np.full(size, np.nan)
+    return np.array(values, float).ravel()
 
 
 class Solver(ABC):
