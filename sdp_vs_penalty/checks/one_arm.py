@@ -43,7 +43,7 @@ _WORDS = {
         "identify from one run at a time",
     ),
     "another load": (
-        "{run} carries another load on its last link ({x:+.2g} kg)",
+        "{run} carries a {weight} load on its last link ({x:+.2g} kg)",
         "identify the runs apart, or log with the same tool",
     ),
     "torque gain": (
@@ -451,7 +451,18 @@ class RunComparison:
         is_clear = best.clearness >= c.SIGMAS and is_likely
         # Friction that the model lacks differs from run to run, as another arm does.
         is_unspecific = best.difference.is_another_arm and self.error_ratio < c.TIMES
-        return best if is_clear and not is_unspecific else None
+        if not is_clear or is_unspecific:
+            return None
+        return self._in_the_heavier_run(best)
+
+    def _in_the_heavier_run(self, cause: Cause) -> Cause:
+        """Return a load of one of two runs as that of the run that carries more: a load
+        that one lacks is one that the other carries. Any other cause stays as it is."""
+        is_lack = cause.difference.kind == "another load" and cause.size < 0.0
+        if not is_lack or len(self.runs) != 2:
+            return cause
+        of_other = replace(cause.difference, run=1 - cause.difference.run)
+        return replace(cause, difference=of_other, size=-cause.size)
 
     @property
     def _reason(self) -> str:
@@ -509,6 +520,7 @@ class RunComparison:
             "x": 1.0 + cause.size if is_gain else cause.size,
             "unit": unit,
             "distance": distance,
+            "weight": "lighter" if cause.size < 0.0 else "heavier",
         }
         what, remedy = _WORDS[difference.kind]
         return what.format(**entries), remedy.format(**entries)
