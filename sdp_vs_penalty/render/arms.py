@@ -29,16 +29,19 @@ def link_ellipsoid(link: Array) -> Array | None:
     if body is None:
         return None
     half, axes, com = body
-    u, v = np.meshgrid(np.linspace(0.0, np.pi, 14), np.linspace(0.0, 2.0 * np.pi, 28))
-    ball = np.stack(
+    polar = np.linspace(0.0, np.pi, 14)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 28)
+    u, v = np.meshgrid(polar, azimuth)
+    unit_sphere = np.stack(
         [
             np.sin(u) * np.cos(v),
             np.sin(u) * np.sin(v),
             np.cos(u),
         ]
-    )
-    ball = ball.reshape(3, -1)
-    return np.asarray(axes @ (half[:, None] * (axes.T @ ball)) + com[:, None], float)
+    ).reshape(3, -1)
+    # Stretch the sphere along the ellipsoid's axes, then move it to the centre.
+    along_axes = half[:, None] * (axes.T @ unit_sphere)
+    return np.asarray(axes @ along_axes + com[:, None], float)
 
 
 def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
@@ -58,14 +61,13 @@ def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
         Half axes (3,) [m], their directions (3, 3) as columns of a rotation, and the
         centre (3,) [m] in the link frame; None for a link without mass or thickness.
     """
+    mass = link[0]
+    # Eigenvalues of Sigma_c / m in increasing order.
     values, axes = np.linalg.eigh(inertia.second_moment(link))
-    if link[0] <= 0.0 or values[0] <= 0.0:
+    if mass <= 0.0 or values[0] <= 0.0:
         return None
-    return (
-        np.sqrt(5.0 * values),
-        axes * np.sign(np.linalg.det(axes)),
-        link[1:4] / link[0],
-    )
+    rotation = axes * np.sign(np.linalg.det(axes))  # right-handed
+    return np.sqrt(5.0 * values), rotation, link[1:4] / mass
 
 
 def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
@@ -91,13 +93,13 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
         if body is None:
             continue
         half, axes, com = body
-        at = np.block(
+        pose_in_link = np.block(
             [
                 [axes, com[:, None]],
                 [np.zeros(3), np.ones(1)],
             ]
         )
-        place = robot.tree[joint].link_frame @ at
+        place = robot.tree[joint].link_frame @ pose_in_link
         bodies.append(
             {
                 "link": k,
@@ -108,10 +110,10 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
         )
     joints = [
         {
-            "parent": j.parent,
-            "at": j.placement[:3, 3],
-            "axis": j.axis,
+            "parent": joint_of_tree.parent,
+            "at": joint_of_tree.placement[:3, 3],
+            "axis": joint_of_tree.axis,
         }
-        for j in robot.tree
+        for joint_of_tree in robot.tree
     ]
     return {"bodies": bodies, "joints": joints}

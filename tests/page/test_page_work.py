@@ -483,13 +483,13 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     assert len(first.token) >= 32
     assert first.folder.stat().st_mode & 0o077 == 0
     assert sessions.root.stat().st_mode & 0o077 == 0
-    assert sessions.closed(first.token) is first
+    assert sessions.unwatched(first.token) is first
     tab = Tab()
     first.watchers.append(tab)
-    assert sessions.closed(first.token) is None
+    assert sessions.unwatched(first.token) is None
     tab.present = False  # just closed: not yet forgotten, but to be found again
-    assert sessions.closed(first.token) is first
-    assert sessions.closed("other") is sessions.closed(None) is None
+    assert sessions.unwatched(first.token) is first
+    assert sessions.unwatched("other") is sessions.unwatched(None) is None
     for _ in range(2 * tabs.MOST):  # the tab of each was closed
         sessions.new()
     assert sessions.get(first.token) is first  # a tab shows it
