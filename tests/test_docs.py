@@ -25,6 +25,7 @@ from sdp_vs_penalty import load_estimate, load_problem
 from sdp_vs_penalty.cli.main import VERBS, named
 from sdp_vs_penalty.cli.options import Parser
 from sdp_vs_penalty.data import save
+from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.reports.demo import HIDDEN
 from sdp_vs_penalty.simulation import experiment
 from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
@@ -276,9 +277,9 @@ def test_the_demo_tells_the_whole_story(tmp_path, capsys):
     assert code == 0, shown.err
     assert time.process_time() - begin < 20.0  # 13 s where nothing else runs
     text = " ".join(shown.out.split())
-    assert f"Missing: {HIDDEN} on joint 7" in text
+    assert f"Missing: {effect_name(HIDDEN)} on joint 7" in text
     fall = text.partition("neither has seen: joint 7: ")[2].partition(" %)")[0]
-    assert int(fall.rpartition("(")[2]) <= -60
+    assert int(fall.rpartition(", ")[2]) <= -60
     check_printed("demo.md", shown.out)
     html = (tmp_path / "demo" / "report.html").read_text()
     assert '<p class="verdict good">' in html

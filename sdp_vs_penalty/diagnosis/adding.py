@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,7 +14,6 @@ from sdp_vs_penalty.diagnosis.constants import IMPLAUSIBLE_SIGMAS
 from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding, Retune
 from sdp_vs_penalty.diagnosis.held_out import estimator_beside, task_beside
 from sdp_vs_penalty.diagnosis.library import Candidate, Library
-from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import diagnosis_rows, whiten_rows
 from sdp_vs_penalty.effects import parse_effects
@@ -111,19 +110,7 @@ def add(
     measurements.require_torque("add")
     if isinstance(effects, Diagnosis):
         frozen = frozen or effects.frozen
-    texts = _written(effects, estimate)
-    new_effects = parse_effects(texts, estimate.robot)
-    if not new_effects:
-        raise InputError(
-            "No effect to add", "name one, such as presliding_hysteresis:7"
-        )
-    added, retuned = _retunes(estimate, new_effects, frozen)
-    if frozen and isinstance(effects, Diagnosis):
-        added = _without_held(estimate, added)
-    # Refuses what is there already; what may come several times is known by its
-    # constants only.
-    once = [e for e in added if not e.several]
-    Model(estimate.robot, (*estimate.model.effects, *once))
+    added, retuned = _read_effects(estimate, effects, frozen)
     frozen = frozen or any(e.frozen_only for e in (*estimate.model.effects, *added))
     gain_errors = estimate.uncertainty.gain_errors
     if gain_uncertainty is not None:
@@ -131,21 +118,57 @@ def add(
     filtered = FilteredRuns.of(measurements, estimate.preprocessing)
     progress("estimating shape constants")
     new = estimate_constants(estimate, added, measurements, frozen)
-    # Refuses constants that are there already.
-    Model(estimate.robot, (*estimate.model.effects, *new))
+    _refuse_duplicates(estimate, new)
     if frozen:
-        made = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
+        extended = _add_frozen(estimate, new, filtered, seed, progress, gain_errors)
     else:
         again = _Again(estimate, filtered, gain_errors, seed, progress)
         to_estimate = [e for e in added if not all_given(e)]
-        made = again.identified_jointly([*_own(estimate, retuned), *new], to_estimate)
-    return _with_noise_of(estimate, made)
+        all_effects = [*_own(estimate, retuned), *new]
+        extended = again.identified_jointly(all_effects, to_estimate)
+    return _with_noise_of(estimate, extended)
+
+
+def _read_effects(
+    estimate: Estimate,
+    effects: str | Diagnosis | Sequence[Finding | Retune | str],
+    frozen: bool,
+) -> tuple[list[Effect], list[ShapeEstimate]]:
+    """Read the effects to add, and the constants to change, of a model.
+
+    Raises
+    ------
+    InputError
+        There is no effect, one is unknown, or the model has one already.
+    """
+    new_effects = parse_effects(_written(effects, estimate), estimate.robot)
+    if not new_effects:
+        raise InputError(
+            "No effect to add", "name one, such as presliding_hysteresis:7"
+        )
+    added, retuned = _retunes(estimate, new_effects, frozen)
+    if frozen and isinstance(effects, Diagnosis):
+        added = _without_held(estimate, added)
+    # Effects that may come several times on a joint are duplicates only if their shape
+    # constants are equal, which are estimated later.
+    _refuse_duplicates(estimate, [e for e in added if not e.several])
+    return added, retuned
+
+
+def _refuse_duplicates(estimate: Estimate, new: Sequence[Effect]) -> None:
+    """Raise InputError where a model has one of these effects already."""
+    Model(estimate.robot, (*estimate.model.effects, *new))
 
 
 def _written(
     effects: str | Diagnosis | Sequence[Finding | Retune | str], estimate: Estimate
 ) -> str:
-    """Effects as they are written, separated by commas; of a diagnosis all of it."""
+    """Return effects in their written form, ``name[:joints][@shape=value]``, with
+    commas.
+
+    Of a diagnosis these are its re-estimated constants, the findings that stay beside
+    its measured curves, and the curves.
+    """
     if isinstance(effects, str):
         return effects
     if isinstance(effects, Diagnosis):
@@ -155,8 +178,16 @@ def _written(
 
 
 def _without_held(estimate: Estimate, added: Sequence[Effect]) -> list[Effect]:
-    """Effects that a held model does not have: what has changed of its own ones only
-    identifying them again takes in."""
+    """Return those effects that a model held fixed does not have already.
+
+    Changes of its own effects need an identification of all parameters, which `add`
+    does not do here.
+
+    Raises
+    ------
+    InputError
+        The model has all of the effects.
+    """
     there = {(e.name, j) for e in estimate.model.effects for j in e.joints}
     new = [e for e in added if e.several or not there & {(e.name, j) for j in e.joints}]
     if not new:
@@ -169,7 +200,11 @@ def _without_held(estimate: Estimate, added: Sequence[Effect]) -> list[Effect]:
 
 @dataclass(frozen=True)
 class _Again:
-    """A model that is identified again, with other effects, by its own method."""
+    """Identifies a model again with other effects, by its own method and constraints.
+
+    estimate : the model; runs : filtered; gain_errors (n, e) : a factor of the
+    covariance of the torque channels' gains; seed : of the method.
+    """
 
     estimate: Estimate
     runs: FilteredRuns
@@ -178,7 +213,7 @@ class _Again:
     progress: Progress
 
     def identified(self, effects: Sequence[Effect]) -> Estimate:
-        """The model with some effects."""
+        """Identify the model with these effects, and return the new estimate."""
         options = PoseOptions(
             effects=effects,
             weighting=self.estimate.weighting,
@@ -198,8 +233,13 @@ class _Again:
         effects: Sequence[Effect],
         to_estimate: Sequence[Effect],
     ) -> Estimate:
-        """The same where shape constants of effects and the model's own may move each
-        other: at their joint optimum."""
+        """Identify the model with these effects, at the joint optimum of shape
+        constants.
+
+        ``to_estimate`` are the effects whose constants nobody has given. Where the
+        model's own constants on the same joints change beside them, the model is
+        identified a second time at the joint optimum.
+        """
         extended = self.identified(effects)
         together = joint_optimum_of_constants(extended, to_estimate, self.runs)
         if together is None:
@@ -214,8 +254,11 @@ class _Again:
 
 
 def _with_noise_of(estimate: Estimate, made: Estimate) -> Estimate:
-    """A model that grew from another one, with the noise floor that that one keeps."""
-    if noise := estimate.provenance.get("noise"):
+    """Return an extended model with the noise floor that the original one keeps, if
+    any.
+    """
+    noise = estimate.provenance.get("noise")
+    if noise:
         made.provenance["noise"] = noise
     return made
 
@@ -225,8 +268,26 @@ def _retunes(
     new_effects: Sequence[Effect],
     frozen: bool,
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
-    """The effects that are new to the model, and the constants of those that it has
-    already."""
+    """Separate effects that are new to the model from new constants of its own effects.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    new_effects
+        The effects as they were written.
+    frozen
+        True: all effects count as new; a model held fixed keeps its constants.
+
+    Returns
+    -------
+    list of Effect
+        The effects that the model does not have on all of their joints, or that are
+        written without a constant.
+    list of ShapeEstimate
+        For each constant of the model's effects that was given: its value before and
+        after.
+    """
     there = {
         (e.name, j): e
         for e in estimate.model.effects
@@ -258,21 +319,26 @@ def _retunes(
 
 
 def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
-    """The model's own effects: constants that `identify` estimated are estimated again
-    beside what is new; those that are retuned are what they are told to be."""
-    estimated = {
+    """Return the model's own effects with changed constants, ready for identification.
+
+    Constants that `identify` has estimated are marked as free: they are estimated again
+    beside what is new. Those in ``retuned`` take the value given there and stay fixed.
+    """
+    free = {
         (s["effect"], s["joint"] - 1, s["shape"])
         for s in estimate.details.get("shapes", ())
     }
-    estimated -= {(r.effect, r.joint, r.shape) for r in retuned}
+    free -= {(r.effect, r.joint, r.shape) for r in retuned}
     out = []
     for effect in with_shapes(estimate.model.effects, retuned):
-        keys = [
-            k
-            for k in effect.shapes
-            if all((effect.name, j, k) in estimated for j in effect.joints)
+        free_constants_of_effect = [
+            shape
+            for shape in effect.shapes
+            if all((effect.name, j, shape) in free for j in effect.joints)
         ]
-        out.append(effect.with_free_shapes(keys) if keys else effect)
+        if free_constants_of_effect:
+            effect = effect.with_free_shapes(free_constants_of_effect)
+        out.append(effect)
     return out
 
 
@@ -284,8 +350,12 @@ def _add_frozen(
     progress: Progress,
     gain_errors: Array,
 ) -> Estimate:
-    """The estimate with new effects, fitted alone to what the model leaves, under their
-    own constraints."""
+    """Add effects to a model whose parameters stay fixed.
+
+    The effects are fitted to the torque that the model leaves, under their own
+    constraints. The result has the certificate, details and provenance of the two
+    together.
+    """
     fit = _fit_new_effects(estimate, new, runs, seed, progress)
     theta = np.concatenate([estimate.theta, fit.theta])
     problem = estimate.problem
@@ -333,9 +403,11 @@ def _add_frozen(
 
 @dataclass(frozen=True)
 class _FitBeside:
-    """New effects fitted beside a model that is kept.
+    """New effects fitted beside a model whose parameters stay fixed.
 
-    model : with both; model_of_new : the new effects alone; theta (p,) : theirs.
+    model : with the new effects; model_of_new : the new effects alone; task, estimator
+    : what was fitted, and by which method; theta (p,) : parameters of the new effects,
+    in SI units; certificate : of this fit.
     """
 
     model: Model
@@ -353,8 +425,12 @@ def _fit_new_effects(
     seed: int,
     progress: Progress,
 ) -> _FitBeside:
-    """New effects fitted to what a model leaves; twice where columns refer to torque, of
-    which theirs is a part."""
+    """Fit new effects to the torque that a model leaves.
+
+    Where columns are computed from the model's torque (a gain, a delay), the fit is
+    done twice: the torque of the new effects is a part of it, and is known after the
+    first.
+    """
     model_of_new = Model(
         estimate.robot,
         tuple(new),
@@ -388,8 +464,11 @@ def _uncertainty_beside(
     base: BaseParameters,
     gain_errors: Array,
 ) -> Uncertainty:
-    """Of all parameters: intervals of new effects hold the errors of their shape
-    constants and of the parameters that were kept."""
+    """Return the uncertainty of all parameters of a model with new effects.
+
+    Intervals of the new effects include the errors of their shape constants, to first
+    order, and those of the parameters that were held fixed.
+    """
     model = fit.model
     betas = [fit.theta[k] for k in fit.model_of_new.indices]
     constants = sensitivities(fit.model_of_new.effects, betas)
@@ -403,14 +482,11 @@ def _uncertainty_beside(
         reference,
         model.gains,
     )
+    held = (estimate.theta, estimate.uncertainty)
+    base_of_held = base_rows(estimate.problem, estimate.model)
+    regression = compress(runs, wide)
     return beside_held(
-        fit.task,
-        compress(runs, wide),
-        (estimate.theta, estimate.uncertainty),
-        base_rows(estimate.problem, estimate.model),
-        fit.theta,
-        base,
-        gain_errors,
+        fit.task, regression, held, base_of_held, fit.theta, base, gain_errors
     )
 
 
@@ -418,13 +494,20 @@ def _uncertainty_beside(
 
 
 def _given_constants(effect: Effect) -> frozenset[str]:
-    """The shape constants that are not searched: given ones, and those that the effect
-    has and its class has not, which say what it acts on, as its joints do."""
+    """Return the names of the shape constants that are not searched.
+
+    These are the ones that were written, and those that only this instance of the
+    effect has: they say what it acts on (such as the ratios of a coupled pair), as
+    joints do.
+    """
     return effect.given | (set(effect.shape) - set(type(effect).shapes))
 
 
 def all_given(effect: Effect) -> bool:
-    """Whether nothing is left to estimate of an effect's shape constants."""
+    """Return whether no shape constant of an effect is left to estimate.
+
+    Searched constants and a clock's start (t0) must have been given.
+    """
     clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
     return _given_constants(effect) >= clock.union(effect.searched)
 
@@ -435,8 +518,27 @@ def estimate_constants(
     measurements: Measurements,
     frozen: bool,
 ) -> list[Effect]:
-    """The effects with all constants that were not given estimated, one effect a joint
-    where so."""
+    """Estimate the shape constants that were not given.
+
+    An effect that acts on each joint by itself is returned as one effect a joint, since
+    its constants may differ.
+
+    Parameters
+    ----------
+    estimate
+        The model beside which they are estimated.
+    new_effects
+        The effects, some of whose constants are open.
+    measurements
+        The runs to estimate from.
+    frozen
+        True: the model's parameters stay fixed.
+
+    Returns
+    -------
+    list of Effect
+        The effects with all constants.
+    """
     out: list[Effect] = []
     search: Search | None = None
     for effect in new_effects:
@@ -447,13 +549,13 @@ def estimate_constants(
             settings = estimate.preprocessing.resolve(measurements)
             rows = diagnosis_rows(measurements, estimate, settings)
             search = Search(whiten_rows(rows, estimate, frozen), Library())
-        joints = (
-            [None]
-            if effect.whole_robot
-            else effect.joints[:1]
-            if effect.joins
-            else effect.joints
-        )
+        joints: Sequence[int | None] = effect.joints
+        if effect.whole_robot:
+            joints = [None]
+        elif (
+            effect.joins
+        ):  # its joints have one set of constants: the first stands for all
+            joints = effect.joints[:1]
         out += [_shaped(search, effect, joint) for joint in joints]
     return out
 
@@ -463,7 +565,12 @@ def _shaped(
     effect: Effect,
     joint: int | None,
 ) -> Effect:
-    """One joint's effect with the shape that scores most; given ones stay."""
+    """Return one joint's effect with the shape constants that have most evidence.
+
+    All starting values of its file are scored beside the model; the best of each
+    discrete law is refined. Constants that were given keep their values. joint : from
+    0; None for the whole robot.
+    """
     fixed = _given_constants(effect)
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
     constants_given = {key: effect.shape[key] for key in fixed}
@@ -471,21 +578,12 @@ def _shaped(
         Candidate((effect.name, joint), one)
         for one in effect.candidates(effect.robot, joint, start, **constants_given)
     ]
-    best = dict[tuple[Hashable, ...], ScoredEffect]()
-    for term in sorted(
-        (search.evidence_of(search.fit, form) for form in forms),
-        key=lambda t: t.evidence,
-    ):
-        best[term.form.discrete_choice] = term
-    best_terms = (
-        search.refined(
-            search.fit,
-            term,
-            fixed,
-        )
-        for term in best.values()
-    )
-    return max(best_terms, key=lambda t: t.evidence).form.effect
+    scored = [search.evidence_of(search.fit, form) for form in forms]
+    scored.sort(key=lambda t: t.evidence)
+    # Sorted by evidence: the last one of each law is its best.
+    best_by_law = {t.form.discrete_choice: t for t in scored}
+    refined = [search.refined(search.fit, t, fixed) for t in best_by_law.values()]
+    return max(refined, key=lambda t: t.evidence).form.effect
 
 
 def joint_optimum_of_constants(
@@ -493,25 +591,38 @@ def joint_optimum_of_constants(
     added: Sequence[Effect],
     runs: FilteredRuns,
 ) -> tuple[Model, list[ShapeEstimate]] | None:
-    """The model with its own estimated constants and those of what was ``added`` on the
-    same joints at their joint optimum, and its own as `identify` states them; None
-    where none of these moves."""
-    shapes = list(map(ShapeEstimate.from_dict, extended.details.get("shapes", ())))
-    new = {
-        (e.name, j, key)
-        for e in added
-        if not (e.whole_robot or e.joins or e.several)
-        for j in e.joints
-        for key in free_constants(e)
-        if key not in e.given
-    }
-    joints = {j for _, j, _ in new}
+    """Estimate the shape constants of added effects and of the model's own, all
+    together.
+
+    Only constants on the same joints influence each other. Parameters and constants are
+    fitted by least squares, and each constant of the model is compared with its present
+    value.
+
+    Parameters
+    ----------
+    extended
+        The model with the added effects.
+    added
+        The added effects; constants that were given are not estimated.
+    runs
+        Filtered runs to fit.
+
+    Returns
+    -------
+    (Model, list of ShapeEstimate) or None
+        The model at the joint optimum, and its own constants as `identify` records
+        them. None where no own constant changes by more than three standard deviations:
+        the model then stays as it is.
+    """
+    shapes = [ShapeEstimate.from_dict(s) for s in extended.details.get("shapes", ())]
+    free_of_added = _free_constants_of(added)
+    joints_of_added = {joint for _, joint, _ in free_of_added}
     own_constants = {
-        (s.effect, s.joint, s.shape): s for s in shapes if s.joint in joints
+        (s.effect, s.joint, s.shape): s for s in shapes if s.joint in joints_of_added
     }
-    keys_to_estimate = {
-        key for key in new if key[1] in {j for _, j, _ in own_constants}
-    }.union(own_constants)
+    joints_of_both = {joint for _, joint, _ in own_constants}
+    keys_to_estimate = {key for key in free_of_added if key[1] in joints_of_both}
+    keys_to_estimate.update(own_constants)
     if not keys_to_estimate:
         return None
     best = fit_constants_jointly(
@@ -520,22 +631,47 @@ def joint_optimum_of_constants(
         lambda model: compress(runs, model),
         extended.weighting,
     )
-    effects = best.model.effects
-    std = best.std
-    values = {
-        (e.name, j, k): v for e in effects for k, v in e.shape.items() for j in e.joints
-    }
-    if not any(
-        abs(np.log(values[k] / s.after)) > IMPLAUSIBLE_SIGMAS * std[k]
-        for k, s in own_constants.items()
-    ):
-        return None
-    out = [
-        (
-            replace(s, after=values[k], std=values[k] * std[k])
-            if (k := (s.effect, s.joint, s.shape)) in own_constants
-            else s
-        )
-        for s in shapes
+    values = _constants_of(best.model)
+    std = best.std  # of each constant's logarithm
+    has_changed = [
+        abs(np.log(values[key] / s.after)) > IMPLAUSIBLE_SIGMAS * std[key]
+        for key, s in own_constants.items()
     ]
+    if not any(has_changed):
+        return None
+    out = list[ShapeEstimate]()
+    for s in shapes:
+        key = s.effect, s.joint, s.shape
+        if key in own_constants:
+            s = replace(s, after=values[key], std=values[key] * std[key])
+        out.append(s)
     return best.model, out
+
+
+#: Of a shape constant: effect name, joint (from 0), and the constant's name.
+_ConstantKey = tuple[str, int, str]
+
+
+def _free_constants_of(effects: Sequence[Effect]) -> set[_ConstantKey]:
+    """Return the constants of effects that were not given and may be estimated.
+
+    Effects that act on several joints at once, or several times on a joint, are left
+    out: name and joint do not identify their constants.
+    """
+    out = set[_ConstantKey]()
+    for effect in effects:
+        if effect.whole_robot or effect.joins or effect.several:
+            continue
+        free = set(free_constants(effect)) - effect.given
+        out |= {(effect.name, j, shape) for j in effect.joints for shape in free}
+    return out
+
+
+def _constants_of(model: Model) -> dict[_ConstantKey, float]:
+    """Return the values of all shape constants of a model, in SI units."""
+    return {
+        (effect.name, joint, shape): value
+        for effect in model.effects
+        for shape, value in effect.shape.items()
+        for joint in effect.joints
+    }

@@ -1,5 +1,6 @@
-"""From what explains the torque to a diagnosis: findings, verdict, what is left, what
-happened once."""
+"""Makes the diagnosis of what explains the torque: findings with sizes and doubts, the
+verdict, unexplained torque and events.
+"""
 
 from __future__ import annotations
 
@@ -51,10 +52,11 @@ from sdp_vs_penalty.signals.standstill import STILL
 class Conclusion:
     """All that a diagnosis is made of.
 
-    explanation : findings in order beside the model; left : by these; ladder : of
-    held-out errors; gain_errors (n, e) : a factor of the covariance of the torque
-    channels' gains; new_motion_share : of the test run; seed : of the draws of a curve's
-    band.
+    explanation : the findings beside the model, in order; left : torque that they leave
+    unexplained; curves : accepted measured curves; ladder : errors on data left out,
+    with one finding after the other; gain_errors (n, e) : a factor of the covariance of
+    the torque channels' gains; new_motion_share : share of the test run's motion that
+    is new; seed : of the random draws of a curve's band.
     """
 
     explanation: Explanation
@@ -67,16 +69,21 @@ class Conclusion:
 
     @property
     def search(self) -> Search:
-        """The findings beside the model."""
+        """The findings beside the model, as a search."""
         return self.explanation.search
 
     @property
     def data(self) -> WhiteData:
-        """The rows that were searched."""
+        """The white rows that were searched."""
         return self.search.data
 
     def diagnosis(self) -> Diagnosis:
-        """What is told of it."""
+        """Return the diagnosis: findings, verdict, events, and what is left.
+
+        The verdict is "unknown_effect" if a joint has unexplained torque or a measured
+        curve, else "effect_missing" if there are findings, else "nothing_missing". A
+        finding that does harm beside the certain ones becomes weak.
+        """
         left = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
@@ -120,7 +127,9 @@ class Conclusion:
 
     @cached_property
     def errors_of_constants(self) -> list[ConstantErrors]:
-        """What errors of shape constants make of torque, white."""
+        """The white torque that errors of the findings' and the model's shape constants
+        make.
+        """
         terms = self.search.terms
         return self.data.constant_error_columns(
             [t.form.effect for t in terms], [t.beta for t in terms]
@@ -128,28 +137,33 @@ class Conclusion:
 
     @cached_property
     def findings_alone(self) -> list[Finding]:
-        """The findings, each with the doubts about itself."""
+        """The findings with their sizes, each with the doubts about itself."""
         doubt = torque_errors(self.data, self.explanation.estimate, self.gain_errors)
         sizes = sizes_with_intervals(self.search, doubt, self.errors_of_constants)
         errors = self.ladder.errors
         out = []
         for k, (term, size) in enumerate(zip(self.search.terms, sizes, strict=True)):
-            step = errors[k : k + 2]
+            before_and_after = errors[k : k + 2]
             judged = Judged(
-                self.search,
-                self.left,
-                term,
-                size,
-                step,
-                self.curves,
+                search=self.search,
+                left=self.left,
+                term=term,
+                size=size,
+                errors=before_and_after,
+                curves=self.curves,
             )
-            out.append(describe_finding(term, size, reasons_for_doubt(judged), step))
+            doubts = reasons_for_doubt(judged)
+            out.append(describe_finding(term, size, doubts, before_and_after))
         return out
 
     @cached_property
     def harmful_together(self) -> list[bool]:
-        """Which constants and findings do harm beside those that are sure: data left out
-        have the last word on these, too, as a whole."""
+        """For each re-estimated constant and each finding, in this order: whether it
+        does harm.
+
+        Judged are the certain ones alone, without the weak ones, on data left out. All
+        are False if the rule ``second_veto`` is switched off.
+        """
         is_sure = [f.torque_is_certain for f in self.findings_alone]
         harmful = self.ladder.harmful_together(is_sure)
         if any(harmful) and not self.search.rules.second_veto:
@@ -157,7 +171,10 @@ class Conclusion:
         return harmful
 
     def retunes(self, harmful: Sequence[bool]) -> tuple[Retune, ...]:
-        """The constants of the model's own effects that should change."""
+        """Return the model's own shape constants that should change.
+
+        ``harmful`` holds a flag for each of them first, then for each finding.
+        """
         return tuple(
             retune(
                 s,
@@ -172,7 +189,7 @@ class Conclusion:
 
     @property
     def described_curves(self) -> tuple[Curve, ...]:
-        """The measured curves for a reader."""
+        """The accepted curves as they are reported: points, values and band."""
         floor = self.data.noise.floor if self.data.known else np.zeros(self.data.n)
         return tuple(
             c.to_curve(self.seed + k, float(floor[c.joint]))
@@ -181,7 +198,7 @@ class Conclusion:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about the diagnosis as a whole."""
+        """Sentences about the diagnosis as a whole: noise, standstill, test run."""
         source = self.ladder.held_out.source
         sentences = (
             _NOISE.get(self.data.noise.source),
@@ -193,7 +210,7 @@ class Conclusion:
 
 
 def _weakened(finding: Finding, reason: str) -> Finding:
-    """A finding with one more doubt."""
+    """Return a finding as weak, with one more doubt (a key of REASONS)."""
     remarks = *finding.remarks, REASONS[reason]
     return replace(finding, confidence="weak", remarks=remarks)
 
@@ -204,7 +221,24 @@ def describe_finding(
     doubts: Mapping[str, str],
     errors: Array,
 ) -> Finding:
-    """A finding for a reader; errors (2, n) : held out, before and after it."""
+    """Return a finding as it is reported.
+
+    Parameters
+    ----------
+    term
+        The effect with its evidence and rivals.
+    known
+        Its parameters with their covariance.
+    doubts
+        Sentences by the name of the doubt; without any the finding is confident.
+    errors
+        (2, n) errors on data left out, before and after it [N m or N].
+
+    Returns
+    -------
+    Finding
+        The report.
+    """
     effect = term.form.effect
     size, std = size_of(effect, known.beta, known.covariance)
     names = [_rival_name(effect, r.form.effect) for r in term.rivals]
@@ -232,8 +266,11 @@ def describe_finding(
 
 
 def _rival_name(effect: Effect, other: Effect) -> str:
-    """The rival's name; with its joint, or its constants, where that alone would be the
-    finding's."""
+    """Return the name of a rival, long enough to differ from the finding's.
+
+    That is the effect's name; for the same effect also its joint, or on the same joint
+    its full text with constants.
+    """
     if other.name != effect.name:
         return other.name
     if other.joints == effect.joints:
@@ -264,18 +301,23 @@ _FOLDS = (
 
 
 def _standstill(data: WhiteData, residual: Array) -> str:
-    """Where most of what is left (M, n) is of standstill."""
+    """Return a remark on joints whose remaining error is mostly that of standstill.
+
+    residual (M, n) [N m or N]; "mostly" is more than half of its squares. "" without
+    any.
+    """
     keep = data.rows.keep
-    moves = data.rows.keep & (data.rows.still <= STILL)
-    all_energy = np.sum(residual**2 * keep, axis=0)
-    moving = np.sum(residual**2 * moves, axis=0)
-    mostly = [int(j) + 1 for j in np.flatnonzero(all_energy > 2.0 * moving)]
-    if not mostly:
+    moves = keep & (data.rows.still <= STILL)
+    squares = np.sum(residual**2 * keep, axis=0)
+    squares_in_motion = np.sum(residual**2 * moves, axis=0)
+    is_mostly_standstill = squares > 2.0 * squares_in_motion
+    joints = [int(j) + 1 for j in np.flatnonzero(is_mostly_standstill)]
+    if not joints:
         return ""
-    moving = np.sqrt(moving / np.maximum(moves.sum(axis=0), 1))
-    values_in_words = ", ".join(f"{moving[j - 1]:.2g}" for j in mostly)
+    rms_in_motion = np.sqrt(squares_in_motion / np.maximum(moves.sum(axis=0), 1))
+    values_in_words = ", ".join(f"{rms_in_motion[j - 1]:.2g}" for j in joints)
     return (
-        f"Most of the error that is left on {formatting.joints(mostly)} is of"
+        f"Most of the error that is left on {formatting.joints(joints)} is of"
         " standstill, where dry friction holds any torque up to its own: in motion it"
         f" is {values_in_words} N m or N."
     )
@@ -287,7 +329,9 @@ def sentence(
     std: float,
     rivals: Sequence[str],
 ) -> str:
-    """What was found, in one or two sentences."""
+    """Describe a finding in one or two sentences: where, how large, what it is, its
+    rivals.
+    """
     unit = effect.parameters[effect.sized_by][0].unit
     where = (
         "the whole robot"
@@ -305,8 +349,11 @@ def sentence(
 
 
 def repeatability_warning(new_share: float | None) -> str | None:
-    """One sentence where most of the judged motion is the training motion again, else
-    None."""
+    """Return a warning where most of the judged motion was used for training, else
+    None.
+
+    new_share : share of the judged motion that is new to the model, None if not known.
+    """
     if new_share is None or new_share >= MOSTLY_NEW:
         return None
     percent = f"{100.0 * new_share:.0f}"

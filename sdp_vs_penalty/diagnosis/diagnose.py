@@ -62,8 +62,37 @@ def diagnose(
     judged_recordings: Measurements | None = None,
     rules: Rules = ALL_RULES,
 ) -> Diagnosis:
-    """The diagnosis of a model on recordings that are read already; ``rules`` may leave
-    steps of the search out."""
+    """Find the effects that a model lacks, in recordings that have been read.
+
+    Parameters
+    ----------
+    model
+        The model.
+    measurements
+        Recordings to search in.
+    test
+        A recording for errors on data left out; default: folds of the searched ones.
+    frozen
+        True: the model's parameters stay fixed.
+    seed
+        Of the random draws of a curve's band.
+    progress
+        Is called with a short text.
+    noise_from
+        Recordings whose repetition shows the noise; default: ``measurements``.
+    gain_uncertainty
+        Relative standard deviation of the torque channels' gains; default: the model's.
+    judged_recordings
+        Recordings of which the test run is a window; they have the noise floor that is
+        reported.
+    rules
+        Optional rules of the search that apply.
+
+    Returns
+    -------
+    Diagnosis
+        Findings and verdict.
+    """
     progress("filtering the runs")
     runs = DiagnosisRuns(model, measurements, test, noise_from, frozen)
     diagnosis = diagnose_runs(
@@ -87,8 +116,11 @@ def diagnose_runs(
     gain_uncertainty: float | None = None,
     rules: Rules = ALL_RULES,
 ) -> Diagnosis:
-    """The method, one function a step. Rows and candidates are computed once for the
-    same ``runs``, whatever the rules."""
+    """Run the method on filtered recordings, one function a step.
+
+    Rows and candidates are computed once for the same ``runs``, whatever the rules. See
+    :func:`diagnose` for the options.
+    """
     progress("noise, and columns of all candidates")
     found = search(runs.white_data, runs.candidates, rules, progress)
     found = refer_columns_to_current_model(found, progress)
@@ -120,7 +152,10 @@ def diagnose_runs(
 
 
 def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:
-    """(n, e) a factor of the covariance of the torque channels' gains."""
+    """Return a factor (n, e) of the covariance of the torque channels' gains.
+
+    ``gain_uncertainty`` is a relative standard deviation; None: the model's own.
+    """
     if gain_uncertainty is None:
         return model.uncertainty.gain_errors
     return independent_gains(gain_uncertainty, model.robot.n)
@@ -128,11 +163,12 @@ def gain_errors(model: Estimate, gain_uncertainty: float | None) -> Array:
 
 @dataclass(frozen=True)
 class DiagnosisRuns:
-    """Recordings as a diagnosis sees them: with the drives' torque, windows of what is
-    long, filtered.
+    """Recordings as a diagnosis needs them: torque at the joints, windows of long ones,
+    filtered.
 
-    noise_from : the runs whose repetition shows the noise, if not the measurements;
-    frozen : whether the model's parameters are kept.
+    test : the run for errors on data left out, or None; noise_from : the runs whose
+    repetition shows the noise, or None for the measurements; frozen : whether the
+    model's parameters stay fixed.
     """
 
     model: Estimate
@@ -142,6 +178,7 @@ class DiagnosisRuns:
     frozen: bool = False
 
     def __post_init__(self) -> None:
+        """Raise InputError where recordings have not the model's number of joints."""
         named = {
             "measurements": self.measurements,
             "test run": self.test,
@@ -153,26 +190,29 @@ class DiagnosisRuns:
 
     @cached_property
     def _driven(self) -> tuple[Estimate, Measurements]:
+        """The model and the measurements with torque computed by the drives, where it
+        has some.
+        """
         return driven(self.model, self.measurements)
 
     @property
     def estimate(self) -> Estimate:
-        """The model that predicts torque, whatever it was made from."""
+        """The model that predicts joint torque, without its drives."""
         return self._driven[0]
 
     @cached_property
     def settings(self) -> Preprocessing:
-        """The model's filters."""
+        """The model's filter settings, resolved for the measurements."""
         return self.model.preprocessing.resolve(self.measurements)
 
     @cached_property
     def searched(self) -> Measurements:
-        """What effects are searched in."""
+        """The windows of the measurements in which effects are searched."""
         return window_subsample(self._driven[1], self.settings)
 
     @property
     def subsample_remark(self) -> str | None:
-        """What is said where only windows are searched."""
+        """A remark where only windows of the measurements are searched, else None."""
         return subsample_sentence(
             self.searched,
             self._driven[1],
@@ -181,22 +221,26 @@ class DiagnosisRuns:
 
     @cached_property
     def white_data(self) -> WhiteData:
-        """The rows that are searched, white."""
+        """The searched rows, weighted so that their noise is independent with variance
+        1.
+        """
         return whiten_rows(self.rows, self.estimate, self.frozen, self.noise_rows)
 
     @cached_property
     def candidates(self) -> Library:
-        """What a search chooses from."""
+        """All candidates of the search."""
         return list_candidates(self.white_data)
 
     @property
     def rows(self) -> SegmentedRuns:
-        """Filtered rows of what is searched."""
+        """The filtered rows of the searched windows."""
         return diagnosis_rows(self.searched, self.estimate, self.settings)
 
     @property
     def noise_rows(self) -> SegmentedRuns | None:
-        """What the noise is measured in, if not in the rows."""
+        """The filtered rows in which the noise is measured; None for the searched
+        rows.
+        """
         if self.noise_from is None:
             return None
         return with_estimate(
@@ -205,22 +249,30 @@ class DiagnosisRuns:
 
     @cached_property
     def _test_windows(self) -> Measurements | None:
+        """The windows of the test run that are judged on; None without a test run."""
         return None if self.test is None else self._windows(self.test)
 
     @cached_property
     def test_rows(self) -> SegmentedRuns | None:
-        """Filtered rows of the test run."""
+        """The filtered rows of the test run; None without one."""
         if self._test_windows is None:
             return None
         return diagnosis_rows(self._test_windows, self.estimate, self.settings)
 
     def _windows(self, runs: Measurements) -> Measurements:
+        """Return the windows of recordings, with torque computed by the model's
+        drives.
+        """
         return window_subsample(driven(self.model, runs)[1], self.settings)
 
     @cached_property
     def new_motion_share(self) -> float | None:
-        """Of the test run's rows those whose motion is not in the runs that were
-        searched; nor, of a frozen model, in those that it was identified from."""
+        """Share of the test run's motion that is in no recording used before; None if
+        unknown.
+
+        Used are the searched recordings and, for a model held fixed, those it was
+        identified from.
+        """
         if self._test_windows is None:
             return None
         record = record_motion(FilteredRuns.of(self.searched, self.settings))

@@ -1,17 +1,15 @@
-"""Equivalence sets across kinds: what would do as well in the place of a finding.
+"""Equivalence sets across kinds of effects: what could replace a finding.
 
-Rivals are looked for among all effects on any joints, whatever number of constants they
-have: a payload beside a gain, a tilt beside a spring, one delay of all joints beside the
-delays of single ones. Two questions are asked of each, both about torque:
+Rivals are looked for among all effects on any joints, with any number of constants: a
+payload beside a gain, a tilt beside a spring, one delay of all joints beside delays of
+single ones. A rival has to pass two tests on torque:
 
-- does it explain these rows as well, to within odds of 20 to 1 and 4 % of what is
-  explained (a law is right to that share), each of its coefficients costing what chance
-  makes of one;
-- does it predict motion that was left out as well, to within 1 % of the sum of the
-  joints' log errors.
+- it explains these rows as well, within 6 (odds of 20 to 1) and 4 % of what is
+  explained (the accuracy of a law); a rival with more coefficients pays for what chance
+  makes of each;
+- it predicts data left out as well, within 1 % of the sum of the joints' log errors.
 
-What fails one of these is told from the finding. A finding is confident only where
-nothing is left in its set.
+A finding is confident only if no rival passes both.
 """
 
 from __future__ import annotations
@@ -43,12 +41,12 @@ _PROMISING = 0.5
 
 @dataclass(frozen=True)
 class _Group:
-    """Findings that one candidate may stand in the place of.
+    """One or several findings that one candidate may replace.
 
-    terms : the findings; others : all other findings; fit : of the model and the others;
-    drop : of the deviance by the terms; squares : of the weighted torque that they
-    explain; freedom : coefficients and constants that the rows determine; worth : rows
-    that are worth one.
+    terms : the findings; others : all other findings; fit : of the model with the
+    others; drop : fall of the deviance by the terms; squares : of the weighted torque
+    that they explain; freedom : effective number of coefficients and constants; worth :
+    number of correlated rows that count as one.
     """
 
     terms: tuple[ScoredEffect, ...]
@@ -61,39 +59,58 @@ class _Group:
 
     @property
     def margin(self) -> float:
-        """By how much less a rival may lower the deviance."""
+        """The difference in deviance within which a rival explains as much."""
         return EVIDENCE_TO_DISTINGUISH * self.worth + LAW_TOLERANCE * self.drop
 
     def is_rival(self, other: ScoredEffect) -> bool:
-        """Whether these rows do not tell another effect from the terms."""
+        """Return whether these rows do not tell another effect from the group."""
         more = max(other.freedom - self.freedom, 0.0) * self.worth
         return other.drop - more > self.drop - self.margin
 
 
 def with_equivalence_sets(explanation: Explanation, judge: HeldOutData) -> Explanation:
-    """The findings, each with what neither these rows nor motion left out tell from it."""
+    """Return the findings, each with the rivals that no data tell from it.
+
+    Neither the searched rows nor the data left out do.
+
+    Parameters
+    ----------
+    explanation
+        The findings beside the model.
+    judge
+        The data left out.
+
+    Returns
+    -------
+    Explanation
+        The same findings with their rivals.
+    """
     search = explanation.search
-    groups = _groups(search)
-    rivals = [(g, r) for g in groups for r in _rivals_on_rows(search, g)]
-    if not rivals:
+    pairs = list[tuple[_Group, ScoredEffect]]()
+    for group in _groups(search):
+        pairs += [(group, rival) for rival in _rivals_on_rows(search, group)]
+    if not pairs:
         return explanation
-    effects = [t.form.effect for t in (*explanation.terms, *(r for _, r in rivals))]
+    # On data left out effects have numbers: the explanation's first, then the rivals.
+    all_terms = [*explanation.terms, *(rival for _, rival in pairs)]
+    effects = [t.form.effect for t in all_terms]
     estimate = replace(explanation.first, theta=explanation.estimate.theta)
     held_out = judge.held_out_errors(search.data.rows, effects, estimate)
-    found = {id(t): list(t.rivals) for t in search.terms}
-    for k, (group, rival) in enumerate(rivals, start=len(explanation.terms)):
-        if _predicts_as_well(explanation, held_out, group, k):
+    rivals_by_term = {t: list(t.rivals) for t in search.terms}
+    for number, (group, rival) in enumerate(pairs, start=len(explanation.terms)):
+        if _predicts_as_well(explanation, held_out, group, number):
             for term in group.terms:
-                found[id(term)].append(rival)
+                rivals_by_term[term].append(rival)
     out = copy(search)
     out.terms = [
-        replace(t, rivals=_one_a_candidate(found[id(t)])) for t in search.terms
+        replace(term, rivals=_one_a_candidate(rivals))
+        for term, rivals in rivals_by_term.items()
     ]
     return replace(explanation, search=out)
 
 
 def _one_a_candidate(rivals: Sequence[ScoredEffect]) -> tuple[ScoredEffect, ...]:
-    """The first of each candidate."""
+    """Keep the first rival of each candidate (effect and joint), in order."""
     by_key = {r.key: r for r in reversed(rivals)}
     return tuple(reversed(by_key.values()))
 
@@ -104,8 +121,11 @@ def _predicts_as_well(
     group: _Group,
     rival: int,
 ) -> bool:
-    """Whether errors on data left out are no larger with a rival in the place of a group;
-    rival : where it stands among the effects."""
+    """Return whether a rival predicts data left out as well as the group it replaces.
+
+    rival : its number among the effects of ``held_out``. The sum of log errors may rise
+    by less than 1 %.
+    """
     replaced = {t.text for t in group.terms}
     before = range(len(explanation.terms))
     after = [k for k in before if explanation.terms[k].text not in replaced]
@@ -115,14 +135,17 @@ def _predicts_as_well(
 
 
 def _groups(search: Search) -> list[_Group]:
-    """Each finding alone, and those of one effect on several joints together."""
+    """List each finding alone, and all findings of one effect on several joints
+    together.
+    """
     terms = search.terms
-    names = [t.key[0] for t in terms]
-    same = [[t for t in terms if t.key[0] == n] for n in dict.fromkeys(names)]
-    together = [tuple(g) for g in same if len(g) > 1]
+    terms_by_effect = dict[str, list[ScoredEffect]]()
+    for term in terms:
+        terms_by_effect.setdefault(term.key[0], []).append(term)
+    groups: list[tuple[ScoredEffect, ...]] = [(term,) for term in terms]
+    groups += [tuple(same) for same in terms_by_effect.values() if len(same) > 1]
     full = search.score.fit(search.nuisances.with_law_misfits(terms), search.fit)
-    groups = [*((t,) for t in terms), *together]
-    return [_judge_group(search, full, g) for g in groups]
+    return [_judge_group(search, full, group) for group in groups]
 
 
 def _judge_group(
@@ -130,19 +153,16 @@ def _judge_group(
     full: WhiteFit,
     terms: tuple[ScoredEffect, ...],
 ) -> _Group:
-    """What some findings explain beside all others; full : a fit with all columns."""
+    """Compute what a group of findings explains beside all others.
+
+    ``full`` is a fit with all columns, which are used again.
+    """
     others = [t for t in search.terms if t not in terms]
     beside = search.nuisances.with_law_misfits(others)
     fit = search.score.fit(beside, full)
-    judged = [
-        search.score.evidence_of(
-            fit,
-            t.form,
-            t.columns,
-        )
-        for t in terms
-    ]
+    judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
     after = search.score.fit([*beside, *terms], full)
+    # The residual with the terms, weighted as that without them.
     left = after.residual * (after.level / fit.level)[:, None]
     squares = float(np.sum(fit.residual**2) - np.sum(left**2))
     drop = judged[0].drop
@@ -160,7 +180,7 @@ def _judge_group(
 
 
 def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
-    """The candidates that these rows do not tell from a group."""
+    """List the candidates that the searched rows do not tell from a group."""
     judge = partial(search.evidence_of, group.fit)
     out = []
     for form in _promising(search, group):
@@ -171,25 +191,34 @@ def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
 
 
 def _promising(search: Search, group: _Group) -> list[Candidate]:
-    """The best form of each law that explains enough of what the group does."""
+    """List the best form of each law that explains at least half of what the group
+    does.
+
+    At most MAX_CANDIDATES_REFINED, the best first. Half (_PROMISING), since constants
+    stand on a coarse grid and are refined afterwards.
+    """
     best = dict[Hashable, tuple[float, Candidate]]()
     for batch in search.library.batches:
         if not _acts_where(group, batch):
             continue
         explained, _ = search.score.explained(group.fit, batch)
+        shares = explained / max(group.squares, 1e-300)
         for f in _that_may_stand(search, group, batch):
-            share = float(explained[f]) / max(group.squares, 1e-300)
             form = batch.forms[f]
-            most, _ = best.get(form.discrete_choice, (_PROMISING, form))
-            if share > most:
+            share = float(shares[f])
+            largest_share, _ = best.get(form.discrete_choice, (_PROMISING, form))
+            if share > largest_share:
                 best[form.discrete_choice] = share, form
     ranked = sorted(best.values(), key=lambda pair: -pair[0])
     return [form for _, form in ranked[:MAX_CANDIDATES_REFINED]]
 
 
 def _acts_where(group: _Group, batch: Batch) -> bool:
-    """Whether candidates act on a joint of a single finding, or on all joints of several
-    findings."""
+    """Return whether a batch's candidates act where the group does.
+
+    For a single finding one common joint is enough; for several all their joints are
+    needed. Other values of the model's own constants are no rivals.
+    """
     if batch.forms[0].replaces_own_constant:
         return False
     joints = frozenset[int]().union(*(t.joints for t in group.terms))
@@ -203,7 +232,10 @@ def _that_may_stand(
     group: _Group,
     batch: Batch,
 ) -> list[int]:
-    """Which candidates of a batch may stand in the place of a group."""
+    """List the numbers of the batch's candidates that may replace the group.
+
+    They are not present already, and may join the other findings.
+    """
     present = {t.key for t in search.terms}
     picked = [t.form for t in group.others]
     free = may_join(batch.forms, picked, search.data.estimate.model)

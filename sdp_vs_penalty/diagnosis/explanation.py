@@ -1,4 +1,6 @@
-"""What explains the torque: findings beside the model, with constants of its own."""
+"""What explains the torque: the findings beside the model, with re-estimated constants
+of its own effects.
+"""
 
 from __future__ import annotations
 
@@ -26,10 +28,10 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Explanation:
-    """Findings beside the model with re-estimated constants of its own.
+    """Findings beside a model with re-estimated shape constants.
 
-    first : the model as it was given; constants : terms that stand in the place of the
-    model's own effects; search : the findings beside it, in order.
+    first : the model as it was given; constants : candidates that replace the model's
+    own effects, with other constants; search : the findings beside it, in order.
     """
 
     first: Estimate
@@ -38,17 +40,17 @@ class Explanation:
 
     @property
     def estimate(self) -> Estimate:
-        """The model beside the findings."""
+        """The model, with re-estimated constants, beside the findings."""
         return self.search.data.estimate
 
     @property
     def shapes(self) -> tuple[ShapeEstimate, ...]:
-        """The re-estimated constants."""
+        """The re-estimated constants with their values before and after."""
         return tuple(changed_constants(self.constants, self.first.model))
 
     @property
     def terms(self) -> list[ScoredEffect]:
-        """Constants first, then the findings."""
+        """The constants, then the findings."""
         return [*self.constants, *self.search.terms]
 
 
@@ -58,30 +60,49 @@ def explain(
     constants: Sequence[ScoredEffect],
     findings: Sequence[ScoredEffect],
 ) -> Explanation:
-    """Findings judged beside the model with some constants of its own; those that have
-    evidence against them there go."""
-    now = first
+    """Judge findings beside the model with re-estimated constants.
+
+    Findings that the rows contradict there (J <= 0) are dropped. Where columns refer to
+    the model's torque, they are computed anew after each drop, until none is dropped.
+
+    Parameters
+    ----------
+    search
+        The search that has found them.
+    first
+        The model as it was given.
+    constants
+        Candidates that replace the model's own effects.
+    findings
+        The effects.
+
+    Returns
+    -------
+    Explanation
+        Those that stay.
+    """
+    model = first
     if constants:
-        effects = with_shapes(
-            first.model.effects, changed_constants(constants, first.model)
-        )
-        now = replace(first, model=replace(first.model, effects=effects))
+        changed = changed_constants(constants, first.model)
+        effects = with_shapes(first.model.effects, changed)
+        model = replace(first, model=replace(first.model, effects=effects))
     refitted = copy(search)
     refitted.terms = [*findings]
     if any(t.form.replaces_own_constant for t in search.terms):
-        refitted = beside_model(refitted, now)
+        refitted = beside_model(refitted, model)
     while True:
-        refers = any(depends(t.form.effect) for t in refitted.terms)
-        if constants or refers or delays_torque(refitted):
+        refers_to_model = any(depends(t.form.effect) for t in refitted.terms)
+        if constants or refers_to_model or delays_torque(refitted):
             refitted = refer_once(refitted)
-        left = refitted.drop_disfavoured(refitted.terms)
-        if len(left.terms) == len(refitted.terms):
-            return Explanation(first, tuple(constants), left)
-        refitted = left  # no part of the torque that others delay
+        judged = refitted.drop_disfavoured(refitted.terms)
+        if len(judged.terms) == len(refitted.terms):
+            return Explanation(first, tuple(constants), judged)
+        # Dropped findings no longer belong to the torque that columns refer to.
+        refitted = judged
 
 
 def explain_in_order(search: Search, first: Estimate) -> Explanation:
-    """All that a search has found, the findings with most evidence first."""
+    """Return all that a search has found, the findings with most evidence first."""
     constants = [t for t in search.terms if t.form.replaces_own_constant]
     findings = [t for t in search.terms if not t.form.replaces_own_constant]
     out = explain(search, first, constants, findings)
@@ -91,12 +112,13 @@ def explain_in_order(search: Search, first: Estimate) -> Explanation:
 
 
 def held_out_errors(explanation: Explanation, judge: HeldOutData) -> HeldOut:
-    """Errors on data left out of models with some of the constants and findings.
+    """Return the errors on data left out, for any selection of constants and findings.
 
-    A test run has the last word. Without one three folds by the phase of the motion have
-    it; each leaves out a third: what chooses a model has to leave much out (Shao 1993).
-    At each step the model is fitted as `add` fits it.
+    They are judged on the test run. Without one, on three folds by the phase of the
+    motion: what selects a model has to leave much out (Shao 1993). The model is fitted
+    as `add` fits it.
     """
+    # The given model's constants: those re-estimated are among the effects to choose.
     estimate = replace(explanation.first, theta=explanation.estimate.theta)
     effects = [t.form.effect for t in explanation.terms]
     return judge.held_out_errors(explanation.search.data.rows, effects, estimate)
@@ -107,11 +129,12 @@ def drop_harmful(
     held_out: HeldOut,
     search: Search,
 ) -> Explanation:
-    """The constants and findings that data left out do not speak against.
+    """Drop constants and findings that raise the error on data left out.
 
-    The harm of a finding, or of another constant, is what it adds to the logarithms of
-    all joints' errors beside all others. The most harmful one goes while that is 1 % or
-    more. Where nothing shows the noise each has to lower the sum by as much.
+    The harm of one is what it adds to the sum of the joints' log errors, beside all
+    others. The most harmful one is dropped while it does 1 % or more. Where the noise
+    is unknown, each one has to lower the sum by 1 % to stay, since evidence against a
+    guessed noise proves nothing.
     """
     terms = explanation.terms
     n_own = len(explanation.constants)
@@ -128,8 +151,23 @@ def drop_harmful(
 def judge_without_events(
     explanation: Explanation, left: Remainder
 ) -> tuple[Explanation, Remainder]:
-    """The same where rows of events are no evidence, if less is left without them:
-    what happens once is no evidence of anything else."""
+    """Judge the findings again without the rows of events, if that leaves less
+    unexplained.
+
+    An isolated disturbance is no evidence of any effect.
+
+    Parameters
+    ----------
+    explanation
+        The findings beside the model.
+    left
+        What they leave unexplained, with the rows of events.
+
+    Returns
+    -------
+    (Explanation, Remainder)
+        Both without the events, or unchanged.
+    """
     rules = explanation.search.rules
     if not (left.joints_unexplained and left.outlier_rows.any()):
         return explanation, left
@@ -147,8 +185,8 @@ def judge_without_events(
 class Ladder:
     """Errors on data left out, with one finding after the other.
 
-    offered : where the constants (the first ``n_own``) and the findings stand among the
-    effects of ``held_out``.
+    offered : numbers of the constants (the first ``n_own``) and of the findings among
+    the effects of ``held_out``.
     """
 
     held_out: HeldOut
@@ -162,36 +200,43 @@ class Ladder:
         held_out: HeldOut,
         judged: Sequence[ScoredEffect],
     ) -> Ladder:
-        """Of what is left of an explanation of all ``judged`` terms."""
+        """Return the ladder of an explanation.
+
+        judged : all effects that ``held_out`` knows, in its order.
+        """
         place = {t.text: k for k, t in enumerate(judged)}
         offered = tuple(place[t.text] for t in explanation.terms)
         return cls(held_out, offered, len(explanation.constants))
 
     @property
     def errors(self) -> Array:
-        """(findings + 1, n) with all constants and none of the findings, then with one
-        finding more each."""
+        """(findings + 1, n) errors [N m or N]: without any finding, then with one more
+        each.
+
+        All re-estimated constants are included from the begin.
+        """
         steps = range(self.n_own, len(self.offered) + 1)
         return np.array([self.held_out.errors(self.offered[:k]) for k in steps])
 
     def errors_without(self, k: int) -> Array:
-        """(n,) with all but the one that stands at k of those offered."""
+        """Return errors (n,) with all but the one at place k of those offered."""
         others = [i for i in self.offered if i != self.offered[k]]
         return self.held_out.errors(others)
 
     def harmful_together(self, is_sure: Sequence[bool]) -> list[bool]:
-        """Which constants and findings do harm beside those that are sure; is_sure : by
-        finding."""
-        flags = zip(
-            self.offered[self.n_own :],
-            is_sure,
-            strict=True,
-        )
-        sure = [
-            *self.offered[: self.n_own],
-            *(k for k, yes in flags if yes),
-        ]
-        harmless = self.held_out.drop_harmful(sure)
+        """Return, for each constant and each finding, whether it does harm beside the
+        certain ones.
+
+        is_sure : for each finding, whether it is certain; constants count as certain.
+        Harm is a higher sum of log errors, or one joint's error above 1.05 times that
+        without any.
+        """
+        certain = list(self.offered[: self.n_own])
+        findings = self.offered[self.n_own :]
+        for number, is_certain in zip(findings, is_sure, strict=True):
+            if is_certain:
+                certain.append(number)
+        harmless = self.held_out.drop_harmful(certain)
         harmless = self.held_out.drop_harmful_to_a_joint(harmless)
-        harmful = set(sure).difference(harmless)
-        return [k in harmful for k in self.offered]
+        harmful = set(certain).difference(harmless)
+        return [number in harmful for number in self.offered]

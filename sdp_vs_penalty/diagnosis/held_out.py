@@ -43,8 +43,12 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 @dataclass(frozen=True)
 class HeldOutSplit:
-    """Rows to fit to, and rows to judge on, in the columns of a model and of effects;
-    of a frozen model: what it leaves, in those of the effects."""
+    """Rows to fit to (train) and rows to judge on (test), as compressed regressions.
+
+    Columns are those of the model, then those of ``effects``, and the target is the
+    torque. For a model held fixed (``frozen``) they are those of the effects, and the
+    target is what the model leaves.
+    """
 
     effects: tuple[Effect, ...]
     train: Regression
@@ -76,8 +80,11 @@ class HeldOutSplit:
 
 
 class Columns(NamedTuple):
-    """Effects of the model that stay, those that are new, and which of a split's
-    columns are theirs."""
+    """The effects of a fit, and their columns among those of a split.
+
+    own : effects of the model that stay; new : effects beside them; kept (p,) : flags
+    of the split's columns that belong to either.
+    """
 
     own: list[Effect]
     new: list[Effect]
@@ -86,10 +93,11 @@ class Columns(NamedTuple):
 
 @dataclass
 class HeldOut:
-    """What effects do to the errors of a model.
+    """Errors of a model on data left out, with any selection of candidate effects.
 
-    source : "test" or "folds"; make_second : makes the same on another split of the
-    motion, which has to agree before something goes.
+    Effects are numbered in the order of each split's ``effects``. source : "test" (a
+    test run) or "folds" (by the phase of the motion). make_second : makes the same for
+    another split of the motion, which is asked before an effect is removed.
     """
 
     estimate: Estimate
@@ -102,11 +110,15 @@ class HeldOut:
 
     @cached_property
     def second(self) -> HeldOut | None:
-        """The same on another split; None where there is none."""
+        """The same errors on another split of the motion; None where there is none."""
         return None if self.make_second is None else self.make_second()
 
     def errors(self, chosen: Sequence[int]) -> Array:
-        """(n,) root mean squares on data left out, with some of the effects."""
+        """Return (n,) RMS errors [N m or N] on data left out, with the chosen effects
+        (numbers).
+
+        The model is fitted by its own method, under its constraints. Results are kept.
+        """
         key = tuple(sorted(chosen))
         if key not in self._known:
             squares = sum(self._squares(key))
@@ -115,8 +127,12 @@ class HeldOut:
         return self._known[key]
 
     def _squares(self, chosen: Sequence[int]) -> Iterator[Array]:
-        """(n,) squared errors of each split with some of the effects. Splits of the same
-        effects share what does not depend on data."""
+        """Yield, for each split, the sums (n,) of squared errors with the chosen
+        effects.
+
+        Splits with the same effects are fitted together: constraints and columns are
+        set up once for them.
+        """
         for _, splits in groupby(self.splits, key=lambda s: [id(e) for e in s.effects]):
             alike = list(splits)
             columns = alike[0].columns_of(self.estimate, chosen)
@@ -132,8 +148,11 @@ class HeldOut:
                 yield split.test.keeping(columns.kept).joint_losses(theta)
 
     def least_squares_errors(self, chosen: Sequence[int]) -> Array:
-        """(n,) the same by plain least squares with what is known of sizes, which takes
-        no constraints: for comparisons of many."""
+        """Return (n,) RMS errors [N m or N] on data left out, fitted by least squares.
+
+        Faster than :meth:`errors`, for many comparisons: no constraints apply, only the
+        sizes that are plausible for each effect. chosen : numbers of the effects.
+        """
         key = tuple(sorted(chosen))
         if key not in self._known_least_squares:
             squares = np.zeros(self.estimate.robot.n)
@@ -153,12 +172,26 @@ class HeldOut:
         candidates: Sequence[int],
         needed: bool = False,
     ) -> list[int]:
-        """Of effects those that do no harm beside all others, and lower an error where
-        that is ``needed``.
+        """Drop effects that raise the error on data left out, the most harmful one
+        first.
 
-        The least useful of those that do is left out, and the others are asked again. One
-        that lowers the error on another split of the motion stays: one motion alone has
-        not the last word.
+        The harm of an effect is the sum over joints of the logarithm of the error with
+        it over that without it, beside all others. After each drop the others are
+        judged again. An effect that lowers the error on the second split by 1 % stays:
+        one motion alone does not decide.
+
+        Parameters
+        ----------
+        candidates
+            Numbers of the effects.
+        needed
+            True: an effect stays only if it lowers the error by MINOR (1 %). Default:
+            it goes only if it raises the error by as much.
+
+        Returns
+        -------
+        list of int
+            Numbers of the effects that stay.
         """
         accepted = list(candidates)
         confirmed = set[int]()
@@ -180,7 +213,9 @@ class HeldOut:
         return accepted
 
     def _helps_elsewhere(self, k: int, accepted: Sequence[int]) -> bool:
-        """Whether an effect lowers the error on another split, beside all others."""
+        """Return whether effect k lowers the error on the second split, beside all
+        accepted.
+        """
         if self.second is None:
             return False
         without = [i for i in accepted if i != k]
@@ -188,10 +223,12 @@ class HeldOut:
         return harm(before, self.second.least_squares_errors(accepted)) < -MINOR
 
     def drop_harmful_to_a_joint(self, accepted: Sequence[int]) -> list[int]:
-        """Of effects those with which no joint errs more than without any, by 5 %.
+        """Drop effects until no joint has an error above 1.05 times that without any
+        effect.
 
-        Of a joint that does, the effect goes without which its error is smallest, if both
-        splits say so.
+        Where a joint has, the effect is dropped whose removal lowers its error most,
+        unless it lowers this joint's error on the second split. Returns the numbers
+        that stay.
         """
         accepted = list(accepted)
         limit = (1.0 + MAX_JOINT_HARM) * self.errors(())
@@ -220,7 +257,7 @@ class HeldOut:
         k: int,
         accepted: Sequence[int],
     ) -> bool:
-        """Whether an effect lowers one joint's error on another split."""
+        """Return whether effect k lowers one joint's error on the second split by 1 %."""
         if self.second is None:
             return False
         without = [i for i in accepted if i != k]
@@ -230,18 +267,24 @@ class HeldOut:
 
 
 def lowers(before: Array, after: Array) -> bool:
-    """Whether some error falls by more than what is minor."""
+    """Return whether the error of some joint falls by MINOR (1 %) or more."""
     return bool(np.any(after <= (1.0 - MINOR) * before))
 
 
 def harm(before: Array, after: Array) -> float:
-    """By what share errors rise, added up over the joints."""
+    """Return the sum over joints of log(after / before) of their errors (n,).
+
+    Positive: errors rise; 0.01 is about one joint's error rising by 1 %.
+    """
     return float(np.sum(np.log(np.maximum(after, 1e-300) / np.maximum(before, 1e-300))))
 
 
 class _Table:
-    """Rows in the columns of a model and of effects, with the torque; of a frozen model
-    what it leaves, in those of the effects."""
+    """Rows with the columns of a model and of effects, to be compressed for any
+    selection.
+
+    Of a model held fixed the target is what it leaves, and only effects have columns.
+    """
 
     def __init__(
         self,
@@ -249,6 +292,9 @@ class _Table:
         estimate: Estimate,
         frozen: bool,
     ) -> None:
+        """Compute the model's own columns; those of effects follow when they are
+        needed.
+        """
         self.rows = rows
         self.estimate = estimate
         self.frozen = frozen
@@ -256,7 +302,11 @@ class _Table:
         self._last: tuple[tuple[Effect, ...], Array] | None = None
 
     def _columns(self, effects: tuple[Effect, ...]) -> Array:
-        """(n, M, p + 1) columns and torque."""
+        """Return (n, M, p + 1): the columns of model and effects, and the torque as the
+        last one.
+
+        Those of the last effects that were asked for are kept.
+        """
         if self._last is None or self._last[0] is not effects:
             torque = self.rows.residual if self.frozen else self.rows.torque
             blocks = [self.own_columns]
@@ -270,7 +320,12 @@ class _Table:
         effects: Sequence[Effect],
         keep: NDArray[np.bool_],
     ) -> Regression:
-        """Of the rows keep (M, n)."""
+        """Return the regression of some rows, each joint's reduced to a triangular
+        factor.
+
+        keep (M, n) : which rows. The factor has p + 1 rows instead of M, and the same
+        least squares solutions.
+        """
         effects = tuple(effects)
         own_effects = () if self.frozen else self.estimate.model.effects
         parameters = tuple(p for e in (*own_effects, *effects) for p in e.parameters)
@@ -295,8 +350,12 @@ class _Table:
 
 @dataclass(frozen=True)
 class HeldOutData:
-    """Who has the last word: a test run, or folds by phase. first : the model as it was
-    given; test : the rows of a run that was not searched."""
+    """The data that decide whether findings stay: a test run, or folds of the training
+    run.
+
+    first : the model before the diagnosis; test : filtered rows of a run that was not
+    searched, or None; frozen : whether the model is held fixed.
+    """
 
     first: Estimate
     test: SegmentedRuns | None
@@ -309,10 +368,28 @@ class HeldOutData:
         estimate: Estimate,
         by_fold: Mapping[int, Sequence[Effect]] | None = None,
     ) -> HeldOut:
-        """Errors of models fitted to the rows that were searched.
+        """Return the errors on data left out of a model with any of these effects.
 
-        They are judged on the test run; without one, fitted to all folds but one, on that
-        one. by_fold : at an effect's place, what rows outside of each fold make of it.
+        They are judged on the test run. Without one, the model is fitted to all folds
+        but one and judged on that one, in turn.
+
+        Parameters
+        ----------
+        rows
+            The rows that were searched.
+        effects
+            The effects, which are then chosen by number.
+        estimate
+            The model beside them.
+        by_fold
+            For the effects at these numbers: the effect to use for each fold, computed
+            from the rows outside of the fold (a measured curve's table is itself a
+            fit).
+
+        Returns
+        -------
+        HeldOut
+            The errors, computed when they are needed.
         """
         table = _Table(rows, estimate, self.frozen)
         by_folds = partial(
@@ -342,7 +419,7 @@ class HeldOutData:
         effects: tuple[Effect, ...],
         by_fold: Mapping[int, Sequence[Effect]],
     ) -> HeldOut:
-        """The same on thirds by the phase of the motion."""
+        """Return the errors on three folds (THIRDS) by the phase of the motion."""
         fold = folds_of(table.rows, THIRDS)
         splits = []
         for f in range(fold.max() + 1):
@@ -362,8 +439,11 @@ class HeldOutData:
         return HeldOut(table.estimate, self.frozen, splits, "folds")
 
     def outside(self, effect: Effect) -> float:
-        """Share of the test run's rows that leave what an effect is known for; none
-        without one."""
+        """Return the share of the test run's rows outside of an effect's known range.
+
+        A measured curve, for example, is known only where the searched motion went. 0
+        without a test run.
+        """
         if self.test is None:
             return 0.0
         outside_shares = [
@@ -378,8 +458,18 @@ class HeldOutData:
 def with_replaced_joints(
     effects: Sequence[Effect], new: Sequence[Effect]
 ) -> tuple[list[Effect], list[bool]]:
-    """Effects without those joints of theirs on which a new one, with another shape
-    constant, stands in their place; and which of their parameters are left."""
+    """Remove the joints of effects on which a new effect of the same name replaces
+    them.
+
+    Effects of the whole robot and those that may come several times are never replaced.
+
+    Returns
+    -------
+    list of Effect
+        The effects on the joints that are left; without those that have none.
+    list of bool
+        For each parameter of the given effects, whether it is left.
+    """
     others = {
         (e.name, j) for e in new if not (e.whole_robot or e.several) for j in e.joints
     }
@@ -403,7 +493,11 @@ def least_squares_parameters(
     columns: Columns,
     data: Regression,
 ) -> Array:
-    """(p,) of effects fitted to rows, joints weighted by what is left of them."""
+    """Fit the effects of ``columns`` by least squares, with plausible sizes as priors.
+
+    Each joint is weighted by its residual, in two rounds. data : the rows in these
+    columns. Returns the parameters (p,) in SI units.
+    """
     effects = (*columns.own, *columns.new)
     if not effects:
         return np.zeros(0)
@@ -419,8 +513,12 @@ def least_squares_parameters(
 
 
 def estimator_beside(estimate: Estimate) -> Estimator:
-    """The method that fits new effects to what a model leaves that is held fixed: a
-    payload is a body, whatever the model was made by."""
+    """Return the method that fits new effects beside a model whose parameters stay
+    fixed.
+
+    It is the model's own if that solves convex problems; else the default one, since a
+    payload has constraints of a rigid body.
+    """
     estimator = estimate.estimator
     return estimator if hasattr(estimator, "solver") else make_estimator(DEFAULT_METHOD)
 
@@ -432,8 +530,26 @@ def task_beside(
     seed: int = 0,
     progress: Progress = no_progress,
 ) -> Task:
-    """What fits only the new effects ``own_model``, under their own constraints; left : what
-    the model leaves, in their columns."""
+    """Set up the fit of new effects alone, to what a model leaves.
+
+    Parameters
+    ----------
+    estimate
+        The model that is held fixed.
+    own_model
+        The new effects, as a model.
+    left
+        What the model leaves, in the columns of the new effects.
+    seed
+        Of the method.
+    progress
+        Is called with a short text.
+
+    Returns
+    -------
+    Task
+        The problem under the new effects' own constraints, for an estimator.
+    """
     problem = estimate.problem
     weights = np.ones(estimate.robot.n)
     for _ in range(2):
@@ -460,9 +576,26 @@ def fitted_parameters(
     data: Sequence[Regression],
     frozen: bool,
 ) -> list[Array]:
-    """(p,) parameters of an estimate's ``own_effects`` effects and ``new`` ones for each of
-    some ``data`` in their columns; frozen : of the new ones alone, from rows of what
-    the model leaves.
+    """Fit effects of a model and new ones to several sets of rows, by the model's
+    method.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    own_effects
+        Its effects that stay.
+    new
+        Effects beside them.
+    data
+        Sets of rows, each in the columns of all these effects.
+    frozen
+        True: only the new effects are fitted, to what the model leaves.
+
+    Returns
+    -------
+    list of (p,) arrays
+        For each set of rows the parameters, in SI units.
     """
     if not (own_effects or new):
         return [np.zeros(0) for _ in data]

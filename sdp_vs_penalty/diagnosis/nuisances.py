@@ -1,19 +1,20 @@
-"""What a law and a mounting get wrong: columns beside terms, of which little is
-expected.
+"""Small errors that are tolerated beside effects: of mounting, of friction laws, and
+hums. Each is columns with a small prior, so that it can explain a little and not much.
 
-Nobody mounts an arm exactly: what a term explains has to show beside placements of the
-joints that are off by as much as their effect says is plausible, unless that is what
-the term says.
+Nobody mounts an arm exactly: an effect has to show beside placements of the joints that
+are off by as much as is plausible, unless it is such a placement itself.
 
-No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside a term that makes
-the torque c of a joint a fit has
+No law is exact (Kennedy, O'Hagan, J. R. Statist. Soc. B 2001). Beside an effect that
+makes the torque c on a joint, a fit has
 
-    sum_i a_i c g_i + sum_s a_s dc/ds,    a ~ N(0, diag(d)^2),    g = t, v, |v|, v^2, q, q^2, q v
+    sum_i a_i c g_i + sum_s a_s dc/ds,    a ~ N(0, diag(d)^2),
+    g = t, v, |v|, v^2, q, q^2, q v
 
-with the time t and the joint's velocity v and position q in units of their largest, s
-its free shape constants, and c by itself where the term acts on several joints.
-Together they are expected to make, beyond the model, 4 % of the squares that the term
-makes there. What is found besides has to show beyond that.
+with time t and the joint's velocity v and position q in units of their largest
+magnitude, s the effect's free shape constants, and c itself where the effect acts on
+several joints. The standard deviations d are such that all of these are expected to
+make 4 % of the squares that the effect makes beyond the model. Other effects have to
+show beyond that.
 """
 
 from __future__ import annotations
@@ -46,8 +47,25 @@ def law_misfit_columns(
     effect: Effect,
     beta: Array,
 ) -> dict[int, Array]:
-    """(M, k) white columns of what the law of an effect with parameters beta may get
-    wrong, by joint whose torque it changes."""
+    """Return the white columns of what an effect's law may get wrong.
+
+    They are the effect's torque times t, v, |v|, v^2, q, q^2 and q v, and its
+    derivatives by the free shape constants.
+
+    Parameters
+    ----------
+    data
+        White rows.
+    effect
+        The effect.
+    beta
+        (k,) its parameters, in SI units.
+
+    Returns
+    -------
+    dict of int to (M, columns) array
+        By joint (from 0) on which it makes torque.
+    """
     rows = data.rows
     torque = spread_columns(rows, effect) @ beta
     by_constants = np.zeros((*torque.shape, 0))
@@ -59,92 +77,78 @@ def law_misfit_columns(
         t = _in_units_of_largest(rows.t - rows.t.mean())
         v = _in_units_of_largest(rows.dq[:, j])
         q = _in_units_of_largest(rows.q[:, j] - rows.q[:, j].mean())
-        factors = [
-            t,
-            v,
-            np.abs(v),
-            v**2,
-            q,
-            q**2,
-            q * v,
-        ]
+        factors = [t, v, np.abs(v), v**2, q, q**2, q * v]
         if len(joints) > 1:
-            factors.append(np.ones(len(v)))
-        columns = np.column_stack(
-            [
-                *(torque[j] * g for g in factors),
-                by_constants[j],
-            ]
-        )
+            factors.append(np.ones(len(v)))  # the joints' sizes may differ
+        by_factors = [torque[j] * g for g in factors]
+        columns = np.column_stack([*by_factors, by_constants[j]])
         out[j] = data.white(columns, j)
     return out
 
 
 def _in_units_of_largest(x: Array) -> Array:
-    """(N,) divided by its largest magnitude."""
+    """Divide x (N,) by its largest magnitude; zeros stay."""
     return np.asarray(x / nonzero_or_one(np.abs(x).max()))
 
 
 def find_frequencies(data: WhiteData) -> dict[int, list[float]]:
-    """By joint the frequencies [Hz] of its hums, of joints that have any."""
+    """Return the frequencies [Hz] of hums, by joint (from 0) that has any.
+
+    A hum is a line in the residual's spectrum. Where no motion repeats, the residual is
+    that of the model refitted to these rows: its present parameters may belong to
+    another recording.
+    """
     rows = data.rows
     residual = rows.residual
-    if not data.noise.repeats:  # the model is fitted to it at other parameters
-        residual = least_squares_refit(data, [])[1]
-    return {
-        j: [
-            _refined(
-                f,
-                rows,
-                residual[:, j],
-            )
-            for f in lines
-        ]
-        for j, lines in hum_lines(data, residual).items()
-    }
+    if not data.noise.repeats:
+        _, residual = least_squares_refit(data, [])
+    out = dict[int, list[float]]()
+    for j, lines in hum_lines(data, residual).items():
+        out[j] = [_refined(f, rows, residual[:, j]) for f in lines]
+    return out
 
 
 def hums(data: WhiteData, frequencies: Mapping[int, Sequence[float]]) -> list[Nuisance]:
-    """By joint the waves of its hums, of any phase in each run.
+    """Return the waves of each joint's hums as nuisances, with free phase in each run.
 
-    A wave may be as large as all that the model leaves.
+    frequencies [Hz] are by joint. The prior lets a wave be as large as the RMS torque
+    that the model leaves.
     """
     rows = data.rows
     out = []
     for j, lines in frequencies.items():
         waves = []
-        for f in lines:
-            angle = 2.0 * np.pi * f * rows.t
+        for frequency in lines:
+            angle = 2.0 * np.pi * frequency * rows.t
             for run in np.unique(rows.run):
-                inside = rows.run == run
-                waves += [
-                    inside * np.sin(angle),
-                    inside * np.cos(angle),
-                ]
-        size = float(np.std(rows.residual[:, j]))
+                is_in_run = rows.run == run
+                waves.append(is_in_run * np.sin(angle))
+                waves.append(is_in_run * np.cos(angle))
+        torque_left = float(np.std(rows.residual[:, j]))
         columns = data.white(np.column_stack(waves), j)
-        deviations = np.full(len(waves), max(size, 1e-200))
+        deviations = np.full(len(waves), max(torque_left, 1e-200))
         out.append(Nuisance(f"hum on {j}", {j: columns}, deviations))
     return out
 
 
 def _refined(frequency: float, rows: SegmentedRuns, residual: Array) -> float:
-    """The frequency [Hz] near one of a short spectrum's at which a residual (M,) has most
-    power in whole runs."""
+    """Return the frequency [Hz] near a line at which whole runs have most power.
+
+    A line of a short periodogram is known to about 0.1 Hz (_NEAR_LINE); the power of
+    residual (M,) is summed over the runs.
+    """
     near = frequency + np.linspace(-_NEAR_LINE, _NEAR_LINE, 2 * _NEAR_STEPS + 1)
     power = np.zeros(len(near))
     for run in np.unique(rows.run):
-        inside = rows.run == run
-        turned = np.exp(-2j * np.pi * np.outer(near, rows.t[inside]))
-        power += np.abs(turned @ residual[inside]) ** 2
+        is_in_run = rows.run == run
+        # One row of the discrete Fourier transform for each frequency.
+        waves = np.exp(-2j * np.pi * np.outer(near, rows.t[is_in_run]))
+        power += np.abs(waves @ residual[is_in_run]) ** 2
     return float(near[np.argmax(power)])
 
 
 class Nuisances:
-    """What stands beside terms in a fit, on some rows and with some candidates.
-
-    bare : the model alone; columns : of a candidate, white, by joint.
-    """
+    """The tolerated errors that stand beside effects in the fits of one search."""
 
     def __init__(
         self,
@@ -154,6 +158,21 @@ class Nuisances:
         columns: Callable[[Candidate], dict[int, Array]],
         rules: Rules,
     ) -> None:
+        """Prepare the nuisances of a search.
+
+        Parameters
+        ----------
+        data
+            White rows.
+        bare
+            The fit of the model alone.
+        candidates
+            All candidates, among them those that are tolerated on every machine.
+        columns
+            Returns a candidate's white columns, (M, k) by joint.
+        rules
+            Which kinds of nuisances apply.
+        """
         self.data = data
         self.bare = bare
         self.rules = rules
@@ -162,7 +181,12 @@ class Nuisances:
         self._misfits: dict[str, list[tuple[int, Array, Array]]] = {}
 
     def with_law_misfits(self, terms: Sequence[ScoredEffect]) -> list[Term]:
-        """Terms, what the laws of those that explain much may get wrong, and hums."""
+        """Return effects with hums, and with the misfits of those laws that explain
+        much.
+
+        Much: 4 % (LAW_TOLERANCE) of the evidence is more than 6, so that an error of
+        the law could look like another effect.
+        """
         out: list[Term] = [*terms, *self.hums]
         for t in terms:
             if LAW_TOLERANCE * t.evidence > EVIDENCE_TO_DISTINGUISH:
@@ -174,8 +198,11 @@ class Nuisances:
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> list[Term]:
-        """Beside what a term has to show: others, what their laws get wrong, and what is
-        tolerated of a mounting."""
+        """Return all beside which an effect is judged.
+
+        These are the other effects, the misfits of their laws, hums, and tolerated
+        errors of the mounting.
+        """
         tolerated = self.mounting_tolerances_beside(term, others)
         return [*self.with_law_misfits(others), *tolerated]
 
@@ -184,17 +211,24 @@ class Nuisances:
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
     ) -> list[Nuisance]:
-        """As much of what is in every machine as is plausible, where no term says it."""
-        named = {
-            term.form.effect.form_of,
-            term.key[0],
-            *(t.key[0] for t in others),
-        }
-        return [m for name, m in self.mounting_tolerances.items() if name not in named]
+        """Return the tolerated errors of the mounting that no effect stands for itself.
+
+        An error is left out if the judged effect or another one is of its name, or is a
+        special case of it (a tilted base is one of displaced joints).
+        """
+        named = {term.form.effect.form_of, term.key[0]}
+        named.update(t.key[0] for t in others)
+        return [
+            tolerance
+            for name, tolerance in self.mounting_tolerances.items()
+            if name not in named
+        ]
 
     @cached_property
     def mounting_tolerances(self) -> dict[str, Nuisance]:
-        """By effect what is tolerated of it in every machine."""
+        """Effects that every machine has a little of, with their plausible sizes, by
+        name.
+        """
         if not self.rules.mounting_tolerances:
             return {}
         return {
@@ -205,20 +239,27 @@ class Nuisances:
 
     @cached_property
     def hums(self) -> list[Nuisance]:
-        """Waves of the lines that stand in the torque's spectrum: no constant of the
-        model is estimated anew for what happens beside it."""
+        """Waves of the torque's spectral lines.
+
+        They are present in every fit, so that no constant of the model is estimated
+        anew to explain a hum.
+        """
         return hums(self.data, self.frequencies)
 
     @cached_property
     def frequencies(self) -> dict[int, list[float]]:
-        """By joint those of its hums [Hz]; a search beside another model keeps them."""
-        found = find_frequencies(self.data)
-        return found if found and self.rules.hums_first else {}
+        """Frequencies [Hz] of hums, by joint (from 0).
+
+        A search beside another model takes them over.
+        """
+        return find_frequencies(self.data) if self.rules.hums_first else {}
 
     def law_misfits(self, term: ScoredEffect) -> list[Nuisance]:
-        """What a term's law may get wrong, joint by joint.
+        """Return, joint by joint, what an effect's law may get wrong, as nuisances.
 
-        There is none of another constant of the model's own effect.
+        The expected squares are 4 % of those that the effect explains, divided evenly
+        among the columns. None for another value of a constant of the model's own
+        effect.
         """
         if term.form.replaces_own_constant or not self.rules.law_misfits:
             return []
@@ -227,18 +268,20 @@ class Nuisances:
             self._misfits[term.text] = [
                 (j, z, self._squares_beyond_model({j: z})) for j, z in columns.items()
             ]
-        expected = LAW_TOLERANCE * np.maximum(term.squares, 1e-200)
-        return [
-            Nuisance(
+        expected_squares = LAW_TOLERANCE * np.maximum(term.squares, 1e-200)  # (n,)
+        out = []
+        for j, z, squares in self._misfits[term.text]:
+            expected_of_column = expected_squares[j] / len(squares)
+            nuisance = Nuisance(
                 text=f"misfit of {term.text} on {j}",
                 columns={j: z},
-                deviations=np.sqrt(expected[j] / len(squares) / squares),
+                deviations=np.sqrt(expected_of_column / squares),
             )
-            for j, z, squares in self._misfits[term.text]
-        ]
+            out.append(nuisance)
+        return out
 
     def _squares_beyond_model(self, columns: dict[int, Array]) -> Array:
-        """(k,) squares of what the model leaves of white columns."""
+        """Return the squares (k,) of what the model leaves of white columns."""
         left = self.bare.residual_of(self.bare.scaled(columns))
         left = left * self.bare.level[:, None, None]
         return np.maximum(np.sum(left**2, axis=(0, 1)), 1e-200)

@@ -1,10 +1,10 @@
-"""The shape constants of the model's own effects: as candidates, and what is said of
-them.
+"""Shape constants of the model's own effects: as candidates of a search, and as
+reports.
 
-They are nuisances of the same library. The model's own effect with another value of its
-constant is a candidate that stands in the present one's place: dD is then the drop from
-the model with the present value, and the price that of one number. What it explains as
-well as a finding is no finding, since it is simpler.
+The model's effect with another value of its constant is a candidate that replaces the
+present value. Its evidence is the deviance drop from the model with the present value,
+at the price of one number. It is reported as a re-estimated constant and not as a
+missing effect, since it is the simpler explanation.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import STEPS
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import effect_name, effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import TURNS
@@ -32,8 +32,9 @@ from sdp_vs_penalty.robot.robot import Robot
 
 
 def own_constant_candidates(data: WhiteData) -> Iterator[Candidate]:
-    """The model's own effects with other values of the shape constants that are
-    estimated."""
+    """Yield the model's own effects with other values of their estimated shape
+    constants.
+    """
     for key, (effect, _) in data.own_effects.items():
         for name in effect.estimated:
             for value in _values_to_try(effect, key[1], name):
@@ -46,7 +47,12 @@ def _values_to_try(
     joint: int,
     name: str,
 ) -> list[float]:
-    """Of a shape constant: the grid, what lies near the present value, and more."""
+    """List the values to try for a shape constant of the model, without the present
+    one.
+
+    These are the grid, doubled up to the widest value, and two values near the present
+    one, a quarter of a grid step below and above.
+    """
     now = effect.shape[name]
     kind = effect.robot.joints[joint].kind
     grid = list(effect.shapes[name].on(kind).grid)
@@ -63,8 +69,11 @@ def _values_to_try(
 def changed_constants(
     terms: Sequence[ScoredEffect], model: Model
 ) -> list[ShapeEstimate]:
-    """The constants of terms that stand in the place of a model's own effects, beside
-    the model's."""
+    """Return the re-estimated constants that a search has found, with old and new
+    value.
+
+    ``terms`` are candidates that replace the model's own effects.
+    """
     out = []
     for t in terms:
         (joint,) = t.joints
@@ -94,8 +103,23 @@ def constant_std(
     errors: Sequence[ConstantErrors],
     s: ShapeEstimate,
 ) -> float:
-    """Standard deviation of a constant of the model beside the findings of a fit;
-    infinite where the rows do not bound it."""
+    """Return the standard deviation of a re-estimated constant, in its unit.
+
+    Parameters
+    ----------
+    fit
+        The fit of the model with all findings.
+    errors
+        White columns of what errors of each constant make of the torque.
+    s
+        The constant.
+
+    Returns
+    -------
+    float
+        Standard deviation to first order; infinite where the rows hold less information
+        than the prior.
+    """
     for change, columns in errors:
         effect = change.effect
         is_its = effect.name == s.effect and s.joint in effect.joints
@@ -118,10 +142,27 @@ def retune(
     after: Array,
     is_harmful: bool = False,
 ) -> Retune:
-    """What is said of a re-estimated constant.
+    """Describe a re-estimated constant: confidence, errors and explanation.
 
-    before, after (n,) : held-out errors of all findings without the new constant, and
-    with it; is_harmful : whether it does harm beside the sure findings alone.
+    Parameters
+    ----------
+    s
+        The constant with the values before and after.
+    std
+        Standard deviation of the value, in its unit.
+    robot
+        The robot.
+    before
+        (n,) errors on data left out with all findings, without the new value.
+    after
+        (n,) the same with it.
+    is_harmful
+        Whether it raises errors beside the certain findings alone.
+
+    Returns
+    -------
+    Retune
+        The report. It is weak if the value lies at the end of its range, or is harmful.
     """
     shape = effect_types()[s.effect].shapes[s.shape]
     kind = robot.joints[s.joint].kind
@@ -130,12 +171,12 @@ def retune(
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
     explanation = (
-        f"joint {s.joint + 1}: {s.effect} has {s.shape} = {new}, not {old}; held-out"
-        f" error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+        f"joint {s.joint + 1}: {effect_name(s.effect)} has {s.shape} = {new}, not {old};"
+        f" error on data left out {errors[0]:.3g} to {errors[1]:.3g} {unit}"
     )
     remarks = []
     if s.at_end:
-        remarks.append("it lies at the end of the range in which it was looked for")
+        remarks.append(REASONS["at_end"])
     if is_harmful:
         remarks.append(REASONS["alone"])
     return Retune(

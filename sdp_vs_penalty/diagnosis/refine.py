@@ -1,6 +1,7 @@
-"""Shape constants of a candidate, refined to where the score is highest.
+"""Refines the continuous shape constants of a candidate to where its evidence is
+highest.
 
-They stand on a lattice, so that the same values come back in every step of a search.
+They stand on a lattice, so that a search meets the same values in every step.
 """
 
 from __future__ import annotations
@@ -30,9 +31,24 @@ def refine_constants(
     start: ScoredEffect,
     fixed: Set[str] = frozenset(),
 ) -> ScoredEffect:
-    """Each continuous shape constant but the fixed ones in turn.
+    """Refine each continuous shape constant of a candidate in turn.
 
-    A constant that is as large as its effect, such as a delay's, is made so.
+    Constants that are as large as the effect itself (a delay's) are set to its size
+    last.
+
+    Parameters
+    ----------
+    judge
+        Scores a candidate beside a fit.
+    start
+        The candidate with its first constants.
+    fixed
+        Names of the constants that stay.
+
+    Returns
+    -------
+    ScoredEffect
+        The candidate with most evidence.
     """
     best = start
     for name in start.form.effect.searched:
@@ -45,7 +61,11 @@ def refine_constants(
 
 
 def _follow_size(judge: Judge, best: ScoredEffect, sized: str) -> ScoredEffect:
-    """The constant ``sized`` made as large as the effect."""
+    """Set the constant ``sized`` to the effect's own size, _SIZED (3) times.
+
+    A delay's column, for example, is linear about the delay that the constant states;
+    each step reduces the error of this linearisation.
+    """
     for _ in range(_SIZED):
         effect = best.form.effect
         value = float(f"{effect.as_sized(float(best.beta[0])):.6g}")
@@ -56,29 +76,37 @@ def _follow_size(judge: Judge, best: ScoredEffect, sized: str) -> ScoredEffect:
 
 
 def _refine_along(judge: Judge, start: ScoredEffect, name: str) -> ScoredEffect:
-    """One shape constant where the score is highest."""
+    """Refine one shape constant: halve the step three times, then fit a parabola.
+
+    The lattice has steps of 1/2, 1/4 and 1/8 of the grid's spacing, and 1/16 of the
+    last step at the parabola's top. A constant without bounds is not refined.
+    """
     effect = start.form.effect
     shape = effect.shapes[name].on(effect.robot.joints[effect.joints[0]].kind)
     if shape.bounds is None:
         return start
     lattice = _Lattice(judge, start, name)
-    x = step = 0.0
+    x = 0.0
     for step in STEPS:
-        while (best := max((x, x - step, x + step), key=lattice.score)) != x:
-            x = best
-    less = lattice.score(x - step)
+        x = lattice.climb(x, step)
+    # The top of the parabola through the last point and its neighbours.
+    below = lattice.score(x - step)
     middle = lattice.score(x)
-    more = lattice.score(x + step)
-    curvature = less - 2.0 * middle + more
-    if curvature < 0.0 and np.isfinite(less + more):  # the top of a parabola
-        top = 0.5 * (less - more) / curvature
-        x = max((x, x + step * round(16.0 * top) / 16.0), key=lattice.score)
+    above = lattice.score(x + step)
+    curvature = below - 2.0 * middle + above
+    if curvature < 0.0 and np.isfinite(below + above):
+        steps_to_top = 0.5 * (below - above) / curvature
+        top = x + step * round(16.0 * steps_to_top) / 16.0
+        x = max((x, top), key=lattice.score)
     return lattice.at(x)
 
 
 class _Lattice:
-    """Scores of a candidate along one of its shape constants; x : steps of the grid from
-    where it starts."""
+    """Scores of a candidate along one shape constant.
+
+    Positions x count the spacings of the grid from where the constant starts; on a
+    logarithmic scale unless the constant is linear.
+    """
 
     def __init__(
         self,
@@ -86,6 +114,11 @@ class _Lattice:
         start: ScoredEffect,
         name: str,
     ) -> None:
+        """Find the spacing: the smallest one between the constant's starting values.
+
+        With a single starting value it is that value's size (linear) or a factor of
+        two.
+        """
         effect = start.form.effect
         joint = effect.joints[0]
         shape = effect.shapes[name].on(effect.robot.joints[joint].kind)
@@ -96,7 +129,7 @@ class _Lattice:
         self.bounds = start.form.bounds(name) or shape.bounds
         self.is_linear = shape.scale == "linear"
         starts = type(effect).starts(effect.robot, joint)
-        grid = sorted({self._scale(s[name]) for s in starts if name in s})
+        grid = sorted({self._scale(start[name]) for start in starts if name in start})
         self.origin = self._scale(effect.shape[name])
         if len(grid) > 1:
             self.spacing = float(np.min(np.diff(grid)))
@@ -107,16 +140,21 @@ class _Lattice:
         self._terms = {0.0: start}
 
     def _scale(self, value: float) -> float:
-        """The scale on which the constant is refined."""
+        """Return the constant on its scale: itself, or its logarithm."""
         return float(value if self.is_linear else np.log(value))
 
     def value(self, x: float) -> float:
-        """The constant at x, to six digits."""
+        """Return the constant at x, rounded to six digits as a written effect has
+        them.
+        """
         scaled = self.origin + x * self.spacing
-        return float(f"{scaled if self.is_linear else np.exp(scaled):.6g}")
+        value = scaled if self.is_linear else np.exp(scaled)
+        return float(f"{value:.6g}")
 
     def at(self, x: float) -> ScoredEffect:
-        """The candidate at x; without any evidence beyond the bounds."""
+        """Return the scored candidate at x; beyond the bounds its evidence is minus
+        infinity.
+        """
         if x not in self._terms:
             value = self.value(x)
             low, high = self.bounds
@@ -127,6 +165,16 @@ class _Lattice:
                 self._terms[x] = replace(self.start, drop=-np.inf)
         return self._terms[x]
 
+    def climb(self, x: float, step: float) -> float:
+        """Return the first local maximum of the evidence from x on, in steps of ``step``."""
+        while True:
+            best = max((x, x - step, x + step), key=self.score)
+            if best == x:
+                return x
+            x = best
+
     def score(self, x: float) -> float:
-        """The evidence at x where rows are worth what they were at the start."""
+        """Return the evidence at x, with the number of rows counted as one of the
+        start.
+        """
         return self.at(x).evidence_with_worth_of(self.start)

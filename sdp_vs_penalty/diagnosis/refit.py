@@ -15,50 +15,66 @@ from sdp_vs_penalty.robot.arrays import Array
 def least_squares_refit(
     data: WhiteData, effects: Sequence[Effect]
 ) -> tuple[Array, Array]:
-    """(p + k,) parameters of the model and of effects beside it, and (M, n) [N m or N]
-    what these leave.
+    """Fit the model and effects beside it by weighted least squares, without
+    constraints.
 
-    Least squares on the white rows and on what is known of sizes, joints weighted by
-    what is left of them. Parameters that rows do not tell are the model's.
+    Each joint is weighted by its residual, in three rounds. Plausible sizes are priors.
+    Combinations of parameters that the rows do not determine keep the model's values.
+
+    Parameters
+    ----------
+    data
+        White rows with the model.
+    effects
+        The effects beside it.
+
+    Returns
+    -------
+    (p + k,) array
+        Parameters in SI units, the model's first.
+    (M, n) array
+        The torque that they leave [N m or N], not white.
     """
-    columns = [
-        data.raw,
-        *(spread_columns(data.rows, e) for e in effects),
-    ]
-    all_columns = np.concatenate(columns, axis=2)
-    n, _, p = all_columns.shape
+    columns_of_effects = [spread_columns(data.rows, e) for e in effects]
+    columns = np.concatenate([data.raw, *columns_of_effects], axis=2)
+    n, _, p = columns.shape
     own_effects = () if data.frozen else data.estimate.model.effects
     torque = data.rows.residual if data.frozen else data.rows.torque
-    theta = np.zeros(p)
+    first = np.zeros(p)
     if not data.frozen:
-        theta[: data.raw.shape[2]] = data.estimate.theta
+        first[: data.raw.shape[2]] = data.estimate.theta
     if not p:
-        return theta, torque
-    known = plausible_sizes((*own_effects, *effects))
-    prior = np.diag(1.0 / known)
-    first = theta
-    white = (data.white(all_columns[j], j) for j in range(n))
-    triangles = [
-        _triangle_of(columns, y - columns @ first)
-        for columns, y in zip(white, data.y, strict=True)
-    ]
+        return first, torque
+    # Rows of the prior: theta / plausible size = 0.
+    prior = np.diag(1.0 / plausible_sizes((*own_effects, *effects)))
+    # Steps are taken from the model's values: what no row determines stays there.
+    triangles = []
+    for j in range(n):
+        white = data.white(columns[j], j)
+        triangles.append(_triangle_of(white, data.y[j] - white @ first))
+    smallest_variance = 1.0 if data.known else 1e-12
     level = np.ones(n)
     for _ in range(3):
-        theta = first + _weighted_step(triangles, level, prior, -prior @ first)
-        left = [_left(x, theta - first) for x in triangles]
-        variance = np.array(left) / np.maximum(data.count, 1.0)
-        level = np.sqrt(np.maximum(variance, 1.0 if data.known else 1e-12))
-    return theta, np.asarray(torque - (all_columns @ theta).T)
+        step = _weighted_step(triangles, level, prior, -prior @ first)
+        squares = np.array([_left(x, step) for x in triangles])
+        variance = squares / np.maximum(data.count, 1.0)
+        level = np.sqrt(np.maximum(variance, smallest_variance))
+    theta = first + step
+    return theta, np.asarray(torque - (columns @ theta).T)
 
 
 def _triangle_of(columns: Array, target: Array) -> Array:
-    """(p + 1, p + 1) at most, the triangle of columns (M, p) beside a target (M,)."""
+    """Return the triangular factor (at most p + 1 square) of columns (M, p) and target
+    (M,).
+    """
     both = np.column_stack([columns, target])
     return np.asarray(np.linalg.qr(both, mode="r"))
 
 
 def _left(triangle: Array, step: Array) -> float:
-    """Squares that parameters leave of a target."""
+    """Return the squared error of a target, the triangle's last column, after a step
+    (p,).
+    """
     return float(np.sum((triangle[:, -1] - triangle[:, :-1] @ step) ** 2))
 
 
@@ -68,22 +84,18 @@ def _weighted_step(
     prior: Array,
     prior_target: Array,
 ) -> Array:
-    """(p,) least squares in all joints' rows, each divided by its level, and in what is
-    known beforehand; zero where nothing tells."""
+    """Return the least squares step (p,) over all joints' rows and the prior.
+
+    triangles : of each joint, as :func:`_triangle_of` makes them; level (n,) : by which
+    each joint's rows are divided; prior (p, p), prior_target (p,) : rows of what is
+    known beforehand. Undetermined directions have a step of zero.
+    """
     weighted = [x / v for x, v in zip(triangles, level, strict=True)]
-    A = np.vstack(
-        [
-            *(x[:, :-1] for x in weighted),
-            prior,
-        ]
-    )
-    right_side = np.concatenate(
-        [
-            *(x[:, -1] for x in weighted),
-            prior_target,
-        ]
-    )
+    A = np.vstack([*(x[:, :-1] for x in weighted), prior])
+    right_side = np.concatenate([*(x[:, -1] for x in weighted), prior_target])
+    # Columns of unit length; those that are zero are divided by infinity.
     norms = np.linalg.norm(A, axis=0)
-    is_seen = norms > 1e-12 * norms.max(initial=0.0)
-    unit = np.where(is_seen, norms, np.inf)
-    return np.asarray(np.linalg.lstsq(A / unit, right_side, rcond=1e-8)[0] / unit)
+    is_visible = norms > 1e-12 * norms.max(initial=0.0)
+    divisor = np.where(is_visible, norms, np.inf)
+    scaled_step = np.linalg.lstsq(A / divisor, right_side, rcond=1e-8)[0]
+    return np.asarray(scaled_step / divisor)

@@ -1,10 +1,11 @@
-"""Sizes of findings, with intervals.
+"""Sizes of findings, with covariances.
 
-They are least squares on white rows beside the model, all other findings and what is
-tolerated of a mounting. Their covariance is the sandwich A^-1 S A^-1 with a column for
-each shape constant (:mod:`~sdp_vs_penalty.estimation.sensitivity`) and S over the
-clusters of rows that make it largest, at least that of independent rows. The gains of
-the torque channels and a model that is held fixed are in doubt.
+A size is estimated by least squares on white rows, beside the model, all other findings
+and tolerated errors of the mounting. Its covariance is the sandwich A^-1 S A^-1: A has
+a column for each shape constant too (:mod:`~sdp_vs_penalty.estimation.sensitivity`),
+and S sums over the clusters of rows that make it largest. Variances are at least those
+of independent rows. Errors of the torque channels' gains, and of a model held fixed,
+are included.
 """
 
 from __future__ import annotations
@@ -29,8 +30,11 @@ from sdp_vs_penalty.robot.arrays import Array
 
 @dataclass(frozen=True)
 class Size:
-    """beta (k,) and covariance (k, k) of an effect's parameters, and the covariance where
-    its shape constants are exact."""
+    """Parameters of an effect with their covariance.
+
+    beta (k,) : in SI units; covariance (k, k) : with errors of the shape constants;
+    covariance_given_constants (k, k) : where these are exact.
+    """
 
     beta: Array
     covariance: Array
@@ -42,8 +46,23 @@ def sizes_with_intervals(
     torque_in_doubt: Array,
     errors_of_constants: Sequence[ConstantErrors],
 ) -> list[Size]:
-    """Of all terms; torque_in_doubt (n, M, e) : of :func:`torque_errors`;
-    errors_of_constants : of :meth:`WhiteData.constant_error_columns`."""
+    """Return the sizes of all findings of a search.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    torque_in_doubt
+        (n, M, e) white torque of errors before any search (:func:`torque_errors`).
+    errors_of_constants
+        White torque of errors of shape constants
+        (:meth:`WhiteData.constant_error_columns`).
+
+    Returns
+    -------
+    list of Size
+        One for each finding.
+    """
     tolerances = search.nuisances.mounting_tolerances.values()
     fit = search.score.fit([*search.terms, *tolerances], search.fit)
     return [
@@ -59,10 +78,25 @@ def size_with_interval(
     torque_in_doubt: Array,
     errors_of_constants: Sequence[ConstantErrors],
 ) -> Size:
-    """The size of a term beside all others, with its covariance.
+    """Return the size of one finding beside all others, with its covariance.
 
-    fit_with_tolerances : of all terms and all that is tolerated; the others as in
-    :func:`sizes_with_intervals`.
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    term
+        The finding.
+    fit_with_tolerances
+        A fit with all findings and tolerated errors; its columns are used again.
+    torque_in_doubt
+        (n, M, e) white torque of errors before any search (:func:`torque_errors`).
+    errors_of_constants
+        White torque of errors of shape constants, by effect.
+
+    Returns
+    -------
+    Size
+        Parameters and covariances.
     """
     k = term.form.n_coefficients
     others = [t for t in search.terms if t != term]
@@ -78,23 +112,24 @@ def size_with_interval(
         for _, z in errors_of_constants
         if not term.joints.isdisjoint(z)
     ]
+    # (n, M, K): the effect's k columns first, then those of errors of shape constants,
+    # which are scaled so that their prior standard deviation is 1.
     T = np.concatenate([columns, *of_constants], axis=2)
     prior = np.diag(np.concatenate([known**-2.0, np.ones(T.shape[2] - k)]))
-    A = np.tensordot(T, T, axes=((0, 1), (0, 1))) + prior
+    joints_and_rows = ((0, 1), (0, 1))
+    gram = np.tensordot(T, T, axes=joints_and_rows)
+    A = gram + prior
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
     left = fit.residual - T[:, :, :k] @ term.beta
+    # Factors of the sandwich's middle S, side by side.
     middle = [_largest_sums(search.data, T, left)]
     if torque_in_doubt.shape[2]:
         doubt = fit.residual_of(fit.scaled(dict(enumerate(torque_in_doubt))))
-        middle.append(
-            np.tensordot(
-                T,
-                doubt,
-                axes=((0, 1), (0, 1)),
-            )
-        )
-    through = inverse @ np.hstack(middle)
-    covariance = _at_least(through @ through.T, inverse @ (A - prior) @ inverse)
+        middle.append(np.tensordot(T, doubt, axes=joints_and_rows))
+    factor = inverse @ np.hstack(middle)
+    of_independent_rows = inverse @ (A - prior) @ inverse
+    covariance = _at_least(factor @ factor.T, of_independent_rows)
+    # Constants known exactly: the effect's block of the inverse covariance.
     precision = np.linalg.pinv(covariance, hermitian=True)[:k, :k]
     return Size(
         beta=term.beta,
@@ -104,34 +139,48 @@ def size_with_interval(
 
 
 def _largest_sums(data: WhiteData, T: Array, left: Array) -> Array:
-    """(K, clusters) a factor of the sandwich's middle, of the clusters that make most
-    of it.
+    """Return a factor (K, clusters) of the sandwich's middle S.
 
-    They have as many degrees of freedom as there are clusters, less those that the fit
-    has taken.
+    Of the ways to cluster rows, the one with the largest S is taken. Each factor is
+    scaled for its degrees of freedom: the number of clusters less the K parameters.
     """
-    scores = np.sum(T * left[:, :, None], axis=0)[: len(data.clusters[0])]
-    scaled = [
-        u.T * np.sqrt(len(u) / max(len(u) - T.shape[2], 1.0))
-        for u in cluster_sums(data.clusters, scores)
-    ]
-    return max(scaled, key=lambda u: float(np.sum(u**2)))
+    n_rows = len(data.clusters[0])  # without rows of priors behind the log's
+    scores = np.sum(T * left[:, :, None], axis=0)[:n_rows]
+    factors = []
+    for sums in cluster_sums(data.clusters, scores):
+        n_clusters = len(sums)
+        degrees = max(n_clusters - T.shape[2], 1.0)
+        factors.append(sums.T * np.sqrt(n_clusters / degrees))
+    return max(factors, key=lambda factor: float(np.sum(factor**2)))
 
 
 def _at_least(covariance: Array, smallest: Array) -> Array:
-    """(K, K) a covariance with variances of at least those of another one."""
+    """Scale a covariance (K, K) up until its variances are at least those of another
+    one.
+
+    Correlations stay.
+    """
     variances = np.diagonal(covariance)
     larger = np.maximum(variances, np.diagonal(smallest))
-    grown = larger / np.maximum(variances, 1e-300)
-    return np.asarray(covariance * np.sqrt(grown[:, None] * grown))
+    growth = larger / np.maximum(variances, 1e-300)
+    return np.asarray(covariance * np.sqrt(growth[:, None] * growth))
 
 
 def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Array:
-    """(n, M, e) white rows of the torque that is in doubt before anything is searched.
+    """Return white rows (n, M, e) of torque errors that exist before anything is
+    searched.
 
-    gain_errors (n, e) : a factor of the covariance of the channels' gains. A model that
-    is held fixed brings its parameters' spread along, and what the same gains have made
-    of them.
+    They are errors of the torque channels' gains, with what these have changed in the
+    model's parameters, and, of a model held fixed, the errors of its parameters.
+
+    Parameters
+    ----------
+    data
+        White rows.
+    estimate
+        The model with its uncertainty.
+    gain_errors
+        (n, e) a factor of the covariance of the gains.
     """
     known = estimate.uncertainty
     rows = data.rows
@@ -140,20 +189,17 @@ def torque_errors(data: WhiteData, estimate: Estimate, gain_errors: Array) -> Ar
     if not data.frozen and not gain_errors.any():
         return np.zeros((n, M, 0))
     columns = model_columns(rows, estimate)
-    parts = []
+    by_joint = []
     for j in range(n):
-        gains = -columns[j] @ known.gain_response
-        gains[:, j] += rows.torque[:, j]
-        part = gains @ gain_errors
+        # (M, n) change of this joint's error for a unit error of each channel's gain.
+        by_gain = -columns[j] @ known.gain_response
+        by_gain[:, j] += rows.torque[:, j]
+        errors = by_gain @ gain_errors
         if data.frozen:
-            part = np.hstack(
-                [
-                    part,
-                    -columns[j] @ known.spread,
-                ]
-            )
-        parts.append(data.white(part, j))
-    return np.stack(parts)
+            of_parameters = -columns[j] @ known.spread
+            errors = np.hstack([errors, of_parameters])
+        by_joint.append(data.white(errors, j))
+    return np.stack(by_joint)
 
 
 def size_of(
@@ -161,17 +207,28 @@ def size_of(
     beta: Array,
     covariance: Array,
 ) -> tuple[float, float]:
-    """One number for the size of an effect, and its standard deviation.
+    """Return one number for the size of an effect, and its standard deviation.
 
-    The parameter that the effect is sized by, with its sign; the norm where it is
-    several.
+    It is the effect's sizing parameter with its sign, or the norm where there are
+    several (an amplitude of sine and cosine).
+
+    Parameters
+    ----------
+    effect
+        The effect.
+    beta
+        (k,) its parameters, in SI units.
+    covariance
+        (k, k) their covariance.
     """
-    b = beta[effect.sized_by]
-    c = covariance[effect.sized_by, effect.sized_by]
-    if len(b) == 1:
-        return float(b[0]), float(max(c[0, 0], 0.0) ** 0.5)
-    size = float(np.linalg.norm(b))
+    parameters = beta[effect.sized_by]
+    their_covariance = covariance[effect.sized_by, effect.sized_by]
+    if len(parameters) == 1:
+        variance = max(float(their_covariance[0, 0]), 0.0)
+        return float(parameters[0]), variance**0.5
+    size = float(np.linalg.norm(parameters))
     if size == 0.0:
-        return 0.0, float(np.sqrt(np.trace(c)))
-    direction = b / size
-    return size, float(max(float(direction @ c @ direction), 0.0) ** 0.5)
+        return 0.0, float(np.sqrt(np.trace(their_covariance)))
+    direction = parameters / size  # the gradient of the norm
+    variance = max(float(direction @ their_covariance @ direction), 0.0)
+    return size, variance**0.5

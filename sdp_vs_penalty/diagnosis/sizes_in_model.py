@@ -21,17 +21,20 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 
 
 def with_sizes_of(diagnosis: Diagnosis, model: Estimate) -> Diagnosis:
-    """A diagnosis whose findings have the sizes and intervals of a model that holds
-    them; findings that it does not hold stay as they are."""
+    """Return a diagnosis whose findings have the sizes and intervals of a model.
+
+    ``model`` was made by adding them; findings that it does not have stay as they are.
+    """
     sized = tuple(size_in_model(finding, model) for finding in diagnosis.effects)
     return replace(diagnosis, effects=sized)
 
 
 def size_in_model(finding: Finding, model: Estimate) -> Finding:
-    """A finding with the size, interval and constants that a model gives its effect;
-    the finding itself where the model lacks the effect or its interval.
+    """Return a finding with the size, interval and constants that a model has for its
+    effect.
 
-    A size that the model does not tell from zero makes a confident finding weak.
+    A confident finding becomes weak if its size is less than two standard deviations
+    from zero there. Unchanged where the model lacks the effect or knows no interval.
     """
     held = effect_of(finding, model)
     if held is None:
@@ -68,11 +71,11 @@ def size_in_model(finding: Finding, model: Estimate) -> Finding:
 def effect_of(
     finding: Finding, model: Estimate
 ) -> tuple[Effect, NDArray[np.intp]] | None:
-    """The model's effect that a finding names, and the indices of its parameters in
-    theta; None where there is none.
+    """Return the effect of a model that a finding is about, with its indices in theta.
 
-    It has the finding's law. Of several on the same joints the one counts that has most
-    of the finding's constants, and of those the last one: it was added last.
+    It has the finding's name, joints and law. Of several, the one with most equal shape
+    constants counts, and of equal ones the last, which was added last. None where the
+    model has none.
     """
     joints = tuple(j - 1 for j in finding.joints)
     held = None
@@ -91,7 +94,9 @@ def effect_of(
 
 
 def _has_same_law(effect: Effect, finding: Finding) -> bool:
-    """Whether the constants that have a few choices only, such as a law, are equal."""
+    """Return whether effect and finding agree in constants with few choices, such as a
+    law.
+    """
     laws = [name for name, constant in effect.shapes.items() if constant.choices]
     return all(
         name not in finding.shape or effect.shape[name] == finding.shape[name]

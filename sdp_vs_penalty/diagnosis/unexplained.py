@@ -31,14 +31,14 @@ from sdp_vs_penalty.signals.standstill import SLOW, STILL
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left of the torque.
+    """The torque that the findings leave unexplained.
 
-    in_sample_excess_variance (n,) : variance of what is left over that of the noise, less
-    one; beyond (n,) [N m or N] : its RMS beyond the noise while the joint slides;
-    joints_above_noise : the joints (from 0) whose error that raises, so that a curve is
-    looked for; joints_unexplained : those on which the noise is known well enough to say
-    so without one; residual (M, n) [N m or N]; outlier_rows (M, n) : rows that are
-    outliers of it.
+    in_sample_excess_variance (n,) : variance of what is left over that of the noise,
+    less one. beyond (n,) : RMS of what is left beyond the noise while the joint slides
+    [N m or N]. joints_above_noise : joints (from 0) whose error this raises by a tenth,
+    so that a curve is looked for. joints_unexplained : those of them on which the noise
+    is known well enough to call it unexplained. residual (M, n) [N m or N] : what is
+    left. outlier_rows (M, n) : rows of events.
     """
 
     in_sample_excess_variance: Array
@@ -52,12 +52,23 @@ class Remainder:
 def unexplained_error(
     search: Search, outlier_rows: NDArray[np.bool_] | None = None
 ) -> Remainder:
-    """What is left beyond the noise beside all terms of a search, in rows in which the
-    joint slides.
+    """Return the torque that all findings leave beyond the noise, while joints slide.
 
-    It is *something without a name* where its variance is 1.2 times the noise's, or more
-    where few repetitions show the noise (chance 1 in 1000), and raises the error by a
-    tenth. outlier_rows (M, n) : rows that are no evidence, if they are known.
+    A joint counts as unexplained if this raises its error by a tenth (a variance 1.2
+    times the noise's), and if chance would show such a variance in less than 1 of 1000
+    cases, given how few repetitions show the noise.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    outlier_rows
+        (M, n) rows of events, which are no evidence. Default: they are looked for.
+
+    Returns
+    -------
+    Remainder
+        What is left, by joint.
     """
     data = search.data
     fit = search.fit
@@ -77,8 +88,27 @@ def remainder(
     residual: Array,
     outlier_rows: NDArray[np.bool_],
 ) -> Remainder:
-    """Of a residual (M, n) [N m or N] that is white in ``fit``; outlier_rows (M, n) :
-    rows of events, left out."""
+    """Judge a residual against the noise, joint by joint.
+
+    Only rows in which the joint slides count: at standstill dry friction holds any
+    torque up to its limit, and near reversals its laws are only approximate.
+
+    Parameters
+    ----------
+    data
+        White rows with the noise.
+    fit
+        The fit of the model and the findings.
+    residual
+        (M, n) what is left [N m or N].
+    outlier_rows
+        (M, n) rows of events, left out.
+
+    Returns
+    -------
+    Remainder
+        What is left, by joint.
+    """
     rows = data.rows
     noise = data.noise
     white = (fit.residual * fit.level[:, None]).T
@@ -113,8 +143,13 @@ def remainder(
 
 
 def _smallest_variance(noise: Noise, rise: float) -> Array:
-    """(n,) from which the variance of what is left, over the noise's, is no accident of
-    how the noise is known."""
+    """Return (n,) variances over the noise's from which an excess cannot be chance.
+
+    rise : the variance ratio that matters (1.1^2). Where repetitions show the noise,
+    the ratio is raised by what chance makes of so few degrees of freedom. Where only a
+    spectrum shows it, the noise is known within a factor SPECTRUM_NOISE_FACTOR, which
+    is squared.
+    """
     if noise.source == REPETITION:  # as the mean of so many squares is itself known
         degrees = noise.degrees
         return np.asarray(rise * degrees / scipy.special.chdtri(degrees, 1.0 - CHANCE))

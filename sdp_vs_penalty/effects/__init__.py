@@ -17,6 +17,7 @@ _PARTS = {
     "FittedEffect": "plain_words",
     "effect_in_words": "plain_words",
     "effect_name": "plain_words",
+    "effects_in_words": "plain_words",
     "on_the_arm": "plain_words",
 }
 DEFAULT_EFFECTS = (

@@ -18,6 +18,37 @@ _NAMES = {
     "presliding_hysteresis": "pre-sliding hysteresis",
     "stribeck_friction": "Stribeck friction",
 }
+#: What the torque of an effect is drawn against: the cause that a person sees in a log.
+SEEN_AGAINST = {
+    "asymmetric_coulomb_friction": "velocity",
+    "asymmetric_viscous_friction": "velocity",
+    "backlash": "load",
+    "base_tilt": "position",
+    "coulomb_friction": "velocity",
+    "drift_friction": "time",
+    "drift_offset": "time",
+    "external_wrench": "position",
+    "joint_elasticity": "load",
+    "joint_spring": "position",
+    "joint_zero_error": "position",
+    "kinematic_error": "position",
+    "load_dependent_friction": "load",
+    "load_dependent_hysteresis": "reversal",
+    "maxwell_slip": "reversal",
+    "payload": "position",
+    "position_dependent_friction": "position and direction",
+    "power_law_friction": "velocity",
+    "presliding_hysteresis": "reversal",
+    "rotor_inertia": "acceleration",
+    "sigmoid_friction": "velocity",
+    "stiction": "reversal",
+    "stribeck_friction": "velocity",
+    "torque_gain": "load",
+    "torque_offset": "time",
+    "torque_ripple": "position in a turn",
+    "viscous_friction": "velocity",
+    "warming_friction": "time",
+}
 #: Joints and constants of an effect as it is written for a command.
 _WRITTEN = re.compile(r"(?P<name>\w+)(?::(?P<joints>[\d+]+))?(?:@(?P<constants>.*))?")
 #: Parameters of a joint's misplacement.
@@ -78,6 +109,41 @@ def effect_in_words(text: str) -> str:
         values = [f"{key} {_short(value)}" for key, _, value in pairs]
         words += f" ({', '.join(values)})"
     return words
+
+
+def effects_in_words(texts: Sequence[str]) -> str:
+    """Effects as they are written for a command, in words, each once with all its joints.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        Names with joints and shape constants.
+
+    Returns
+    -------
+    str
+        Words for a sentence.
+
+    Examples
+    --------
+    >>> effects_in_words(["stiction:3@d=0.1", "base_tilt", "stiction:4@d=0.2"])
+    'stiction on joints 3 and 4 and base tilt'
+    """
+    joints: dict[str, set[int]] = {}
+    for text in texts:
+        match = _WRITTEN.fullmatch(text)
+        name = text if match is None else match["name"]
+        numbers = (
+            [] if match is None or not match["joints"] else match["joints"].split("+")
+        )
+        joints.setdefault(name, set()).update(map(int, numbers))
+    words = [
+        f"{effect_name(name)} on {formatting.joints(sorted(where))}"
+        if where
+        else effect_name(name)
+        for name, where in joints.items()
+    ]
+    return formatting.words(words) if words else ""
 
 
 def _short(value: str) -> str:

@@ -15,6 +15,7 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, keep_noise_
 from sdp_vs_penalty.diagnosis.diagnose import diagnose
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures, where_it_fails
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.identify import estimate_parameters
@@ -54,12 +55,29 @@ def demo(
     seed: int = SEED,
     progress: Progress = no_progress,
 ) -> Demo:
-    """Simulate, identify by three methods, look where the model fails, diagnose, add;
-    all in ``folder``.
+    """Run the full workflow on a simulated arm with a hidden effect.
 
-    It will hold run1.csv, run2.csv, test.csv, model.json, better.json and report.html.
-    No step knows what was hidden. Raises InputError where the folder cannot be written,
-    or plotly is missing.
+    The steps are: simulate three runs, identify by three methods, locate the error,
+    diagnose what is missing, add it, write a report. No step knows what was hidden.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder for run1.csv, run2.csv, test.csv, model.json, better.json and
+        report.html.
+    seed : int
+        Of the simulated arm and of all random starts.
+    progress : callable
+        Called with a short text at each step.
+
+    Returns
+    -------
+    Demo
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written, or plotly is not installed.
     """
     folder = Path(folder)
     plotly_script()  # nothing is worked out for a report that cannot be written
@@ -119,5 +137,5 @@ def demo(
         diagnosis,
         better,
         after,
-        f"{HIDDEN} on joint {problem.robot.n}",
+        effect_in_words(f"{HIDDEN}:{problem.robot.n}"),
     )

@@ -345,3 +345,99 @@ def phase_windows(
         [(a, b) for a, b in windows if b - a >= shortest] for windows in (train, test)
     ]
     return (long_enough[0], long_enough[1]) if all(long_enough) else None
+
+
+def rotated_windows(
+    tested: Sequence[tuple[float, float]],
+    clock: MotionClock,
+    span: float,
+    offset: float,
+    pause: float,
+    shortest: float,
+) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
+    """The windows of another split of a run: the tested stretches of the motion lie
+    ``offset`` later, and training is all that keeps off them.
+
+    Parameters
+    ----------
+    tested : sequence of (float, float)
+        Stretches of the motion's clock that the first split tests on [s].
+    clock : MotionClock
+        Of the run, whose start is its own first instant.
+    span : float
+        How long the run lasts [s].
+    offset : float
+        By which they are moved along the clock [s]; past its end they go on at its
+        beginning.
+    pause : float
+        Between training and testing [s].
+    shortest : float
+        Windows below this length are left out [s].
+
+    Returns
+    -------
+    tuple of two lists of (float, float)
+        Windows for training and for testing [s from the run's start].
+    """
+    length = float(clock.length if clock.periodic else span)
+    test = _turned(tested, offset, length)
+    guarded = [(a - pause, b + pause) for a, b in test]
+    if clock.periodic:
+        guarded += [
+            (a + turn, b + turn) for a, b in guarded for turn in (-length, length)
+        ]
+    train = _gaps(guarded, length)
+    begins = np.arange(0.0, span, length).tolist()
+    return (
+        _in_run(train, begins, span, shortest),
+        _in_run(test, begins, span, shortest),
+    )
+
+
+def _turned(
+    stretches: Sequence[tuple[float, float]],
+    offset: float,
+    length: float,
+) -> list[tuple[float, float]]:
+    """Stretches of a clock moved by an offset; one that passes its end is cut there."""
+    moved = []
+    for a, b in stretches:
+        start = (a + offset) % length
+        end = start + b - a
+        moved.append((start, min(end, length)))
+        if end > length:
+            moved.append((0.0, end - length))
+    return sorted(moved)
+
+
+def _gaps(
+    taken: Sequence[tuple[float, float]],
+    length: float,
+) -> list[tuple[float, float]]:
+    """What stretches leave of a clock from 0 to its length."""
+    free = []
+    reached = 0.0
+    for a, b in sorted(taken):
+        if a > reached:
+            free.append((reached, min(a, length)))
+        reached = max(reached, b)
+    if reached < length:
+        free.append((reached, length))
+    return free
+
+
+def _in_run(
+    stretches: Sequence[tuple[float, float]],
+    begins: Sequence[float],
+    span: float,
+    shortest: float,
+) -> list[tuple[float, float]]:
+    """Stretches of the clock in every repetition of a run; those that meet are one."""
+    windows: list[tuple[float, float]] = []
+    for begin in begins:
+        for a, b in stretches:
+            window = (begin + a, min(begin + b, span))
+            if windows and abs(windows[-1][1] - window[0]) < 1e-9:
+                window = (windows.pop()[0], window[1])
+            windows.append(window)
+    return [(a, b) for a, b in windows if b - a >= shortest]

@@ -10,28 +10,27 @@ from sdp_vs_penalty.solvers.solver import Solver
 
 @cache
 def solver_types() -> dict[str, type[Solver]]:
-    """Every solver of the library by name; :attr:`Solver.absent` says which are not
-    installed."""
+    """Return every solver class of this folder by name, installed or not."""
     return classes(__name__, __path__, Solver)
 
 
 def solver(name: str) -> Solver:
-    """The solver of a name.
+    """Return the solver with a name.
 
     Parameters
     ----------
     name : str
-        As `sdp-vs-penalty list solvers` prints it.
+        A name that `sdp-vs-penalty list solvers` prints.
 
     Returns
     -------
     Solver
-        Ready to be asked.
+        An installed solver.
 
     Raises
     ------
     InputError
-        Where it is unknown or not installed; it says what installs it.
+        For an unknown or missing solver, with what installs it.
     """
     chosen: Solver = load_class(
         "solver",

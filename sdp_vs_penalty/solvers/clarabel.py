@@ -31,6 +31,7 @@ class Clarabel(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
+        """Solve the problem by Clarabel and return x (m,) and multipliers z (rows,)."""
         import clarabel
 
         settings = clarabel.DefaultSettings()

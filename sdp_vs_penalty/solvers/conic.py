@@ -31,6 +31,9 @@ class Cone:
 
     @property
     def rows(self) -> int:
+        """Number of rows of the cone: d (d + 1) / 2 for a matrix of order d, else its
+        size.
+        """
         if self.kind == "psd":
             return self.size * (self.size + 1) // 2
         return self.size
@@ -71,23 +74,23 @@ class Solution:
         claims: str = "failed",
         iterations: int = 0,
     ) -> Solution:
-        """What a solver that gave up returned.
+        """Return the Solution of a solver that gave none: NaN for every number.
 
         Parameters
         ----------
         problem : ConicProblem
-            What is to be solved.
+            Problem that was to be solved.
         status : str
-            Its own words.
+            The solver's own words.
         claims : str
-            What these claim of the problem.
+            Meaning of the status.
         iterations : int
-            How many it made.
+            Number of iterations.
 
         Returns
         -------
         Solution
-            NaN for each number.
+            With x (m,) and z (rows,) of NaN.
         """
         x = np.full(len(problem.q), np.nan)
         z = np.full(len(problem.b), np.nan)
@@ -102,7 +105,7 @@ class Solution:
 
 @cache
 def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
-    """Rows, columns and weights of svec's entries.
+    """Return rows, columns and weights of svec's entries.
 
     Parameters
     ----------
@@ -112,8 +115,8 @@ def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
     Returns
     -------
     tuple
-        (d (d + 1) / 2,) rows, columns, and the factor of each entry: 1 or
-        sqrt(2).
+        Row and column of each of the d (d + 1) / 2 entries, and its factor: 1 on the
+        diagonal, sqrt(2) elsewhere.
     """
     j, i = np.tril_indices(d)  # column by column of the upper triangle
     weights = np.where(i == j, 1.0, np.sqrt(2.0))
@@ -121,12 +124,12 @@ def triangle(d: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
 
 
 def svec(matrix: Array) -> Array:
-    """The upper triangle of a symmetric matrix, off-diagonals times sqrt(2).
+    """Return the upper triangle of symmetric matrices, off-diagonals times sqrt(2).
 
     Parameters
     ----------
     matrix : (..., d, d)
-        Symmetric.
+        Symmetric matrices.
 
     Returns
     -------
@@ -167,18 +170,20 @@ CBF_NAMES = {
 
 
 def sdpa_text(problem: ConicProblem) -> str:
-    """A problem in the sparse SDPA format.
+    """Return a problem in the sparse SDPA format, with 17 digits a number.
+
+    The format's problem is: minimise c^T x subject to sum_i x_i F_i - F_0 >= 0, with
+    blocks in the order of the cones.
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Problem with nonnegative and psd cones.
 
     Returns
     -------
     str
-        Minimise c^T x subject to sum_i x_i F_i - F_0 >= 0, blocks in the order
-        of the cones; 17 digits a number.
+        Content of a .dat-s file.
     """
     sizes = [-c.size if c.kind == "nonnegative" else c.size for c in problem.cones]
     lines = [
@@ -200,18 +205,19 @@ def sdpa_text(problem: ConicProblem) -> str:
 
 
 def cbf_text(problem: ConicProblem) -> str:
-    """A problem in the conic benchmark format, version 3.
+    """Return a problem in the conic benchmark format, version 3, with 17 digits a
+    number.
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Any problem.
 
     Returns
     -------
     str
-        Free variables x, affine cones by rows of (h - G x), psd cones by HCOORD
-        and DCOORD; 17 digits a number.
+        Content of a .cbf file: free variables x, affine cones of rows b - A x (ACOORD,
+        BCOORD), psd cones by HCOORD and DCOORD.
     """
     m = len(problem.q)
     starts = np.cumsum(
@@ -232,9 +238,9 @@ def cbf_text(problem: ConicProblem) -> str:
     for start, cone in zip(starts, problem.cones, strict=False):
         if cone.kind != "psd":
             row_numbers = np.arange(start, start + cone.rows)
-            rows.append(
-                row_numbers[::-1] if cone.kind == "exp" else row_numbers
-            )  # CBF: (t, s, r), t >= s exp(r / s)
+            if cone.kind == "exp":  # CBF has the reverse order: (z, y, x)
+                row_numbers = row_numbers[::-1]
+            rows.append(row_numbers)
             cones.append(f"{CBF_NAMES[cone.kind]} {cone.rows}")
     order = np.concatenate(rows)
     if cones:
@@ -276,13 +282,16 @@ def cbf_text(problem: ConicProblem) -> str:
 
 
 def _nonzero(values: Any) -> tuple[Any, Any]:
+    """Return the indices of the nonzero values, and these values."""
     places = np.flatnonzero(values)
     return places, values[places]
 
 
 def _section(name: str, *columns: Any) -> list[str]:
-    """Whole numbers and a value a line, behind their count; nothing where there are
-    none."""
+    """Return the lines of a section: its name, the number of entries, and the entries.
+
+    Each entry is a line of integers and, last, a value. An empty section has no lines.
+    """
     lines = [
         " ".join([*map(str, row[:-1]), f"{row[-1]:.17g}"])
         for row in zip(*(column.tolist() for column in columns), strict=True)
@@ -291,18 +300,18 @@ def _section(name: str, *columns: Any) -> list[str]:
 
 
 def svec_entries(cones: Sequence[Cone]) -> tuple[Any, Any, Any, Any]:
-    """Where each row of a problem stands in the matrix of its cone.
+    """Return where each row of a problem is in the matrix of its cone.
 
     Parameters
     ----------
     cones : sequence of Cone
-        In the order of the rows.
+        Cones in the order of the rows.
 
     Returns
     -------
     tuple
-        For each row the number of its block, its row and column there, and the
-        factor that turns svec into entries.
+        For each row: number of its cone, its row and column there, and the factor that
+        turns svec into the matrix's entry.
     """
     parts = []
     for number, cone in enumerate(cones):

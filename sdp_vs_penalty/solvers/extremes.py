@@ -58,6 +58,12 @@ class Slice:
         theta: Array,
         bound: Array,
     ) -> None:
+        """Find an interior point of the slice, an orthonormal basis, and limits of its
+        coordinates.
+
+        Parameters are those of the class. Raises InputError if the slice has no
+        interior point.
+        """
         self.solver = solver("clarabel")
         rows = equalities / np.linalg.norm(
             equalities,
@@ -69,21 +75,12 @@ class Slice:
             raise InputError(
                 "the equalities leave no parameter free", "leave some of them out"
             )
-        self.constraints, self.interior = (
-            constraints,
-            _interior(
-                constraints,
-                free,
-                theta,
-                bound,
-            ),
-        )
-        # Scaled so that all columns together, as seen from the interior point, are
-        # orthonormal.
-        posed = _posed(
-            [_reduced(c, free, self.interior) for c in constraints.convex]
-        ).conic.A
-        r = np.linalg.qr(posed.toarray(), mode="r")
+        self.constraints = constraints
+        self.interior = _interior(constraints, free, theta, bound)
+        # A basis in which all scaled constraints' columns together are orthonormal.
+        on_slice = [_reduced(c, free, self.interior) for c in constraints.convex]
+        columns = _posed(on_slice).conic.A
+        r = np.linalg.qr(columns.toarray(), mode="r")
         self.basis = scipy.linalg.solve_triangular(r, free.T, trans="T").T
         self.reduced = ConstraintSet(
             tuple(
@@ -96,35 +93,34 @@ class Slice:
             )
         )
         self.sdp = _posed(self.reduced.convex)
-        # Free has orthonormal columns.
+        # Limits of x = r free^T (theta - interior), since free is orthonormal.
         largest_step = bound + np.abs(self.interior)
         self.limit = np.abs(r @ free.T) @ largest_step
-        # Implied limits are generous: those of its own certified extremes are tighter.
-        ends = [
-            [self._solve(s * row)[1] for s in (1.0, -1.0)]
+        # The certified extremes of each coordinate are tighter limits.
+        extremes = [
+            [self._solve(sign * row)[1] for sign in (1.0, -1.0)]
             for row in np.eye(len(self.limit))
         ]
-        self.limit = np.minimum(self.limit, -np.array(ends).min(axis=1))
+        self.limit = np.minimum(self.limit, -np.array(extremes).min(axis=1))
 
     def minimum(self, slope: Array) -> Extreme:
-        """The least value of a linear function over the slice.
+        """Return the smallest value of a linear function over the slice.
 
         Parameters
         ----------
         slope : (p,)
-            Of the function slope^T theta.
+            Coefficients of the function slope^T theta.
 
         Returns
         -------
         Extreme
-            Its point, and a bound that no feasible theta is below.
+            Value, the point theta that attains it, and a certified lower bound.
         """
         g = self.basis.T @ slope
         size = float(np.linalg.norm(g))
         middle = float(slope @ self.interior)
-        if size <= 1e-12 * float(
-            np.linalg.norm(slope * (np.abs(self.interior) + 1e-12))
-        ):
+        terms = slope * (np.abs(self.interior) + 1e-12)
+        if size <= 1e-12 * float(np.linalg.norm(terms)):
             # The function is constant on the slice up to rounding, which this bound
             # contains.
             spread = float(np.abs(g) @ self.limit)
@@ -135,17 +131,17 @@ class Slice:
         return Extreme(float(slope @ theta), middle + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
-        """The largest value of a linear function over the slice.
+        """Return the largest value of a linear function over the slice.
 
         Parameters
         ----------
         slope : (p,)
-            Of the function slope^T theta.
+            Coefficients of the function slope^T theta.
 
         Returns
         -------
         Extreme
-            Its point, and a bound that no feasible theta is above.
+            Value, the point theta that attains it, and a certified upper bound.
         """
         minimum = self.minimum(-slope)
         return replace(
@@ -155,8 +151,9 @@ class Slice:
         )
 
     def _solve(self, g: Array) -> tuple[Array, float]:
-        """A solver's minimiser of g^T x, |g| = 1, and our own lower bound of that
-        minimum."""
+        """Minimise g^T x with |g| = 1; return the solver's x (k,) and a certified lower
+        bound.
+        """
         problem = replace(self.sdp.conic, q=g)
         solution = self.solver.solve(problem, 1e-10)
         objective = Objective.without_data(len(g), g)
@@ -183,7 +180,10 @@ def _interior(
     theta: Array,
     bound: Array,
 ) -> Array:
-    """The point of the slice through theta with the largest scaled margin."""
+    """Return the point of the slice through theta with the largest scaled margin.
+
+    ``free`` (p, k) spans the slice. Raises InputError if no point is strictly inside.
+    """
     reduced = [_reduced(c, free, theta) for c in constraints.convex]
     reach = np.abs(free.T) @ (bound + np.abs(theta))
     problem = largest_margin(
@@ -205,7 +205,7 @@ def _interior(
 
 
 def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
-    """The constraint in x with theta = origin + free x."""
+    """Return a constraint in coordinates x (k,) with theta = origin + free x."""
     coefficients = np.tensordot(
         free[c.indices].T,
         c.coefficients,
@@ -221,7 +221,9 @@ def _reduced(c: Constraint, free: Array, origin: Array) -> Constraint:
 
 
 def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
-    """The constraints in x in conic form, F(0) turned into the unit of each matrix."""
+    """Return constraints in x as a conic problem without objective, cones scaled at x =
+    0.
+    """
     k = len(reduced[0].indices)
     groups, placed = scaled(
         reduced,

@@ -55,13 +55,16 @@ class Fit:
 
     @cached_property
     def upper(self) -> float:
-        """The objective at theta."""
+        """Objective at theta, an upper bound of the optimum."""
         return self.objective.value(self.theta)
 
     @cached_property
     def lower(self) -> float:
-        """A rigorous lower bound on the optimum, from any multipliers: as they are,
-        and, unless that is tight, also from polished ones."""
+        """Rigorous lower bound of the optimum, valid for any multipliers.
+
+        First from the multipliers as they are; unless that is within half of TIGHT,
+        also from polished ones.
+        """
         assert self.bound is not None
         objective = self.objective
         entries = self.constraints.entries
@@ -86,7 +89,9 @@ class Fit:
 
     @cached_property
     def gap(self) -> float:
-        """From the lower bound to the objective, relative to the loss."""
+        """Objective at theta minus the lower bound of the optimum, relative to the
+        loss.
+        """
         return self.objective.least_squares.gap(
             self.upper,
             self.lower,
@@ -95,20 +100,20 @@ class Fit:
 
 
 def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
-    """Multipliers and the tangent that they go with: the closer to the optimum, the
-    tighter the bound.
+    """Collect what a lower bound of the objective follows from.
 
     Parameters
     ----------
     fit : Fit
-        With its multipliers.
+        Fit with its multipliers.
     polished : bool
-        Whether to shift them until little of the slope is left.
+        Improve the multipliers until little of the dual slope is left.
 
     Returns
     -------
     DualEvidence
-        What a lower bound of the objective follows from.
+        Multipliers, residual y, slopes of the prior, and the map from a dual slope to
+        y.
     """
     assert fit.multipliers is not None
     assert fit.bound is not None
@@ -118,28 +123,30 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
     data = objective.least_squares
     slopes = fit.entropy_slopes
     if objective.entropy is not None and (polished or slopes is None):
-        entropy_slopes = (
-            np.zeros_like(objective.entropy.nominal) if slopes is None else slopes
-        )
-        definite = np.linalg.eigvalsh(entropy_slopes)[:, 0] > 0.0
-        slopes = entropy_slopes
-        if not definite.all():
-            inverse = np.linalg.inv(
-                np.array([link.value(theta) for link in objective.entropy.links])
-            )
-            slopes = np.where(definite[:, None, None], entropy_slopes, inverse)
+        if slopes is None:
+            slopes = np.zeros_like(objective.entropy.nominal)
+        # P(theta)^-1 stands in for slopes that are not positive definite.
+        is_definite = np.linalg.eigvalsh(slopes)[:, 0] > 0.0
+        if not is_definite.all():
+            links = [link.value(theta) for link in objective.entropy.links]
+            inverse = np.linalg.inv(np.array(links))
+            slopes = np.where(is_definite[:, None, None], slopes, inverse)
     gram = bound[:, None] * data.curvature * bound
     ridge = _RIDGE * np.trace(gram) + float(not gram.any())
     gram[np.diag_indices_from(gram)] += ridge
+    # LAPACK itself: SciPy's wrappers take as long again.
     cholesky, failed = scipy.linalg.lapack.dpotrf(
         gram,
         lower=1,
         clean=0,
-    )  # SciPy's own calls of it take as long again
+    )
     if failed:
         raise np.linalg.LinAlgError
 
     def push(slope: Array) -> Array:
+        """Return the shift of y (r,) that removes a dual slope (p,), which is scaled by
+        bound.
+        """
         step, _ = scipy.linalg.lapack.dpotrs(
             cholesky,
             slope,
@@ -148,21 +155,14 @@ def dual_evidence(fit: Fit, polished: bool = True) -> DualEvidence:
         return data.R @ (bound * step)
 
     evidence = DualEvidence(
-        fit.multipliers,
-        data.R @ theta - data.rho,
-        np.zeros((0, 4, 4)) if slopes is None else slopes,
-        push,
+        multipliers=fit.multipliers,
+        y=data.R @ theta - data.rho,
+        entropy_slopes=np.zeros((0, 4, 4)) if slopes is None else slopes,
+        push=push,
     )
-    return (
-        _polished(
-            evidence,
-            objective,
-            fit.constraints,
-            bound,
-        )
-        if polished
-        else evidence
-    )
+    if not polished:
+        return evidence
+    return _polished(evidence, objective, fit.constraints, bound)
 
 
 def _polished(
@@ -171,9 +171,13 @@ def _polished(
     constraints: ConstraintSet,
     bound: Array,
 ) -> DualEvidence:
-    """What data cannot take up of a leftover slope goes into the multipliers of each
-    link's 4x4 matrix, which can hold any of it; projecting them back onto the cone
-    leaves less."""
+    """Return evidence whose multipliers leave less of the dual slope.
+
+    Part of a slope cannot be removed by shifting y, as the data do not determine it. It
+    is put into the multiplier of each link's last 4x4 constraint, which can hold any
+    slope of that link's parameters. The multipliers are then projected back onto their
+    cones, and again, as long as a round improves the lower bound.
+    """
     data = objective.least_squares
     entries = constraints.entries
     p = len(bound)
@@ -186,8 +190,12 @@ def _polished(
     is_active = strength > _CUT * strength.max(initial=0.0)
 
     def push(slope: Array) -> Array:
+        """Return the shift of y (r,) that removes a dual slope (p,), which is scaled by
+        bound.
+        """
+        in_directions = vt[is_active] @ slope
         return np.asarray(
-            u[:, is_active] @ ((vt[is_active] @ slope) / (2.0 * strength[is_active]))
+            u[:, is_active] @ (in_directions / (2.0 * strength[is_active]))
         )
 
     # Each matrix is seen as T F T with a diagonal of size one: otherwise what is near
@@ -203,8 +211,9 @@ def _polished(
     ]
     dual = entries.split(e.multipliers)
     multipliers = e.multipliers
-    best = -np.inf
+    best = -np.inf  # the largest lower bound so far, up to a constant
     for _ in range(_DUAL_ROUNDS):
+        # Project the multipliers onto their cones.
         dual = [
             t * project(g.cone, s / t)
             for g, s, t in zip(
@@ -220,6 +229,7 @@ def _polished(
                 *(s.ravel() for s in dual),
             ]
         )
+        # Remove by y what the data determine; twice, for rounding.
         y = e.y
         for _ in range(2):
             leftover_slope = slope - entries.adjoint(flat, p) + pull @ y
@@ -238,6 +248,7 @@ def _polished(
             multipliers = flat
         if gained <= _WORTHWHILE * cost:
             break
+        # Put the slope that is left into the multipliers of the links' matrices.
         dual = [
             (
                 s + t * np.einsum("gk,gkab->gab", leftover[g.indices], _inverse(g, t))
@@ -259,9 +270,12 @@ def _polished(
 
 
 def _inverse(group: ConeGroup, t: Array) -> Array:
-    """(g, 10, 4, 4) from a slope e of the last demand on each link (its minimum
-    thickness: the one that is active) to E with <T F_i T, E> = e_i; zeros of the
-    others."""
+    """Return (g, 10, 4, 4) matrices E that turn slopes of a link into a multiplier.
+
+    A slope e (10,) of link g's parameters becomes E = sum_k e_k E_k with <T F_i T, E> =
+    e_i. Only the last constraint on each link gets one (its minimum thickness, which is
+    active); others are zero. ``t`` (g, 4, 4) scales the entries.
+    """
     flat = (group.coefficients * t[:, None]).reshape(
         -1,
         10,
@@ -291,36 +305,38 @@ _WORTHWHILE = 0.02
 
 
 def repair(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """The first feasible point on the way from theta to an interior point; theta
-    itself if it is feasible.
+    """Return the first feasible point on the way from theta to an interior point.
 
     Parameters
     ----------
     constraints : ConstraintSet
-        What theta has to satisfy.
+        Constraints on theta.
     theta : (p,)
-        Parameters of the model.
+        Parameters, nearly feasible.
     interior : (p,)
         A point inside all constraints.
 
     Returns
     -------
     (p,)
-        Feasible by more than rounding (:func:`safe_depth`), so that the
-        certificate, which forms F(theta) in another order, finds no violation;
-        the interior point where that is no deeper.
+        theta itself if it is feasible. Feasible means by more than rounding
+        (:func:`safe_depth`), so that the certificate, which forms F(theta) in another
+        order, finds no violation; if the interior point is no deeper, it is returned.
     """
 
     safe = [safe_depth(group.constant.shape[1]) for group in constraints.groups]
 
     def feasible(step: float) -> bool:
+        """Return whether the point at a share ``step`` of the way is feasible beyond
+        rounding.
+        """
         depths = constraints.depths(theta + step * (interior - theta))
         return all(depth >= margin for depth, margin in zip(depths, safe, strict=True))
 
     if feasible(0.0):
         return theta
-    # Convex: feasible steps are an interval that ends at 1. A solver's violation asks
-    # for a tiny one, so that its logarithm is bisected.
+    # Convex: feasible steps are an interval that ends at 1. A solver's violation needs
+    # a tiny step, so that the decimal logarithm of the step is bisected.
     too_short = -14.0
     long_enough = 0.0
     while 10.0**long_enough - 10.0**too_short > max(1e-6 * 10.0**long_enough, 1e-11):

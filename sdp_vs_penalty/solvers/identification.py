@@ -59,12 +59,12 @@ class SdpProblem:
     entropy_row: int = 0  # where the links' 8x8 blocks start
 
     def theta(self, solution: Solution) -> Array:
-        """The parameters of a solution.
+        """Return the parameters of a solver's solution.
 
         Parameters
         ----------
         solution : Solution
-            What a solver has answered to this problem.
+            Solution of this problem.
 
         Returns
         -------
@@ -74,12 +74,15 @@ class SdpProblem:
         return self.centre + self.theta_scale * solution.x[: len(self.theta_scale)]
 
     def entropy_slopes(self, solution: Solution) -> Array | None:
-        """The dual's own idea of P(theta)^-1, for a tight bound on -log det.
+        """Return the dual's estimate of P(theta)^-1, for a tight bound of -log det P.
+
+        It is the upper left 4x4 block of the multiplier of each link's 8x8 matrix,
+        unscaled.
 
         Parameters
         ----------
         solution : Solution
-            What a solver has answered to this problem.
+            Solution of this problem.
 
         Returns
         -------
@@ -88,9 +91,10 @@ class SdpProblem:
         """
         if self.entropy is None:
             return None
-        end = self.entropy_row + 36 * len(self.entropy.links)
-        matrices = solution.z[self.entropy_row : end].reshape(-1, 36)
-        blocks = unsvec(matrices, 8)[:, :4, :4]
+        svec_length = 36  # of a matrix of order 8
+        end = self.entropy_row + svec_length * len(self.entropy.links)
+        vectors = solution.z[self.entropy_row : end].reshape(-1, svec_length)
+        blocks = unsvec(vectors, 8)[:, :4, :4]
         return (
             blocks
             * unit_diagonal_factors(self.entropy.nominal)
@@ -99,50 +103,51 @@ class SdpProblem:
         )
 
     def multipliers(self, solution: Solution) -> dict[Constraint, Array]:
-        """The multipliers of a solution.
+        """Return the multipliers of a solution, unscaled.
 
         Parameters
         ----------
         solution : Solution
-            What a solver has answered to this problem.
+            Solution of this problem.
 
         Returns
         -------
         dict
-            The dual matrix or vector of each constraint, in the units of loss per
-            F.
+            Dual matrix or vector of each constraint, in loss per unit of F.
         """
         out = {}
         for item in self.placed:
             c = item.constraint
             T = item.scale
-            part = solution.z[item.rows] * self.loss_scale**2
-            out[c] = (
-                T.T @ unsvec(part, len(c.constant)) @ T if c.cone == "psd" else T * part
-            )
+            multiplier = solution.z[item.rows] * self.loss_scale**2
+            if c.cone == "psd":
+                out[c] = T.T @ unsvec(multiplier, len(c.constant)) @ T
+            else:
+                out[c] = T * multiplier
         return out
 
     def shares(self, solution: Solution) -> Array:
-        """Each constraint's share of a proof, free of units.
+        """Return each constraint's share in a proof of infeasibility, free of units.
 
         Parameters
         ----------
         solution : Solution
-            What a solver has answered to this problem.
+            Solution of this problem.
 
         Returns
         -------
         (k,)
-            <z, e> of each constraint's scaled multiplier z. For
-            :func:`largest_margin` they add up to one where no theta satisfies all
+            <z, e> with the scaled multiplier z and the unit e of its cone. For
+            :func:`largest_margin` they add up to one if no theta satisfies all
             constraints.
         """
-        loss_parts = (
-            (solution.z[item.rows], item.constraint.identity) for item in self.placed
-        )
-        return np.array(
-            [float(z @ (svec(e) if e.ndim > 1 else e)) for z, e in loss_parts]
-        )
+        shares = []
+        for item in self.placed:
+            unit = item.constraint.identity
+            if unit.ndim > 1:
+                unit = svec(unit)
+            shares.append(float(solution.z[item.rows] @ unit))
+        return np.array(shares)
 
 
 def least_squares_sdp(
@@ -154,39 +159,40 @@ def least_squares_sdp(
     fine: bool = False,
     least_loss: float = 0.0,
 ) -> SdpProblem:
-    """Minimise the objective subject to the constraints, centred and scaled for a
-    solver.
+    """Pose an identification as a conic problem, centred and scaled for a solver.
+
+    Minimises the objective subject to the constraints. New variables z are the residual
+    in units of the expected loss; theta = centre + scale x.
 
     Parameters
     ----------
     objective : Objective
-        A sum of squares, with a linear and an entropic term.
+        Sum of squares, with a linear and an entropic term.
     constraints : sequence of Constraint
-        What theta has to satisfy.
+        Constraints on theta.
     reference : (p,)
-        A theta inside the constraints, from where each cone is scaled.
+        A theta inside the constraints, at which each cone is scaled to its unit.
     bound : (p,)
-        The largest plausible |theta_k|.
+        Largest plausible |theta_k|.
     centre : (p,)
-        theta = centre + scale x; near the optimum nothing cancels.
+        theta at x = 0; near the optimum no digits cancel.
     fine : bool
-        A unit of a parameter makes the torque of the residual instead of the
-        whole torque.
+        A unit of x makes the torque of the residual instead of the whole torque.
     least_loss : float
-        What the loss at the optimum is at least about, where the constraints
-        cost far more than the unconstrained residual: the objective is a number
-        of size one in that unit.
+        Lower estimate of the loss at the optimum, where constraints cost far more than
+        the unconstrained residual: the unit of the objective.
 
     Returns
     -------
     SdpProblem
-        The conic problem, and the way back to theta.
+        Conic problem, and the way back to theta.
     """
     data = objective.least_squares
     entropy = objective.entropy
     p = len(bound)
     torque = float(np.sqrt(data.tau_squared)) or 1.0
     norms = np.linalg.norm(data.R, axis=0)
+    # Unit of each parameter: what makes all the torque, or moves no matrix far.
     is_seen = norms * bound > UNSEEN * torque
     unit = np.where(
         is_seen,
@@ -207,7 +213,7 @@ def least_squares_sdp(
         np.minimum(bound, finer * unit),
         unit,
     )
-    # R (theta - centre) - lambda z = R (best - centre), up to what no theta reaches
+    # Equality rows: R (theta - centre) / loss_scale - z = (rho - R centre) / loss_scale.
     residual = np.hstack(
         [
             rows * (scale / unit) / loss_scale,
@@ -241,15 +247,15 @@ def least_squares_sdp(
         quadratic = np.pad(quadratic, (0, n_more))
         linear = np.pad(linear, (0, n_more))
         linear[logs] = -weight
-        # Of the divergence the conic problem leaves out the trace at the centre, log
-        # det and scaling.
-        left = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)
+        # Constants of the divergence: the trace at the centre, log det P0 - 4, and the
+        # scaling of P to a diagonal of ones.
+        left_out = np.sum(inverse * links.values(centre)) + np.sum(log_det - 4.0)
         sizes = np.diagonal(
             entropy.nominal,
             axis1=1,
             axis2=2,
         )
-        offset += entropy.weight * float(left - np.sum(np.log(sizes)))
+        offset += entropy.weight * float(left_out - np.sum(np.log(sizes)))
     conic = conic_problem(
         groups,
         scipy.sparse.diags(quadratic).tocsc(),
@@ -272,22 +278,22 @@ def largest_margin(
     reference: Array,
     scale: Array,
 ) -> SdpProblem:
-    """Maximise t <= 1 with every (scaled) F(theta) - t e in its cone.
+    """Pose the problem: maximise t <= 1 with every scaled F(theta) - t e in its cone.
 
     Parameters
     ----------
     constraints : sequence of Constraint
-        What theta has to satisfy.
+        Constraints on theta.
     reference : (p,)
-        Where the search is centred.
+        Point at which the cones are scaled.
     scale : (p,)
-        The unit of each parameter.
+        Unit of each parameter.
 
     Returns
     -------
     SdpProblem
-        In x = (theta / scale, t). t > 0 at the optimum shows an interior point;
-        t < 0 proves that no theta satisfies all constraints.
+        In x = (theta / scale, t). t > 0 at the optimum shows an interior point; t < 0
+        proves that no theta satisfies all constraints.
     """
     p = len(scale)
     groups, placed = scaled(
@@ -317,21 +323,22 @@ def conic_problem(
     quadratic: scipy.sparse.csc_matrix | None,
     linear: Array,
 ) -> ConicProblem:
-    """Minimise 1/2 x^T quadratic x + linear^T x, every F(x) of the groups in its cone.
+    """Pose: minimise 1/2 x^T quadratic x + linear^T x with every F(x) of the groups in
+    its cone.
 
     Parameters
     ----------
     groups : sequence of ConeGroup
-        Matrices by their svec: constant (g, rows), coefficients (g, k, rows).
+        constant (g, rows) and coefficients (g, k, rows); matrices by their svec.
     quadratic : (m, m) sparse, or None
-        Upper triangle.
+        Upper triangle; None: zero.
     linear : (m,)
         Slope.
 
     Returns
     -------
     ConicProblem
-        As a solver takes it.
+        In the standard form of the solvers.
     """
     stacked = StackedCones.from_groups(groups)
     m = len(linear)
@@ -355,21 +362,21 @@ def conic_problem(
 
 
 def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
-    """Rows of one cone.
+    """Return one cone of rows matrix x[:w] + constant.
 
     Parameters
     ----------
     kind : str
-        Of the cone.
+        Kind of the cone, such as "zero".
     matrix : (r, w)
-        Of the first w entries of x.
+        Coefficients of the first w entries of x.
     constant : (r,)
-        What is added.
+        Constant of each row.
 
     Returns
     -------
     ConeGroup
-        matrix x[:w] + constant.
+        A group with one cone.
     """
     return ConeGroup(
         kind,
@@ -388,73 +395,60 @@ def scaled(
     first: int = 0,
     slack: bool = False,
 ) -> tuple[list[ConeGroup], tuple[Placed, ...]]:
-    """The constraints in x, theta = centre + theta_scale x, for :func:`conic_problem`.
+    """Return the constraints in x, with theta = centre + theta_scale x, and scaled
+    cones.
+
+    Scaling: a matrix F becomes T F T^T, with T such that it is the identity at
+    ``reference`` (with ``slack``: has a diagonal of ones). Rows are divided by their
+    largest coefficient.
 
     Parameters
     ----------
     constraints : sequence of Constraint
-        What theta has to satisfy.
+        Constraints on theta.
     centre : (p,)
         theta at x = 0.
     theta_scale : (p,)
-        The unit of each parameter.
+        Unit of each parameter.
     reference : (p,) or None
-        From where matrices are seen; None: cones as they are.
+        Point at which the cones are scaled; None: no scaling.
     first : int
-        The row that the first one stands in.
+        Row in which the first constraint begins.
     slack : bool
-        Of F - t e, t the entry of x behind theta's; matrices are not turned
-        then.
+        Return F - t e, with t the entry of x behind theta's and e the unit of the cone.
 
     Returns
     -------
-    tuple
-        The groups of cones, and where each constraint stands.
+    list of ConeGroup
+        The cones, for :func:`conic_problem`.
+    tuple of Placed
+        Rows and scale of each constraint, in their order.
     """
     groups = list[ConeGroup]()
     placed = dict[int, Placed]()
     for group in group_cones(constraints):
         local = theta_scale[group.indices][:, :, None]
-        psd = group.cone == "psd"
-        d = group.constant.shape[1]
+        is_psd = group.cone == "psd"
         indices = group.indices
-        middle = group.values(centre)
-        if psd:
-            T = np.broadcast_to(np.eye(d), group.constant.shape)
-            if reference is not None:
-                at = group.values(reference)
-                T = _sizes(at)[:, :, None] * T if slack else _whitening(at)
-            turned = np.swapaxes(T, 1, 2)
-            columns = svec(T[:, None] @ group.coefficients @ turned[:, None]) * local
-            constant = svec(T @ middle @ turned)
-            scale = T
+        centre_value = group.values(centre)
+        if is_psd:
+            scale = _matrix_scale(group, reference, only_diagonal=slack)
+            transposed = np.swapaxes(scale, 1, 2)
+            coefficients = scale[:, None] @ group.coefficients @ transposed[:, None]
+            columns = svec(coefficients) * local
+            constant = svec(scale @ centre_value @ transposed)
         else:
             scale = np.ones_like(group.constant)
             if reference is not None:
-                size = np.abs(group.coefficients * local).max(axis=1) + np.abs(
-                    group.constant
-                )
-                soc = group.cone == "soc"
-                scale = 1.0 / nonzero_or_one(
-                    np.maximum(
-                        size,
-                        size.max(
-                            axis=1,
-                            keepdims=True,
-                        ),
-                    )
-                    if soc
-                    else size
-                )
-            constant = middle * scale
+                scale = _row_scale(group, local)
+            constant = centre_value * scale
             columns = group.coefficients * scale[:, None] * local
         if slack:
             unit = constraints[group.places[0]].identity
-            unit = np.broadcast_to(svec(unit) if psd else unit, constant.shape)
+            unit = np.broadcast_to(svec(unit) if is_psd else unit, constant.shape)
             columns = np.concatenate([columns, -unit[:, None]], axis=1)
-            indices = np.column_stack(
-                [indices, np.full(len(indices), len(theta_scale))]
-            )
+            place_of_t = np.full(len(indices), len(theta_scale))
+            indices = np.column_stack([indices, place_of_t])
         groups.append(
             ConeGroup(
                 group.cone,
@@ -474,32 +468,72 @@ def scaled(
     return groups, tuple(placed[k] for k in range(len(constraints)))
 
 
+def _matrix_scale(
+    group: ConeGroup,
+    reference: Array | None,
+    *,
+    only_diagonal: bool,
+) -> Array:
+    """Return T (g, d, d), with which matrices F of a group become T F T^T.
+
+    At ``reference`` (p,) that is the identity, or a matrix with a diagonal of ones
+    (``only_diagonal``). Without a reference T is the identity.
+    """
+    identity = np.broadcast_to(np.eye(group.constant.shape[1]), group.constant.shape)
+    if reference is None:
+        return identity
+    values = group.values(reference)
+    if only_diagonal:
+        return np.asarray(_sizes(values)[:, :, None] * identity)
+    return _whitening(values)
+
+
+def _row_scale(group: ConeGroup, theta_scale: Array) -> Array:
+    """Return (g, rows) factors that bring the terms of rows to size one.
+
+    ``theta_scale`` (g, k, 1) are the units of the group's parameters. The rows of a
+    second-order cone share one factor, which leaves the cone as it is.
+    """
+    coefficients = np.abs(group.coefficients * theta_scale).max(axis=1)
+    size = coefficients + np.abs(group.constant)
+    if group.cone == "soc":
+        size = np.maximum(size, size.max(axis=1, keepdims=True))
+    return np.asarray(1.0 / nonzero_or_one(size))
+
+
 def _log_det(
     entropy: Entropy,
     centre: Array,
     theta_scale: Array,
     width: int,
 ) -> tuple[list[ConeGroup], NDArray[np.intp], ConeGroup]:
-    """Groups that say sum t <= log det P for each link, the places of all t in x, and
-    the links.
+    """Return cones that bound sum t <= log det P for each link.
 
     log det P >= sum_k log Z_kk where [[P, Z], [Z^T, diag(Z)]] >= 0 and Z is lower
-    triangular; Z's ten entries and four t of each link stand in x from ``width`` on.
+    triangular (4x4), and exp(t_k) <= Z_kk. The ten entries of Z and the four t of each
+    link are the entries of x from ``width`` on. P is scaled to a diagonal of ones at
+    the nominal link.
+
+    Returns the groups of cones, the indices of all t in x, and the links'
+    pseudo-inertias.
     """
     (links,) = group_cones(entropy.links)
-    n, (i, j) = len(links.places), np.tril_indices(4)
-    twice = unit_diagonal_factors(entropy.nominal)
+    n = len(links.places)
+    # Entries (i, j) of Z. Each link's 8x8 matrix depends on ten parameters, then Z.
+    i, j = np.tril_indices(4)
     z = 10 + np.arange(10)
+    factors = unit_diagonal_factors(entropy.nominal)
     blocks = np.zeros((n, 20, 8, 8))
     constant = np.zeros((n, 8, 8))
     local = theta_scale[links.indices][:, :, None, None]
-    blocks[:, :10, :4, :4] = links.coefficients * twice[:, None] * local
+    blocks[:, :10, :4, :4] = links.coefficients * factors[:, None] * local
     blocks[:, z, i, 4 + j] = 1.0
     blocks[:, z, 4 + j, i] = 1.0
     diagonal = np.flatnonzero(i == j)
     last = 4 + np.arange(4)
     blocks[:, z[diagonal], last, last] = 1.0
-    constant[:, :4, :4] = links.values(centre) * twice
+    constant[:, :4, :4] = links.values(centre) * factors
+    # Places in x: ten entries of Z and four t of each link.
     new = width + np.arange(14 * n).reshape(n, 14)
     indices = np.column_stack(
         [
@@ -515,33 +549,26 @@ def _log_det(
         svec(constant),
         svec(blocks),
     )
-    # exp(t) <= Z_dd
+    # exp(t) <= Z_kk: the exponential cone holds (t, 1, Z_kk).
     pairs = np.column_stack(
         [
             logs,
             new[:, diagonal].ravel(),
         ]
     )
-    one = np.tile(np.eye(3)[1], (4 * n, 1))
-    both = np.tile(np.eye(3)[::2], (4 * n, 1, 1))
-    return (
-        [
-            matrices,
-            ConeGroup(
-                "exp",
-                np.arange(4 * n),
-                pairs,
-                one,
-                both,
-            ),
-        ],
-        logs,
-        links,
+    first, second, third = np.eye(3)
+    exponentials = ConeGroup(
+        "exp",
+        places=np.arange(4 * n),
+        indices=pairs,
+        constant=np.tile(second, (4 * n, 1)),
+        coefficients=np.tile([first, third], (4 * n, 1, 1)),
     )
+    return [matrices, exponentials], logs, links
 
 
 def unit_diagonal_factors(values: Array) -> Array:
-    """Scaling factors that, entry by entry, give matrices a diagonal of ones.
+    """Return factors that, entry by entry, give matrices a diagonal of ones.
 
     Parameters
     ----------
@@ -562,21 +589,21 @@ def moving_scale(
     reference: Array,
     bound: Array,
 ) -> Array:
-    """Units of theta that move no matrix far in its size at the reference.
+    """Return units of theta that move no matrix by more than _FARTHEST times its size.
 
     Parameters
     ----------
     constraints : sequence of Constraint
-        What theta has to satisfy.
+        Constraints on theta.
     reference : (p,)
-        Where the matrices are looked at.
+        Point at which the size of the matrices is taken.
     bound : (p,)
-        The largest unit.
+        Largest unit.
 
     Returns
     -------
     (p,)
-        A unit for each parameter.
+        Unit of each parameter.
     """
     moves = np.zeros(len(bound))
     for group in group_cones([c for c in constraints if c.cone == "psd"]):
@@ -589,11 +616,10 @@ def moving_scale(
 
 
 def _whitening(values: Array) -> Array:
-    """T (g, d, d) with T F T^T = 1 for positive definite F: the cones as seen from
-    points inside them.
+    """Return T (g, d, d) with T F T^T = 1 for positive definite matrices F (g, d, d).
 
-    A link's matrix has its mass in one corner and moments of a thousandth in the
-    others, coupled by a centre of mass many times its thickness away; a solver that
+    A link's pseudo-inertia has its mass in one corner and moments of a thousandth in
+    the others, coupled by a centre of mass many times its thickness away. A solver that
     sees it as the identity gains one to two digits of the certified gap. Directions in
     which F is singular are stretched at most 1e3 times.
     """
@@ -610,8 +636,9 @@ def _whitening(values: Array) -> Array:
 
 
 def _sizes(values: Array) -> Array:
-    """(g, d) the scaling that brings diagonals to one; for matrices that need not be
-    definite."""
+    """Return (g, d) factors 1 / sqrt|F_ii| of matrices (g, d, d), which may be
+    indefinite.
+    """
     diagonal = np.abs(
         np.diagonal(
             values,
@@ -623,12 +650,11 @@ def _sizes(values: Array) -> Array:
 
 
 def _independent_rows(matrix: Array, rho: Array) -> tuple[Array, Array, float]:
-    """An orthogonal change of rows that drops those without content and leaves an upper
-    trapezoid.
+    """Reduce the rows of |matrix x - rho| to independent ones by a pivoted QR.
 
-    Beside rows and right-hand side what no theta reaches, |rho|^2 less that of the new
-    right-hand side. By QR with pivoted columns: half the entries of any other choice,
-    hence two thirds of the time.
+    Returns an upper trapezoid (rank, p), the new right side (rank,), and the squared
+    residual that no x can reach. Pivoted columns leave half the entries of any other
+    choice, hence a solver takes two thirds of the time.
     """
     q, r, pivots = scipy.linalg.qr(
         matrix,

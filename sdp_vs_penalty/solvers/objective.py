@@ -27,24 +27,27 @@ class Entropy:
 
     @cached_property
     def nominal_terms(self) -> tuple[Array, Array]:
-        """P_0^-1 (links, 4, 4) and log det P_0 (links,) as the doubles that define the
-        entropy, for both bounds alike."""
+        """P_0^-1 (links, 4, 4) and log det P_0 (links,) of the nominal pseudo-inertias.
+
+        These doubles define the prior, so that upper and lower bound use the same
+        numbers.
+        """
         inverse = np.asarray(np.linalg.inv(self.nominal), float)
         log_det = np.asarray(np.linalg.slogdet(self.nominal)[1], float)
         return 0.5 * (inverse + np.swapaxes(inverse, 1, 2)), log_det
 
     @cached_property
     def _roots(self) -> Array:
-        """L^-1 (links, 4, 4) of P_0 = L L^T."""
+        """L^-1 (links, 4, 4) of the Cholesky factors P_0 = L L^T."""
         return np.linalg.inv(np.linalg.cholesky(self.nominal))
 
     @cached_property
     def entries(self) -> StackedCones:
-        """The links' pseudo-inertias as functions of theta."""
+        """Pseudo-inertias of the links as functions of theta."""
         return StackedCones.from_groups(group_cones(self.links))
 
     def value(self, theta: Array) -> float:
-        """The prior's value.
+        """Return the value of the prior.
 
         Parameters
         ----------
@@ -54,7 +57,7 @@ class Entropy:
         Returns
         -------
         float
-            Infinite outside of its domain.
+            Infinite unless all pseudo-inertias are positive definite.
         """
         matrices = self.entries.at(theta)[0].reshape(
             -1,
@@ -62,15 +65,14 @@ class Entropy:
             4,
         )
         roots = self._roots
+        # Eigenvalues of P_0^-1 P: a determinant's sign hides two negative ones.
         ratios = np.linalg.eigvalsh(roots @ matrices @ np.swapaxes(roots, 1, 2))
-        if (
-            ratios.min() <= 0.0
-        ):  # not the determinant's sign: two negative eigenvalues hide in it
+        if ratios.min() <= 0.0:
             return np.inf
         return self.weight * float(np.sum(ratios - np.log(ratios) - 1.0))
 
     def gradient(self, theta: Array) -> Array:
-        """The prior's slope.
+        """Return the gradient of the prior.
 
         Parameters
         ----------
@@ -80,11 +82,11 @@ class Entropy:
         Returns
         -------
         (p,)
-            By each parameter.
+            Gradient weight (P_0^-1 - P(theta)^-1), as derivatives by the parameters.
         """
-        slope = self.nominal_terms[0] - np.linalg.inv(
-            self.entries.at(theta)[0].reshape(-1, 4, 4)
-        )
+        matrices = self.entries.at(theta)[0].reshape(-1, 4, 4)
+        nominal_inverse, _ = self.nominal_terms
+        slope = nominal_inverse - np.linalg.inv(matrices)
         return self.weight * self.entries.adjoint(slope.ravel(), len(theta))
 
 
@@ -103,14 +105,14 @@ class Objective:
         p: int,
         linear: Array | float = 0.0,
     ) -> Objective:
-        """A linear objective alone; zero is what infeasibility is proved of.
+        """Return a linear objective without data; zero is used to prove infeasibility.
 
         Parameters
         ----------
         p : int
             Number of parameters.
         linear : (p,) or float
-            Its slope.
+            Slope of the objective.
 
         Returns
         -------
@@ -129,7 +131,7 @@ class Objective:
         )
 
     def value(self, theta: Array) -> float:
-        """The objective's value.
+        """Return the objective: loss, prior and linear term.
 
         Parameters
         ----------
@@ -141,13 +143,12 @@ class Objective:
         float
             Infinite outside of the prior's domain.
         """
-        extra = 0.0 if self.entropy is None else self.entropy.value(theta)
-        return (
-            self.least_squares.loss(theta) + extra + float(np.sum(self.linear * theta))
-        )
+        prior = 0.0 if self.entropy is None else self.entropy.value(theta)
+        linear = float(np.sum(self.linear * theta))
+        return self.least_squares.loss(theta) + prior + linear
 
     def gradient(self, theta: Array) -> Array:
-        """The objective's slope.
+        """Return the gradient of the objective.
 
         Parameters
         ----------
@@ -157,11 +158,9 @@ class Objective:
         Returns
         -------
         (p,)
-            By each parameter.
+            Derivatives by the parameters.
         """
         gradient = self.least_squares.gradient(theta) + self.linear
-        return (
-            gradient
-            if self.entropy is None
-            else gradient + self.entropy.gradient(theta)
-        )
+        if self.entropy is None:
+            return gradient
+        return gradient + self.entropy.gradient(theta)

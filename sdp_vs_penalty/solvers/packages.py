@@ -44,6 +44,9 @@ class Cvxopt(Solver):
         problem: ConicProblem,
         settings: Mapping[str, Any],
     ) -> Solution:
+        """Solve the problem by CVXOPT's conelp and return x (m,) and multipliers z
+        (rows,).
+        """
         import cvxopt
         from cvxopt import solvers
 
@@ -115,6 +118,7 @@ class Qics(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
+        """Solve the problem by QICS and return x (m,) and multipliers z (rows,)."""
         import qics
 
         answer = {
@@ -170,8 +174,9 @@ class Qics(Solver):
         )
 
     def warm_up(self) -> None:
-        """It compiles its code for each cone on first use: a tiny problem that has them
-        all."""
+        """Solve a tiny problem with all cones: QICS compiles its code for each on first
+        use.
+        """
         rows = np.eye(2)
         square = np.array(
             [
@@ -224,18 +229,22 @@ class Scs(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
+        """Solve the problem by SCS and return x (m,) and multipliers z (rows,).
+
+        SCS takes the lower triangle of matrices column by column, we the upper one.
+        """
         import scs
 
         rows = [np.zeros(0, np.intp)]
         start = 0
         for cone in problem.cones:
-            i, j = np.triu_indices(
-                cone.size
-            )  # entry (j, i), j >= i: column i of the lower triangle
-            rows.append(
-                start
-                + (j * (j + 1) // 2 + i if cone.kind == "psd" else np.arange(cone.rows))
-            )
+            places = np.arange(cone.rows)
+            if cone.kind == "psd":
+                # Entry (j, i), j >= i, column by column of the lower triangle, is in
+                # svec's column j, which begins at j (j + 1) / 2.
+                i, j = np.triu_indices(cone.size)
+                places = j * (j + 1) // 2 + i
+            rows.append(start + places)
             start += cone.rows
         lower = np.concatenate(rows)
         A = problem.A.tocsr()[lower].tocsc()
@@ -291,6 +300,7 @@ class Sdpa(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
+        """Solve the problem by SDPA and return x (m,) and multipliers z (rows,)."""
         import sdpap
 
         dims = sizes(problem.cones)

@@ -65,25 +65,26 @@ def minimise(
     starts: Sequence[Array | Iterate],
     accuracy: float,
 ) -> Optimum | None:
-    """Minimise a sum of squares over small cones from the first of the starts that
-    lies inside.
+    """Minimise a sum of squares over small cones by an interior-point method.
+
+    Starts at the first of ``starts`` that lies strictly inside the cones.
 
     Parameters
     ----------
     cones : SmallCones
-        The constraints, and the prior.
+        Constraints and prior.
     data : LeastSquares
-        The sum of squares.
+        Sum of squares.
     starts : sequence
-        Points (p,), or iterates of an earlier run.
+        Points theta (p,), or iterates of an earlier run.
     accuracy : float
-        Share of the loss that gap and leftover slope may cost.
+        Largest cost of gap and dual residual, as a share of the loss.
 
     Returns
     -------
     Optimum or None
-        The best iterate, also where no step helped any more; None where nothing
-        could be factorised.
+        Best iterate, even if its accuracy is worse; None if the first system of
+        equations could not be factorised.
     """
     for start in starts:
         with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
@@ -102,7 +103,12 @@ class _InteriorPoint:
         data: LeastSquares,
         start: Array | Iterate,
     ) -> None:
-        """Raises LinAlgError where the start is not strictly inside."""
+        """Set slacks S = constant + slack_map theta and multipliers Z of the start.
+
+        A point without multipliers gets Z = max(w, mu) S^-1, on the central path of its
+        blocks (w the weight of their log det). Raises LinAlgError unless the start is
+        strictly inside.
+        """
         self.cones = cones
         self.data = data
         self.theta = start.theta if isinstance(start, Iterate) else start
@@ -134,7 +140,10 @@ class _InteriorPoint:
             raise np.linalg.LinAlgError
 
     def _views(self, flat: Array) -> tuple[Array, Array]:
-        """The rows (k, rows) and blocks (k, blocks, 4, 4) of k slacks or multipliers."""
+        """Return views of flat slacks or multipliers (k, rows + 16 blocks).
+
+        The first has the rows (k, rows), the second the blocks (k, blocks, 4, 4).
+        """
         split = self.cones.rows
         blocks = flat[:, split:].reshape(
             len(flat),
@@ -145,7 +154,7 @@ class _InteriorPoint:
         return flat[:, :split], blocks
 
     def evaluate(self) -> None:
-        """Loss, value and slope of the part without logarithms."""
+        """Compute loss, value and gradient of the objective without its logarithms."""
         data = self.data
         linear = self.cones.linear
         residual = data.R @ self.theta - data.rho
@@ -154,8 +163,11 @@ class _InteriorPoint:
         self.gradient = 2.0 * (residual @ data.R) + linear
 
     def solve(self, accuracy: float) -> Optimum | None:
-        """The best iterate, and the last central one; None where nothing could be
-        factorised."""
+        """Iterate until the error is at most ``accuracy`` or no step helps.
+
+        Returns the best iterate, with the last central one as a start for similar data;
+        None if nothing could be factorised.
+        """
         best: Optimum | None = None
         central = self.iterate()
         for k in range(60):  # twice what the slowest of the shootout's instances needs
@@ -180,12 +192,17 @@ class _InteriorPoint:
         return best
 
     def iterate(self) -> Iterate:
-        """Where the iterate is now."""
+        """Return a copy of the present iterate."""
         return Iterate(self.theta, self.both[1].copy())
 
     def factorize(self) -> float:
-        """Factors of S, Z and H; returns what gap and leftover slope cost, relative to
-        the loss."""
+        """Factorise S, Z and H = R^T R + curvature of the cones, and solve for the
+        predictor.
+
+        Sets ``step`` (p,), the predictor, and ``correction`` (p,), the Newton step that
+        removes the dual residual. Returns the error: duality gap plus the cost of the
+        dual residual, over the loss.
+        """
         cones = self.cones
         self.factors = np.linalg.cholesky(self.mats)
         self.roots = np.linalg.inv(self.factors)
@@ -213,18 +230,19 @@ class _InteriorPoint:
         )
         if failed:
             raise np.linalg.LinAlgError
-        # Predictor and what the leftover slope asks for, by one pair of triangular
+        # Predictor and correction of the dual residual, by one pair of triangular
         # solves.
         self.leftover = self.gradient - cones.adjoint @ self.both[1]
         self.set_target(0.0)
         towards_target = cones.adjoint @ self.target - self.gradient
-        both = np.array([towards_target, self.leftover])
+        right_sides = np.array([towards_target, self.leftover])
         solutions, _ = scipy.linalg.lapack.dpotrs(
             self.cholesky,
-            both.T,
+            right_sides.T,
             lower=1,
         )
         self.step, self.correction = solutions.T
+        # Duality gap: <S, Z> - sum w (4 + log det S Z - 4 log w) over the blocks.
         products = float(self.both[0] @ self.both[1])
         gap = products - ORDER * float(cones.weight.sum())
         diagonals = np.diagonal(
@@ -234,14 +252,16 @@ class _InteriorPoint:
         )
         logs = np.log(diagonals).sum(axis=(0, 2))
         gap -= 2.0 * float(cones.weight @ logs) - ORDER * self.logs
-        # Half the square of Newton's decrement: what the leftover slope costs.
+        # Half the square of Newton's decrement: the cost of the dual residual.
         cost = 0.5 * float(self.leftover @ self.correction)
         scale = max(self.loss, 1e-12 * self.data.tau_squared) or 1.0
         error = float((max(gap, 0.0) + max(cost, 0.0)) / scale)
         return error if math.isfinite(error) else math.inf
 
     def set_target(self, mu: float) -> None:
-        """target : max(w, mu) S^-1, to which Z is to move."""
+        """Set ``target``, to which Z is to move: mu / s for rows, max(w, mu) S^-1 for
+        blocks.
+        """
         np.divide(mu, self.rows[0], out=self.target_rows)
         weight = np.maximum(self.weight, mu)
         np.multiply(weight, self.inverse, out=self.target_mats)
@@ -253,7 +273,11 @@ class _InteriorPoint:
         mats: Array,
         row: Array,
     ) -> Array:
-        """sym(S^-1 . change . by) of the matrices and change * by / s of the rows."""
+        """Return the change of Z that belongs to a change of S, or a second-order term.
+
+        Blocks: sym(S^-1 mats by), all (blocks, 4, 4). Rows: change * row / s, all
+        (rows,).
+        """
         out = np.empty_like(self.target)
         rows, blocks = self._views(out[None])
         np.divide(
@@ -271,8 +295,11 @@ class _InteriorPoint:
         return out
 
     def direction(self, step: Array, second: Array | float) -> float:
-        """change : changes of S and Z for a step (p,) of theta; returns how far they
-        stay inside."""
+        """Compute the changes of S and Z for a step (p,) of theta.
+
+        ``second`` is the second-order correction of Z. Sets ``change`` (2, rows + 16
+        blocks) and returns the longest multiple of it that stays inside the cones.
+        """
         self.change[0] = self.cones.slack_map @ step
         Z = self.mats[1]
         dS = self.change_mats[0]
@@ -283,38 +310,47 @@ class _InteriorPoint:
             dS,
             self.rows[1],
         )
-        inward = float((self.change_rows / self.rows).min(initial=-1e-12))
-        turned = self.roots @ self.change_mats @ self.turned
-        # The norm bounds each eigenvalue; less than _SHARE inward lets a whole step be
-        # taken.
-        squares = np.einsum("kbij,kbij->kb", turned, turned)
-        blocks = squares > max(-inward, _SHARE) ** 2
-        if blocks.any():
-            eigenvalues = np.linalg.eigvalsh(turned[blocks])
-            inward = min(inward, float(eigenvalues[:, 0].min()))
-        return -1.0 / inward
+        # The most negative relative change; -1 / smallest is the way to the boundary.
+        smallest = float((self.change_rows / self.rows).min(initial=-1e-12))
+        relative = self.roots @ self.change_mats @ self.turned
+        # Eigenvalues are needed only where the norm, which bounds them, could matter: a
+        # relative change of less than _SHARE allows the whole step.
+        squares = np.einsum("kbij,kbij->kb", relative, relative)
+        could_matter = squares > max(-smallest, _SHARE) ** 2
+        if could_matter.any():
+            eigenvalues = np.linalg.eigvalsh(relative[could_matter])
+            smallest = min(smallest, float(eigenvalues[:, 0].min()))
+        return -1.0 / smallest
 
     def complementarity(self, both: Array) -> float:
-        """<S, Z> over all cones, without what the weights ask for; both (2, ...)."""
+        """Return <S, Z> over all cones, less what the weights of log det ask for.
+
+        ``both`` (2, rows + 16 blocks) holds S and Z.
+        """
         rows, mats = self._views(both)
         products = np.einsum("bij,bij->b", mats[0], mats[1])
         by_block = products - ORDER * self.cones.weight
         return float(rows[0] @ rows[1] + np.abs(by_block).sum())
 
     def advance(self) -> bool:
-        """One predictor and corrector; False where hardly a step is possible."""
+        """Make one predictor-corrector step (Mehrotra); return False if hardly any step
+        is possible.
+        """
         cones = self.cones
+        # Predictor: how far it reaches, and which share of complementarity it leaves.
         reach = min(1.0, 0.999 * self.direction(self.step, 0.0))
-        now = self.complementarity(self.both)
-        left = self.complementarity(self.both + reach * self.change) / (now or 1.0)
-        centring = min(max(left ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
+        before = self.complementarity(self.both)
+        after = self.complementarity(self.both + reach * self.change)
+        remaining = after / (before or 1.0)
+        centring = min(max(remaining ** max(1.0, 3.0 * reach**2), 1e-7), 1.0)
+        # Corrector: the predictor's second-order term and the centred target.
         second = self.scaled(
             self.change_rows[0],
             self.change_mats[1],
             self.change_mats[0],
             self.change_rows[1],
         )
-        self.set_target(centring * now / self.degree)
+        self.set_target(centring * before / self.degree)
         right = cones.adjoint @ (self.target - second) - self.gradient
         step = scipy.linalg.lapack.dpotrs(self.cholesky, right, lower=1)[0]
         longest = self.direction(step, second)
@@ -327,7 +363,10 @@ class _InteriorPoint:
         return bool(np.all(self.rows[0] > 0.0))
 
     def polished(self) -> Iterate:
-        """After a Newton step that leaves no slope, where that stays inside."""
+        """Return the iterate after the Newton step that removes the dual residual.
+
+        If that leaves the cones, the present iterate is returned.
+        """
         change = self.cones.slack_map @ -self.correction
         all_rows, all_mats = self._views(change[None])
         rows = all_rows[0]

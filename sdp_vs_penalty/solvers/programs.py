@@ -33,17 +33,17 @@ class Program(Solver):
 
     @abstractmethod
     def command(self, options: Mapping[str, Any]) -> list[str]:
-        """The command line of the program.
+        """Return the command line of the program.
 
         Parameters
         ----------
         options : mapping
-            Its options.
+            Options by the program's own names.
 
         Returns
         -------
         list of str
-            Its words.
+            Words of the command line.
         """
 
     @abstractmethod
@@ -52,19 +52,20 @@ class Program(Solver):
         text: str,
         code: int,
     ) -> tuple[str, str, int]:
-        """What the program says of its answer.
+        """Read the outcome from the program's output.
 
         Parameters
         ----------
         text : str
-            What it printed.
+            Printed output.
         code : int
-            Its exit code.
+            Exit code.
 
         Returns
         -------
         tuple
-            What it claims, its own words, and how many iterations it made.
+            Claim ("optimal", "infeasible", ...), the program's own words, number of
+            iterations.
         """
 
     def read(
@@ -72,15 +73,17 @@ class Program(Solver):
         folder: Path,
         problem: ConicProblem,
     ) -> tuple[Array, Array]:
-        """x and z of the file "solution" in the format of CSDP, which DSDP shares: matrix
-        1 is Z, matrix 2 X.
+        """Read x and z from the file "solution" in CSDP's format, which DSDP shares.
+
+        Its first line is x; each other line has matrix (1: Z, 2: X), block, row, column
+        (from 1) and value. z is the svec of X.
 
         Parameters
         ----------
         folder : Path
-            Where the program ran.
+            Folder in which the program ran.
         problem : ConicProblem
-            What it was asked.
+            Problem that it solved.
 
         Returns
         -------
@@ -90,7 +93,7 @@ class Program(Solver):
         Raises
         ------
         ArithmeticError, LookupError, OSError, ValueError
-            Where there is no answer.
+            For a missing or broken file.
         """
         lines = (folder / "solution").read_text("utf-8").splitlines()
         x = np.array([float(word) for word in lines[0].split()])
@@ -119,19 +122,19 @@ class Program(Solver):
         folder: Path,
         problem: ConicProblem,
     ) -> tuple[Array, Array] | None:
-        """x and z that the program has written.
+        """Return x (m,) and z (r,) from the program's file, None if it is broken.
 
         Parameters
         ----------
         folder : Path
-            Where the program ran.
+            Folder in which the program ran.
         problem : ConicProblem
-            What it was asked.
+            Problem that it solved.
 
         Returns
         -------
         tuple or None
-            None where its file is broken.
+            x and z.
         """
         try:
             x, z = self.read(folder, problem)
@@ -145,6 +148,9 @@ class Program(Solver):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
+        """Write the problem in the sparse SDPA format, run the program, and read its
+        solution.
+        """
         command = self.command(options)
         program = command[0]
         with tempfile.TemporaryDirectory(prefix="sdp-vs-penalty-") as name:
@@ -187,15 +193,19 @@ def _write_parameters(
     name: str,
     options: Mapping[str, Any],
 ) -> None:
-    """The file of options of a program that takes them from one."""
+    """Write the program's file of options from the template of that name, if there is
+    one.
+    """
     template = Path(__file__).with_name(name)
     if template.is_file():
         (folder / name).write_text(template.read_text("utf-8").format(**options))
 
 
 def _raise_on_signal(program: str, number: int) -> None:
-    """TimeoutError or ChildProcessError where a signal has ended a program: the caller's
-    process counts it as a crash."""
+    """Raise TimeoutError or ChildProcessError if a signal has ended the program.
+
+    The calling process counts these as a crash of the solver.
+    """
     if number == signal.SIGXCPU:
         raise TimeoutError(f"{program} used up its processor time")
     if number > 0:
@@ -215,6 +225,7 @@ class Csdp(Program):
     }
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
+        """Return CSDP's command line; its options are in the file param.csdp."""
         return ["csdp", "problem.dat-s", "solution"]
 
     def ended(
@@ -222,6 +233,11 @@ class Csdp(Program):
         text: str,
         code: int,
     ) -> tuple[str, str, int]:
+        """Return claim, status line and number of iterations from CSDP's output.
+
+        The claim follows from the exit code; our problem is the one that CSDP calls the
+        dual.
+        """
         words = re.findall(
             r"^(Success|Partial Success|Failure|Declaring|Stuck)[^\n]*",
             text,
@@ -258,6 +274,7 @@ class Dsdp(Program):
     }
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
+        """Return DSDP's command line with all options."""
         words = [
             word for key, value in options.items() for word in (f"-{key}", str(value))
         ]
@@ -268,6 +285,7 @@ class Dsdp(Program):
         text: str,
         code: int,
     ) -> tuple[str, str, int]:
+        """Return claim, status and number of iterations from DSDP's output."""
         status = next(
             (p for p in reversed(self.status_meaning) if p in text), f"exit code {code}"
         )
@@ -301,6 +319,7 @@ class SdpaProgram(Program):
     status_meaning = SDPA_CLAIMS
 
     def command(self, options: Mapping[str, Any]) -> list[str]:
+        """Return SDPA's command line; its options are in the file param.sdpa."""
         files = "-ds", "problem.dat-s", "-o", "answer", "-p", "param.sdpa"
         return ["sdpa", *files, "-numThreads", "1"]
 
@@ -309,6 +328,7 @@ class SdpaProgram(Program):
         text: str,
         code: int,
     ) -> tuple[str, str, int]:
+        """Return claim, phase and number of iterations from SDPA's output."""
         phase = re.search(r"phase\.value\s*=\s*(\w+)", text)
         steps = re.search(r"Iteration\s*=\s*(\d+)", text)
         status = phase.group(1) if phase else f"exit code {code}"
@@ -323,19 +343,19 @@ class SdpaProgram(Program):
         folder: Path,
         problem: ConicProblem,
     ) -> tuple[Array, Array]:
-        """x and z of the file "answer".
+        """Read x and z from SDPA's file "answer" (xVec and yMat).
 
         Parameters
         ----------
         folder : Path
-            Where the program ran.
+            Folder in which the program ran.
         problem : ConicProblem
-            What it was asked.
+            Problem that it solved.
 
         Returns
         -------
         tuple
-            x (m,) and z (r,).
+            x (m,) and z (r,); matrices of yMat as svec.
         """
         text = (folder / "answer").read_text("utf-8")
         x = _numbers(text.split("xVec =")[1].split("xMat =")[0])
@@ -351,6 +371,7 @@ class SdpaProgram(Program):
 
 
 def _numbers(text: str) -> Array:
+    """Return all decimal numbers, nan and inf in a text."""
     return np.array(
         [
             float(w)

@@ -46,28 +46,28 @@ def optimum_proof(
     parameters: Sequence[str] = (),
     made_of: Mapping[str, str] | None = None,
 ) -> Proof:
-    """The proof that the least objective lies between a lower bound and that of the
-    fit's theta.
+    """Build the proof that the optimum lies between a lower bound and the fit's
+    objective.
 
     Parameters
     ----------
     fit : Fit
-        With its multipliers and bound, theta feasible exactly, as its decimal
-        text says (:func:`rigorous_bounds.certainly_feasible`).
+        Fit with multipliers and bound. Its theta, as its decimal text says, must be
+        feasible exactly (:func:`rigorous_bounds.certainly_feasible`).
     parameters : sequence of str
-        Names.
+        Names of the parameters.
     made_of : mapping of str
-        Hashes of the "model" and the "data".
+        SHA-256 of the "model" and the "data".
 
     Returns
     -------
     Proof
-        The content of a proof.json.
+        Content of a proof.json.
 
     Raises
     ------
     ValueError
-        Where theta is not feasible, or the multipliers prove nothing.
+        If theta is not feasible, or the multipliers prove nothing.
     """
     assert fit.bound is not None
     evidence = dual_evidence(fit)
@@ -103,24 +103,24 @@ def infeasibility_proof(
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """The proof (Farkas) that no |theta_k| <= bound_k satisfies all convex
+    """Build the proof (Farkas) that no |theta_k| <= bound_k satisfies all convex
     constraints.
 
     Parameters
     ----------
     constraints : ConstraintSet
-        Which contradict each other.
+        Constraints that contradict each other.
     multipliers : (e,)
-        Of the entries of the constraints.
+        Multipliers of the constraints' e entries.
     bound : (p,)
-        The largest plausible |theta_k|.
+        Largest plausible |theta_k|.
     parameters : sequence of str
-        Names.
+        Names of the parameters.
 
     Returns
     -------
     Proof
-        The content of a proof.json.
+        Content of a proof.json.
     """
     nothing = Objective.without_data(len(bound))
     evidence = dual_evidence(
@@ -152,19 +152,19 @@ def infeasibility_proof(
 
 
 def write_proof(proof: Proof, path: str | Path) -> None:
-    """Write proof.json, whole or not at all.
+    """Write proof.json atomically.
 
     Parameters
     ----------
     proof : Proof
-        Its content.
+        Content of the file.
     path : path
         The file.
 
     Returns
     -------
     None
-        Nothing.
+        The file is written completely, or not at all.
     """
     write_text(
         path,
@@ -183,23 +183,23 @@ def stated(
     bound: Array,
     parameters: Sequence[str] = (),
 ) -> Proof:
-    """The problem as a proof states it.
+    """Return the optimisation problem in the form in which a proof states it.
 
     Parameters
     ----------
     objective : Objective
-        A sum of squares with a prior.
+        Sum of squares with a prior.
     constraints : sequence of Constraint
-        What theta has to satisfy.
+        Constraints on theta.
     bound : (p,)
-        The largest plausible |theta_k|.
+        Largest plausible |theta_k|.
     parameters : sequence of str
-        Names.
+        Names of the parameters; default: x0, x1, ...
 
     Returns
     -------
     Proof
-        Every field but multipliers, interval and hashes.
+        All fields but multipliers, interval and hashes. Numbers are texts of fractions.
     """
     data = objective.least_squares
     entropy = objective.entropy
@@ -238,55 +238,61 @@ def stated(
 
 
 def difference(proof: Proof, recomputed: Proof) -> str:
-    """The first thing in which a proof states another problem.
+    """Return the first difference between the problem of a proof and a recomputed
+    problem.
 
-    Names, their order, cones and indices are compared exactly, numbers to the promised
-    gap (TIGHT) of themselves or of their columns' norms, far above two machines'
-    rounding and far below any option's change; R, rho and floor by the loss that they
-    make, since another triangle R may make the same one.
+    Names, their order, cones and indices are compared exactly. Numbers are compared up
+    to TIGHT times their own size or their columns' norms: far above two machines'
+    rounding and far below any option's change. R, rho and the residual norm are
+    compared by the Gram matrix of [R rho], since different triangles R have the same
+    one.
 
     Parameters
     ----------
     proof : Proof
-        What was written.
+        Proof as read from its file.
     recomputed : Proof
-        The problem as it is (:func:`stated`).
+        The problem of :func:`stated`.
 
     Returns
     -------
     str
-        In words; "" where they are the same.
+        A sentence; "" if the problems are the same.
     """
     titles = [
         [f"{_title(c)}, {c['cone']} in {c['indices']}" for c in p["constraints"]]
         for p in (proof, recomputed)
     ]
     names = proof["parameters"], recomputed["parameters"]
-    for kind, pair in (("parameter", names), ("constraint", titles)):
-        for k, (a, b) in enumerate(zip_longest(*pair, fillvalue="none"), start=1):
+    for kind, (first, second) in (("parameter", names), ("constraint", titles)):
+        pairs = zip_longest(first, second, fillvalue="none")
+        for k, (a, b) in enumerate(pairs, start=1):
             if a != b:
                 return f"{kind} {k} is {a} in the proof, {b} of the model"
-    for (what, x, _), (_, y, size) in zip(
-        _facts(proof),
-        _facts(recomputed),
-        strict=True,
-    ):
-        if x.shape != y.shape or np.any(np.abs(x - y) > TIGHT * size):
-            return f"the proof has another {what}"
+    facts = zip(_facts(proof), _facts(recomputed), strict=True)
+    for (name, in_proof, _), (_, in_model, size) in facts:
+        is_same_shape = in_proof.shape == in_model.shape
+        if not is_same_shape or np.any(np.abs(in_proof - in_model) > TIGHT * size):
+            return f"the proof has another {name}"
     return ""
 
 
 def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
-    """What a problem states in numbers, by name, and how large each counts."""
+    """Yield the numbers of a problem, as (name, values, sizes) with arrays of equal
+    shape.
+
+    A difference counts relative to ``sizes``.
+    """
 
     def squares(gram: Array) -> Array:
+        """Return (k, k) products of the square roots of a Gram matrix's diagonal."""
         size = np.sqrt(np.diagonal(gram))
         return np.outer(size, size)
 
-    def itself(
-        x: Array,
-    ) -> Array:  # what is rounding of the largest entry does not count
-        return np.abs(x) + safe_depth(1) / TIGHT * np.abs(x).max(initial=0.0)
+    def itself(x: Array) -> Array:
+        """Return |x|, raised so that the rounding of the largest entry does not count."""
+        rounding = safe_depth(1) * np.abs(x).max(initial=0.0)
+        return np.abs(x) + rounding / TIGHT
 
     rows = np.column_stack(
         [
@@ -301,27 +307,32 @@ def _facts(p: Proof) -> Iterator[tuple[str, Array, Array]]:
         yield f"bound of {name}", bound, itself(bound)
     for c in p["constraints"]:
         for field in ("constant", "coefficients"):
-            yield f"{field} of {_title(c)}", (x := _array(c[field])), itself(x)
-        parts = [(np.zeros(0), np.zeros(0))]
+            entries = _array(c[field])
+            yield f"{field} of {_title(c)}", entries, itself(entries)
+        numbers = [np.zeros(0)]
+        sizes = [np.zeros(0)]
         for e in c["entropy"]:
             weight = _array([e["weight"]])
             log_det = _array([e["log_det"]])
             inverse = _array(e["inverse"])
-            # Of a logarithm the error is a relative one of the determinant.
-            parts += [
-                (weight, itself(weight)),
-                (log_det, np.ones(1)),
-            ]
-            parts += [(inverse, squares(inverse.reshape(4, 4)).ravel())]
-        numbers, size = map(np.concatenate, zip(*parts, strict=True))
-        yield f"entropy of {_title(c)}", numbers, size
+            numbers += [weight, log_det, inverse]
+            # An error of a logarithm is a relative error of the determinant: size one.
+            size_of_inverse = squares(inverse.reshape(4, 4)).ravel()
+            sizes += [itself(weight), np.ones(1), size_of_inverse]
+        yield (
+            f"entropy of {_title(c)}",
+            np.concatenate(numbers),
+            np.concatenate(sizes),
+        )
 
 
 def _title(constraint: Proof) -> str:
+    """Return a constraint's name in messages: "mass of link 3"."""
     return f"{constraint['family']} of {constraint['name']}"
 
 
 def _array(texts: Any) -> Array:
+    """Return texts of fractions, in one or two dimensions, as an array of doubles."""
     rows = [
         [Fraction(x) for x in row] if isinstance(row, list) else Fraction(row)
         for row in texts
@@ -336,63 +347,61 @@ def _proof(
     evidence: DualEvidence,
     entropy: Entropy | None = None,
 ) -> Proof:
-    """A stated problem with its multipliers."""
-    slopes = (
-        []
-        if entropy is None
-        else list(zip(entropy.links, evidence.entropy_slopes, strict=True))
-    )
+    """Return a stated problem with the multipliers that prove something of it.
+
+    ``kind`` is "optimum" or "infeasible". Each constraint gets its multiplier ("dual"),
+    and each link with a prior the matrix that bounds its log det.
+    """
+    slopes = list[tuple[Constraint, Array]]()
+    if entropy is not None:
+        slopes = [*zip(entropy.links, evidence.entropy_slopes, strict=True)]
     proved = []
     duals = _duals(constraints, evidence)
-    for c, name, dual in zip(
+    for constraint, entry, dual in zip(
         constraints.convex,
         problem["constraints"],
         duals,
         strict=True,
     ):
-        roots = [np.linalg.cholesky(0.5 * (s + s.T)) for link, s in slopes if link is c]
-        pulls = [
-            {
-                **e,
-                "dual": _gram(root),
-            }
-            for e, root in zip(name["entropy"], roots, strict=True)
+        # The prior of this constraint's link, if it has one.
+        roots = [
+            np.linalg.cholesky(0.5 * (slope + slope.T))
+            for link, slope in slopes
+            if link is constraint
         ]
-        proved.append(
-            {
-                **name,
-                "dual": dual,
-                "entropy": pulls,
-            }
-        )
-    about = {
+        priors = [
+            {**prior, "dual": _gram(root)}
+            for prior, root in zip(entry["entropy"], roots, strict=True)
+        ]
+        proved.append({**entry, "dual": dual, "entropy": priors})
+    header = {
         "format": verify_proof.FORMAT,
         "kind": kind,
         "model": "",
         "data": "",
     }
-    return {
-        **about,
-        **problem,
-        "constraints": proved,
-    }
+    return {**header, **problem, "constraints": proved}
 
 
 def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
-    """Of the constraints as they are, each inside its cone exactly: V V^T for a matrix."""
+    """Return each constraint's multiplier as exact fractions inside its cone.
+
+    A matrix is V V^T with a V of doubles. The axis of a second-order cone is raised to
+    the next doubles until the exact inequality holds. Others are clipped at zero.
+    """
     out = []
     multipliers = constraints.entries.each(evidence.multipliers)
     for c, multiplier in zip(constraints.convex, multipliers, strict=True):
         if c.cone == "psd":
-            out.append(_gram(factor(0.5 * (multiplier + multiplier.T)[None])[0]))
+            symmetric = 0.5 * (multiplier + multiplier.T)
+            out.append(_gram(factor(symmetric[None])[0]))
         elif c.cone == "soc":
             across = [Fraction(float(x)) for x in multiplier[1:]]
             axis = Fraction(float(multiplier[0]))
             square = sum((x * x for x in across), Fraction(0))
             while axis < 0 or axis * axis < square:
-                axis = Fraction(
-                    math.nextafter(max(float(axis), math.sqrt(float(square))), math.inf)
-                )
+                nearest = max(float(axis), math.sqrt(float(square)))
+                axis = Fraction(math.nextafter(nearest, math.inf))
             out.append([_text(x) for x in (axis, *across)])
         else:
             out.append(_texts(np.maximum(multiplier, 0.0)))
@@ -400,7 +409,7 @@ def _duals(constraints: ConstraintSet, evidence: DualEvidence) -> list[Any]:
 
 
 def _gram(factor: NDArray[np.floating]) -> list[str]:
-    """V V^T without rounding, row by row."""
+    """Return the entries of V V^T (d^2 texts), without rounding, row by row."""
     rows = [[Fraction(x) for x in row] for row in factor.tolist()]
     return [_text(verify_proof.dot(a, b)) for a in rows for b in rows]
 
@@ -410,33 +419,47 @@ def _polished(
     evidence: DualEvidence,
     bound: Array,
 ) -> list[Fraction]:
-    """y, shifted until nothing is left of the slope wherever the data determine theta."""
+    """Return y (r,) after exact corrections of the dual slope.
+
+    y is shifted until no slope is left in directions of theta that the data determine.
+    The lower bound is then tight, since a slope that is left costs |slope| times bound.
+    """
     for _ in range(CORRECTIONS):
         _, slope = verify_proof.dual_bound(exact)
-        shift = evidence.push(bound * np.array([float(x) for x in slope]))
+        scaled_slope = bound * np.array([float(x) for x in slope])
+        shift = evidence.push(scaled_slope)
         exact["y"] = [
-            a - Fraction(float(b)) for a, b in zip(exact["y"], shift, strict=True)
+            entry - Fraction(float(change))
+            for entry, change in zip(exact["y"], shift, strict=True)
         ]
     return list(exact["y"])
 
 
 def _interval(exact: dict[str, Any]) -> tuple[str, str]:
-    """Lower and upper bound, rounded outward to decimal numbers of 17 digits."""
-    lower, slope = verify_proof.dual_bound(exact)
-    lower -= sum(
-        (abs(e) * b for e, b in zip(slope, exact["bound"], strict=True)), Fraction(0)
-    )
-    return _outward(lower, -math.inf), _outward(verify_proof.objective(exact), math.inf)
+    """Return lower and upper bound of the optimum as decimal texts of doubles, rounded
+    outward.
+    """
+    constant, slope = verify_proof.dual_bound(exact)
+    costs = (abs(e) * b for e, b in zip(slope, exact["bound"], strict=True))
+    lower = constant - sum(costs, Fraction(0))
+    upper = verify_proof.objective(exact)
+    return _outward(lower, -math.inf), _outward(upper, math.inf)
 
 
 def _outward(x: Fraction, towards: float) -> str:
+    """Return the text of the double nearest to x that is not on its inner side.
+
+    ``towards`` is -inf for a lower bound and inf for an upper one.
+    """
+    sign = 1 if towards > 0 else -1
     double = float(x)
-    while (Fraction(repr(double)) - x) * (1 if towards > 0 else -1) < 0:
+    while sign * (Fraction(repr(double)) - x) < 0:
         double = math.nextafter(double, towards)
     return repr(double)
 
 
 def _signed(proof: Proof) -> Proof:
+    """Return the proof with the SHA-256 of its sorted JSON text."""
     body = {name: value for name, value in proof.items() if name != "sha256"}
     text = json.dumps(body, sort_keys=True)
     return {
@@ -446,16 +469,21 @@ def _signed(proof: Proof) -> Proof:
 
 
 def _checked(proof: Proof) -> Proof:
+    """Return the signed proof after verifying it with verify_proof, which raises
+    ValueError.
+    """
     signed_proof = _signed(proof)
     verify_proof.check(signed_proof)
     return signed_proof
 
 
 def _text(x: float | Fraction) -> str:
+    """Return a number as the text of an exact fraction."""
     return str(Fraction(x))
 
 
 def _texts(values: ArrayLike) -> Any:
+    """Return an array as nested lists of texts of exact fractions."""
     array = np.asarray(values, float)
     return (
         [_texts(row) for row in array]

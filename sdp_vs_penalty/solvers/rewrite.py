@@ -43,17 +43,17 @@ class Rewritten:
     constant: float = 0.0
 
     def then(self, step: Callable[[ConicProblem], Rewritten]) -> Rewritten:
-        """One more step.
+        """Apply one more rewriting step to the problem.
 
         Parameters
         ----------
         step : callable
-            What rewrites this problem.
+            Rewrites a ConicProblem.
 
         Returns
         -------
         Rewritten
-            The problem after both, with the way back through both.
+            Problem after both steps, with the way back through both.
         """
         following = step(self.problem)
 
@@ -64,12 +64,12 @@ class Rewritten:
 
 
 def unchanged(problem: ConicProblem) -> Rewritten:
-    """A problem that needs no rewriting.
+    """Return a problem as a rewriting that changes nothing.
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Any problem.
 
     Returns
     -------
@@ -84,26 +84,29 @@ def suited(
     kinds: Collection[str],
     order: Sequence[str] = (),
 ) -> Rewritten:
-    """A problem as a solver can take it.
+    """Rewrite a problem for a solver that lacks some cones.
+
+    A quadratic objective becomes linear with second-order cones, equalities are
+    substituted, and second-order cones become arrow matrices.
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Problem to solve.
     kinds : collection of str
-        Cones of the solver, and "quadratic" where it takes such an objective.
+        Cones of the solver, and "quadratic" if it takes a quadratic objective.
     order : sequence of str
-        In which it wants the cones; none: any.
+        Order of the cones that the solver wants; empty: any.
 
     Returns
     -------
     Rewritten
-        The other problem, with the way back from its solutions.
+        Equivalent problem, with the way back from its solutions.
 
     Raises
     ------
     NotApplicableError
-        Where a cone is left that the solver lacks.
+        If a cone remains that the solver lacks.
     """
     form = unchanged(problem)
     if "quadratic" not in kinds:
@@ -121,12 +124,12 @@ def suited(
 
 
 def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
-    """A factor of the quadratic objective.
+    """Return a factor of the quadratic objective.
 
     Parameters
     ----------
     problem : ConicProblem
-        P holds the upper triangle only.
+        Its P holds the upper triangle only.
 
     Returns
     -------
@@ -149,19 +152,21 @@ def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
 
 
 def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritten:
-    """Bound the quadratic part by new variables, so that the objective is linear.
+    """Replace the quadratic objective by new variables t >= 1/2 |G x|^2.
+
+    Each t has the second-order cone (t + 1, t - 1, sqrt(2) G x).
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Problem to solve.
     group : int or None
-        Rows of the factor that share one variable; None: all.
+        Rows of G that share one variable; None: all.
 
     Returns
     -------
     Rewritten
-        The other problem, with the way back from its solutions.
+        Equivalent problem, with the way back from its solutions.
     """
     if problem.P.nnz == 0:
         return unchanged(problem)
@@ -199,23 +204,22 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
 
 
 def without_equalities(problem: ConicProblem) -> Rewritten:
-    """Solve each equality for a variable that occurs in no other one, and substitute
-    it.
+    """Remove equalities: solve each for a variable that occurs in no other one.
 
     Parameters
     ----------
     problem : ConicProblem
-        With a linear objective.
+        Problem with a linear objective.
 
     Returns
     -------
     Rewritten
-        The other problem, with the way back from its solutions.
+        Equivalent problem, with the way back from its solutions.
 
     Raises
     ------
     NotApplicableError
-        Where an equality has no such variable.
+        If an equality has no such variable.
     """
     are_equalities = [np.full(c.rows, c.kind == "zero") for c in problem.cones]
     equal = np.concatenate(
@@ -230,18 +234,19 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     E = scipy.sparse.csc_matrix(A[equal])
     e = problem.b[equal]
     inequalities = A[~equal]
-    lonely = np.flatnonzero(np.diff(E.indptr) == 1)
-    row_of = E.indices[E.indptr[lonely]]
-    value = E.data[E.indptr[lonely]]
-    # The largest coefficient of each row; the residual variables' are all -1.
+    # Variables that occur in one equality only: its row, and the coefficient there.
+    candidates = np.flatnonzero(np.diff(E.indptr) == 1)
+    row_of = E.indices[E.indptr[candidates]]
+    value = E.data[E.indptr[candidates]]
+    # For each row the one with the largest coefficient; residual variables have -1.
     order = np.lexsort((-np.abs(value), row_of))
     rows, first = np.unique(row_of[order], return_index=True)
     if len(rows) != E.shape[0]:
         raise NotApplicableError("an equality holds no variable of its own")
-    pivots = lonely[order][first]
+    pivots = candidates[order][first]
     size = value[order][first]
     free_columns = np.setdiff1d(np.arange(A.shape[1]), pivots)
-    # x_pivot = offset - slope x_kept
+    # x_pivot = offset - slope x_free
     slope = scipy.sparse.diags(1.0 / size) @ E[:, free_columns]
     offset = e / size
     inequalities = scipy.sparse.csc_matrix(inequalities)
@@ -255,6 +260,7 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     )
 
     def back(x: Array, z: Array) -> tuple[Array, Array]:
+        """Return x and z of the problem with equalities."""
         full_x = np.zeros(A.shape[1])
         full_z = np.zeros(len(equal))
         full_x[free_columns] = x
@@ -268,17 +274,20 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
 
 
 def arrows(problem: ConicProblem) -> Rewritten:
-    """Second-order cones as arrow matrices.
+    """Replace second-order cones of size d by arrow matrices of order d.
+
+    The matrix has the axis on its diagonal and the other entries in its first row and
+    column; it is positive semidefinite exactly if the vector lies in the cone.
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Problem to solve.
 
     Returns
     -------
     Rewritten
-        The other problem; the adjoint of the map brings multipliers back.
+        Equivalent problem; the adjoint of the map brings multipliers back.
     """
     if not any(c.kind == "soc" for c in problem.cones):
         return unchanged(problem)
@@ -290,6 +299,7 @@ def arrows(problem: ConicProblem) -> Rewritten:
             maps.append(scipy.sparse.identity(cone.rows, format="csr"))
             cones.append(cone)
             continue
+        # Places of svec: column j of the upper triangle begins at j (j + 1) / 2.
         j = np.arange(d)
         diagonal = j * (j + 1) // 2 + j
         border = j[1:] * (j[1:] + 1) // 2
@@ -317,7 +327,7 @@ def _mapped(
     change: scipy.sparse.csr_matrix,
     home: scipy.sparse.csr_matrix,
 ) -> Rewritten:
-    """Other rows, and their multipliers brought home."""
+    """Return the problem with rows ``change`` A and b; ``home`` maps multipliers back."""
     mapped = replace(
         problem,
         A=scipy.sparse.csc_matrix(change @ problem.A),
@@ -327,19 +337,19 @@ def _mapped(
 
 
 def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
-    """Sort the cones by kind; nonnegative and zero cones are merged.
+    """Sort the cones by kind; zero and nonnegative cones are merged to one each.
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Problem to solve.
     kinds : sequence of str
-        The order.
+        Order of the kinds.
 
     Returns
     -------
     Rewritten
-        The other problem, with the way back from its solutions.
+        Equivalent problem, with the way back from its solutions.
     """
     starts = np.cumsum(
         [
@@ -350,15 +360,15 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
     order = [np.zeros(0, np.intp)]
     cones = []
     for kind in kinds:
-        mine = [k for k, c in enumerate(problem.cones) if c.kind == kind]
-        order += [np.arange(starts[k], starts[k + 1]) for k in mine]
+        of_kind = [k for k, c in enumerate(problem.cones) if c.kind == kind]
+        order += [np.arange(starts[k], starts[k + 1]) for k in of_kind]
         if kind in ("zero", "nonnegative"):
-            size = sum(problem.cones[k].size for k in mine)
-            cones += [Cone(kind, size)] if mine else []
+            size = sum(problem.cones[k].size for k in of_kind)
+            cones += [Cone(kind, size)] if of_kind else []
         else:
-            cones += [problem.cones[k] for k in mine]
-    same = scipy.sparse.identity(len(problem.b), format="csr")
-    change = same[np.concatenate(order)]
+            cones += [problem.cones[k] for k in of_kind]
+    identity = scipy.sparse.identity(len(problem.b), format="csr")
+    change = identity[np.concatenate(order)]
     return _mapped(
         replace(problem, cones=tuple(cones)),
         change,
@@ -367,17 +377,18 @@ def reorder(problem: ConicProblem, kinds: Sequence[str] = KINDS) -> Rewritten:
 
 
 def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
-    """How large the cones are.
+    """Return the sizes of cones under the names that SCS and CVXOPT share.
 
     Parameters
     ----------
     cones : sequence of Cone
-        Of a problem.
+        Cones of a problem.
 
     Returns
     -------
     dict
-        Under the names that SCS and CVXOPT share.
+        "z" zero rows, "l" nonnegative rows, "ep" number of exponential cones, "q" sizes
+        of second-order cones, "s" orders of matrices.
     """
     sizes_by_kind: dict[str, list[int]] = {kind: [] for kind in KINDS}
     for cone in cones:
@@ -392,18 +403,18 @@ def sizes(cones: Sequence[Cone]) -> dict[str, Any]:
 
 
 def full_matrices(problem: ConicProblem) -> Rewritten:
-    """Rows of psd cones become d^2 entries.
+    """Replace the svec of each psd cone by all d^2 entries of the matrix.
 
     Parameters
     ----------
     problem : ConicProblem
-        What is to be solved.
+        Problem to solve.
 
     Returns
     -------
     Rewritten
-        Its rows no longer match Cone.rows. A solver may return any matrix; the
-        way back takes its lower triangle, which is what CVXOPT fills.
+        Its rows no longer match Cone.rows. A solver may return any matrix; the way back
+        takes its lower triangle, the only one that CVXOPT fills.
     """
     outward = []
     homeward = []

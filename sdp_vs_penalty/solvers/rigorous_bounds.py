@@ -39,8 +39,11 @@ Extended = Any  # an array or a number of Long
 
 
 def _gamma(operations: int) -> Extended:
-    """gamma_k, four times: the rounding of the bound itself, and of a few operations
-    more, is in it."""
+    """Return a bound of the relative rounding error of so many operations.
+
+    It is gamma_k = k eps, times four: this covers the rounding of the bound itself and
+    of a few further operations.
+    """
     return 4 * (operations + 16) * Long(np.finfo(Long).eps)
 
 
@@ -50,56 +53,58 @@ _TINY = Long(np.finfo(float).tiny)
 
 
 def in_cones(entries: StackedCones, multipliers: Array) -> tuple[Extended, Array]:
-    """Multipliers that lie in their (self-dual) cones, near those given.
+    """Return multipliers that certainly lie in their (self-dual) cones, near the given
+    ones.
 
     Parameters
     ----------
     entries : StackedCones
         The cones.
     multipliers : (e,)
-        Near them.
+        Multipliers, possibly outside of the cones.
 
     Returns
     -------
-    tuple
-        (e,) the multipliers, and their sums' absolute values. A matrix is V
-        V^T, formed with rounding; the others are exact.
+    (e,) array of Long
+        Multipliers in the cones. Matrices are V V^T, formed with rounding; others are
+        exact.
+    (e,) array
+        Sums of absolute values in each entry, for bounds of the rounding.
     """
     size = np.maximum(multipliers, 0.0)
     exact = np.asarray(size, Long)
     parts = [entries.split(x) for x in (multipliers, exact, size)]
+    # Views of each group: written to in place.
     groups_with_values = zip(entries.groups, *parts, strict=True)
     for group, raw, values, its_size in groups_with_values:
         if group.cone == "psd" and raw.any():
-            values[:], its_size[:] = _square(
-                factor(0.5 * (raw + np.swapaxes(raw, 1, 2)))
-            )
+            symmetric = 0.5 * (raw + np.swapaxes(raw, 1, 2))
+            values[:], its_size[:] = _square(factor(symmetric))
         elif group.cone == "soc":
             values[:] = raw
-            norm = (
-                np.sqrt(np.sum(values[:, 1:] ** 2, axis=1))
-                * (1 + _gamma(values.shape[1]))
-                + _TINY
-            )
-            values[:, 0] = np.maximum(values[:, 0], norm)
+            norm = np.sqrt(np.sum(values[:, 1:] ** 2, axis=1))
+            norm_with_rounding = norm * (1 + _gamma(values.shape[1])) + _TINY
+            values[:, 0] = np.maximum(values[:, 0], norm_with_rounding)
             its_size[:] = np.abs(values)
     return exact, size
 
 
 def _square(v: Array) -> tuple[Extended, Array]:
-    """V V^T (g, d, d) and |V| |V|^T, whose own rounding gamma holds as well."""
+    """Return V V^T and |V| |V|^T of V (g, d, d); the latter bounds the rounding of the
+    former.
+    """
     exact = np.asarray(v, Long)
     size = np.abs(v)
     return exact @ _transposed(exact), size @ _transposed(size)
 
 
 def _transposed(matrices: Any) -> Any:
-    """(g, d, d) each matrix transposed."""
+    """Return each matrix of (g, d, d) transposed."""
     return np.swapaxes(matrices, 1, 2)
 
 
 def _diagonals(matrices: Array) -> Array:
-    """(g, d) of each matrix."""
+    """Return (g, d) the diagonal of each matrix."""
     return np.diagonal(
         matrices,
         axis1=1,
@@ -108,18 +113,18 @@ def _diagonals(matrices: Array) -> Array:
 
 
 def factor(matrices: Array) -> Array:
-    """V with V V^T near symmetric matrices, or near their projections where one is
-    indefinite.
+    """Return V with V V^T near symmetric matrices, or near their psd projections.
 
     Parameters
     ----------
     matrices : (g, d, d)
-        Symmetric.
+        Symmetric matrices; indefinite ones are projected with their diagonals scaled to
+        one, so that the result does not depend on units.
 
     Returns
     -------
     (g, d, d)
-        Seen with a diagonal of size one: what is near does not depend on units.
+        V.
     """
     out = np.zeros_like(matrices)
     used = matrices.any(axis=(1, 2))
@@ -141,8 +146,12 @@ def _against(
     sizes: Array,
     p: int,
 ) -> tuple[Extended, Extended]:
-    """(2, p) slope and (2,) constant of <S, F(theta)> over all constraints, and of
-    absolute values; dual, sizes (e,)."""
+    """Return slope (2, p) and constant (2,) of sum <S_i, F_i(theta)> over all
+    constraints.
+
+    The first entry is the sum, the second that of absolute values, for bounds of the
+    rounding. ``dual`` and ``sizes`` (e,) are the multipliers and their absolute sums.
+    """
     slope = np.zeros((2, p), Long)
     terms = entries.value * dual[entries.row]
     np.add.at(slope[0], entries.column, terms)
@@ -158,8 +167,12 @@ def _entropy_tangent(
     slopes: Array,
     p: int,
 ) -> tuple[Extended, Extended]:
-    """The same of -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T
-    exactly."""
+    """Return slope (2, p) and constant (2,) of an affine lower bound of the prior.
+
+    -log det P >= log det S + 4 - <S, P> for each link, with S = V V^T exactly,
+    ``slopes`` (links, 4, 4) near S. The second entries are sums of absolute values.
+    Raises LinAlgError unless all slopes are positive definite.
+    """
     symmetric = 0.5 * (slopes + _transposed(slopes))
     v = np.asarray(np.linalg.cholesky(symmetric), float)
     logs = np.log(np.asarray(_diagonals(v), Long))
@@ -173,11 +186,11 @@ def _entropy_tangent(
         sizes,
         p,
     )
-    # A logarithm is right to a few units of its last place, or of one.
-    more = 2 * logs.sum() + log_det.sum()
-    size_of_more = 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
+    # A logarithm is accurate to a few units in its last place, or in that of one.
+    log_terms = 2 * logs.sum() + log_det.sum()
+    size_of_logs = 16 * np.sum(np.abs(logs) + 1) + np.abs(log_det).sum()
     weight = Long(entropy.weight)
-    constant = constant + np.array([more, size_of_more], Long)
+    constant = constant + np.array([log_terms, size_of_logs], Long)
     return weight * slope, weight * constant
 
 
@@ -204,29 +217,29 @@ def lower_bound(
     evidence: DualEvidence,
     bound: Array,
 ) -> float:
-    """A number that is certainly at most the least objective over the constraints and
-    |theta_k| <= bound_k.
+    """Return a number that is certainly at most the smallest objective.
 
-    f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum <S_i, F_i(theta)>
-    for every y and all S_i in their cones; what is left of the slope, e, costs |e|^T
-    bound. y is shifted, in extended precision from the second time on, until that no
-    longer matters.
+    The minimum is over the constraints and |theta_k| <= bound_k. For every y and all
+    S_i in their cones f(theta) >= residual_norm^2 + 2 y^T (R theta - rho) - y^T y - sum
+    <S_i, F_i(theta)>; a slope e of this in theta costs |e|^T bound. y is corrected, in
+    extended precision, until that cost no longer matters. Rounding is bounded and
+    subtracted.
 
     Parameters
     ----------
     objective : Objective
-        A sum of squares with a linear and an entropic term.
+        Sum of squares with a linear and an entropic term.
     constraints : StackedCones
-        What theta has to satisfy.
+        Constraints on theta.
     evidence : DualEvidence
         Multipliers near their cones, and y near the residual.
     bound : (p,)
-        The largest plausible |theta_k|.
+        Largest plausible |theta_k|.
 
     Returns
     -------
     float
-        -inf where slopes of the entropy are not definite.
+        -inf if the slopes of the prior are not positive definite.
     """
     data = objective.least_squares
     signs = np.array([-1, 1])
@@ -259,31 +272,32 @@ def lower_bound(
             return -np.inf
         slope = slope + tangent[0]
         constant = constant + tangent[1]
+    # y is corrected first in doubles, then in extended precision.
     push = evidence.push
-    left_near = np.asarray(slope[0], float) + 2.0 * (evidence.y @ data.R)
-    near = evidence.y - push(bound * left_near)
+    first_slope = np.asarray(slope[0], float) + 2.0 * (evidence.y @ data.R)
+    first_y = evidence.y - push(bound * first_slope)
     R = np.asarray(data.R, Long)
     rho = np.asarray(data.rho, Long)
     limit = np.asarray(bound, Long)
-    y = np.asarray(near, Long)
+    y = np.asarray(first_y, Long)
     floor = Long(data.residual_norm) ** 2
-    left = slope[0] + 2 * (y @ R)
+    leftover = slope[0] + 2 * (y @ R)
     for _ in range(CORRECTIONS):
-        leftover = np.asarray(limit * left, float)
+        scaled_leftover = np.asarray(limit * leftover, float)
         loss = float(y @ y + floor)
-        if np.abs(leftover).sum() <= 1e-3 * TIGHT * loss:
+        if np.abs(scaled_leftover).sum() <= 1e-3 * TIGHT * loss:
             break
-        y = y - push(leftover)
-        left = slope[0] + 2 * (y @ R)
+        y = y - push(scaled_leftover)
+        leftover = slope[0] + 2 * (y @ R)
+    # Sums of absolute values times gamma bound the rounding of the sums.
     gamma = _gamma(operations)
-    # Whose own rounding gamma holds.
     sizes = 2 * (np.abs(data.R).T @ np.abs(np.asarray(y, float)))
-    left_at_most = np.abs(left) + gamma * (slope[1] + sizes) + _TINY
-    cost = left_at_most @ limit
+    largest_leftover = np.abs(leftover) + gamma * (slope[1] + sizes) + _TINY
+    cost = largest_leftover @ limit
     size = constant[1] + floor + 2 * np.abs(y) @ np.abs(rho) + y @ y + cost
-    exact_bound = constant[0] + floor - 2 * (y @ rho) - y @ y - cost
-    lowest = exact_bound - gamma * size - _TINY
-    double = float(lowest)  # the largest that is not above it
+    computed = constant[0] + floor - 2 * (y @ rho) - y @ y - cost
+    lowest = computed - gamma * size - _TINY
+    double = float(lowest)  # rounded down, in case the conversion rounded up
     return double if double <= lowest else float(np.nextafter(double, -np.inf))
 
 
@@ -300,25 +314,25 @@ def proves_infeasible(
     multipliers: Array,
     bound: Array,
 ) -> bool:
-    """Whether multipliers prove that no |theta_k| <= bound_k satisfies all
+    """Return whether multipliers prove that no |theta_k| <= bound_k satisfies all
     constraints.
 
-    It is the lower bound of the objective zero: positive exactly if the set is empty.
+    They do if the lower bound of the objective zero is positive (Farkas): no theta can
+    have 0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound < 0.
 
     Parameters
     ----------
     constraints : ConstraintSet
-        What theta has to satisfy.
+        Constraints on theta.
     multipliers : (e,)
-        Of the constraints' entries.
+        Multipliers of the constraints' entries.
     bound : (p,)
-        The largest plausible |theta_k|.
+        Largest plausible |theta_k|.
 
     Returns
     -------
     bool
-        By Farkas: 0 <= sum <S_i, F_i(theta)> <= sum <S_i, F_i0> + |e|^T bound <
-        0 cannot be.
+        True if infeasibility is proved.
     """
     evidence = DualEvidence(multipliers, np.zeros(0))
     nothing = Objective.without_data(len(bound))
@@ -332,19 +346,21 @@ def proves_infeasible(
 
 
 def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
-    """Whether theta satisfies all constraints, decided in rational arithmetic.
+    """Return whether theta satisfies all constraints, decided in rational arithmetic.
+
+    Constraints whose margin is far above rounding are decided in doubles.
 
     Parameters
     ----------
     constraints : sequence of Constraint
-        What theta has to satisfy.
+        Constraints on theta.
     theta : (p,)
         Parameters of the model.
 
     Returns
     -------
     bool
-        No rounding is in it.
+        Free of rounding.
     """
     cones = StackedCones.from_groups(group_cones(constraints))
     margin, size = cones.margins(theta)
@@ -358,20 +374,20 @@ def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
 
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:
-    """The worst violation of each family.
+    """Return the largest violation of each family of constraints.
 
     Parameters
     ----------
     constraints : ConstraintSet
-        What theta has to satisfy.
+        Constraints on theta.
     theta : (p,)
         Parameters of the model.
 
     Returns
     -------
     dict
-        By the family's name; zero where only rounding in the evaluation sees
-        one.
+        By the family's name, in its unit; zero if the violation is rounding of the
+        evaluation.
     """
     out = constraints.worst(theta)
     for family in [family for family, violation in out.items() if violation > 0.0]:
@@ -389,7 +405,7 @@ _WELL_INSIDE = np.sqrt(np.finfo(float).eps)
 def _exact_value(
     constraint: Constraint, theta: Mapping[int, Fraction]
 ) -> list[Fraction]:
-    """F(theta) in rational numbers, entry by entry; a matrix's symmetric part."""
+    """Return the entries of F(theta) as Fractions; a matrix is made symmetric."""
     out = [Fraction(float(x)) for x in constraint.constant.ravel()]
     for k, coefficient in zip(constraint.indices, constraint.coefficients, strict=True):
         flat = coefficient.ravel()

@@ -47,7 +47,7 @@ class _Part:
 
     @property
     def n_slacks(self) -> int:
-        """Of all cones of the part."""
+        """Number of slacks of all cones of this part."""
         return len(self.image) * len(self.begins)
 
 
@@ -69,7 +69,11 @@ class SmallCones:
         constraints: ConstraintSet,
         p: int,
     ) -> None:
-        """Raises NotApplicableError for cones of an order above four."""
+        """Prepare the cones of an SDP with p parameters.
+
+        Raises NotApplicableError for a matrix or second-order cone of an order above
+        four.
+        """
         has_entropy = entropy is not None and entropy.weight > 0.0
         links = entropy.links if entropy is not None and has_entropy else ()
         groups = (*constraints.groups, *group_cones(links))
@@ -106,7 +110,9 @@ class SmallCones:
             self.adjoint = np.ascontiguousarray(slack_map.T.toarray())
 
     def _weigh(self, entropy: Entropy) -> None:
-        """Set weight and linear term of the prior."""
+        """Set the weight of each block's log det, and the slope of the prior's trace
+        term.
+        """
         self.weight = np.zeros_like(self.weight)
         self.weight[: self._count] = entropy.weight
         slope = entropy.entries.adjoint(
@@ -115,18 +121,17 @@ class SmallCones:
         self.linear = entropy.weight * slope
 
     def with_entropy(self, entropy: Entropy | None) -> Self:
-        """The same cones with another weight and nominal robot of a prior on the same
-        links.
+        """Return the same cones with another prior on the same links.
 
         Parameters
         ----------
         entropy : Entropy or None
-            The other prior.
+            Prior with another weight and nominal robot.
 
         Returns
         -------
         SmallCones
-            As they are where they have no prior.
+            Unchanged if the cones have no prior.
         """
         if not self._count:
             return self
@@ -137,18 +142,20 @@ class SmallCones:
         return cones
 
     def multipliers(self, flat: Array) -> tuple[Array, Array | None]:
-        """Multipliers as the constraints have them.
+        """Return multipliers in the form of the constraints.
 
         Parameters
         ----------
         flat : (rows + 16 blocks,)
-            Of the slacks.
+            Multipliers of the slacks.
 
         Returns
         -------
-        tuple
-            (e,) of the constraints' entries; of each link of the entropy the slope
-            S (links, 4, 4) with which -log det is bounded, None without a prior.
+        (e,) array
+            Multipliers of the constraints' entries.
+        (links, 4, 4) array or None
+            For each link of the prior the matrix S that bounds its -log det; None
+            without a prior.
         """
         links = np.count_nonzero(self.weight)
         end = self.rows + links * ORDER**2
@@ -165,8 +172,11 @@ def _parts(
     links: Sequence[Constraint],
     groups: Sequence[ConeGroup],
 ) -> list[_Part]:
-    """Rows, the entropy's links, other blocks; without constraints that others, or a
-    link's log det, imply."""
+    """Return the groups of cones in the order of the slacks: rows, links of the prior,
+    blocks.
+
+    Constraints that others imply, or that a link's log det implies, are left out.
+    """
     kept_by_log_det = {("pseudo-inertia", *link.indices.tolist()) for link in links}
     needed = {
         constraint
@@ -199,7 +209,9 @@ def _parts(
 
 
 def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> scipy.sparse.csr_matrix:
-    """(slacks, entries): from the entries of all cones to the slacks of all parts."""
+    """Return the sparse map (slacks, entries) from all cones' entries to all parts'
+    slacks.
+    """
     rows = [np.zeros(0, np.intp)]
     columns = [np.zeros(0, np.intp)]
     values = [np.zeros(0)]
@@ -217,8 +229,13 @@ def _image_of_parts(parts: Sequence[_Part], n_entries: int) -> scipy.sparse.csr_
 
 
 def _image(cone: str, d: int) -> tuple[Array, Array]:
-    """From a cone's entries to its slacks, and what is added: itself, or a 4x4 matrix
-    with ones beside a smaller one; of a second-order cone the arrow."""
+    """Return the map from a cone's entries to its slacks, and the constant that is
+    added.
+
+    A nonnegative row is its own slack. A matrix of order d <= 4 becomes a 4x4 matrix
+    with ones on the further diagonal. A second-order cone (axis first) becomes the
+    arrow matrix with the axis on its diagonal. Raises NotApplicableError for d > 4.
+    """
     if cone == "nonnegative":
         return np.eye(d), np.zeros(d)
     if d > ORDER:
@@ -240,9 +257,14 @@ def _image(cone: str, d: int) -> tuple[Array, Array]:
 def _curvature(
     slack_map: scipy.sparse.csr_matrix, rows: int
 ) -> scipy.sparse.csr_matrix:
-    """(p^2, rows + 256 blocks): of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d]
-    (S^-1)[a, c] Z[d, b] with which factor each product of S^-1 and Z counts at (j, i),
-    i >= j."""
+    """Return the sparse map (p^2, rows + 256 blocks) from products of slacks to the
+    Hessian.
+
+    H_ij = sum over blocks of <F_i, S^-1 F_j Z> = sum F_i[a, b] F_j[c, d] (S^-1)[a, c]
+    Z[d, b]: an entry is the factor of the product (S^-1)[a, c] Z[d, b] in H_ij, for i
+    >= j at the place (j, i). For a row the product is z / s. slack_map is (rows + 16
+    blocks, p).
+    """
     part = slack_map.tocoo()
     p = slack_map.shape[1]
     is_row = part.row < rows

@@ -42,25 +42,26 @@ SDPA_CLAIMS = {
 
 @cache
 def _distributions() -> Mapping[str, list[str]]:
-    """What was installed that brings a package: half a second's search through
-    everything."""
+    """Return the distributions that install each package; cached, as the search takes
+    0.5 s.
+    """
     return metadata.packages_distributions()
 
 
 def flat(values: Any, size: int) -> Array:
-    """A solver's numbers.
+    """Return a solver's numbers as a flat array.
 
     Parameters
     ----------
     values : array or None
-        As it gives them.
+        Numbers in any shape.
     size : int
-        How many there are.
+        How many there should be.
 
     Returns
     -------
     (size,)
-        NaN where it gives none.
+        NaN if the solver returned none.
     """
     return np.full(size, np.nan) if values is None else np.array(values, float).ravel()
 
@@ -96,34 +97,33 @@ class Solver(ABC):
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
-        """Ask the solver; every subclass defines this.
+        """Solve a problem by the package or program; every subclass defines this.
 
         Parameters
         ----------
         problem : ConicProblem
-            Written as :attr:`cones`, :attr:`order` and :attr:`full_matrices` want
-            it.
+            Rewritten to :attr:`cones`, :attr:`order` and :attr:`full_matrices`.
         options : mapping
-            As :meth:`options` makes them.
+            Result of :meth:`options`.
 
         Returns
         -------
         Solution
-            What it answers, with what its status claims.
+            Variables, multipliers, and the meaning of the solver's status.
         """
 
     def options(self, accuracy: float) -> dict[str, Any]:
-        """The solver's options for an accuracy.
+        """Return the solver's options for an accuracy.
 
         Parameters
         ----------
         accuracy : float
-            Relative, of gap and feasibility.
+            Relative accuracy of gap and feasibility.
 
         Returns
         -------
         dict
-            By the solver's own names.
+            Options by the solver's own names.
         """
         return {
             name: accuracy if value is ACCURACY else value
@@ -131,24 +131,24 @@ class Solver(ABC):
         }
 
     def solve(self, problem: ConicProblem, accuracy: float) -> Solution:
-        """Rewrite a problem as the solver takes it, ask, and bring the answer back.
+        """Rewrite a problem for the solver, solve it, and bring the solution back.
 
         Parameters
         ----------
         problem : ConicProblem
-            What is to be solved.
+            Problem to solve.
         accuracy : float
-            Relative, of gap and feasibility.
+            Relative accuracy of gap and feasibility.
 
         Returns
         -------
         Solution
-            Of the problem as it was.
+            Of the problem before it was rewritten.
 
         Raises
         ------
         NotApplicableError
-            For cones that it cannot be given.
+            For cones that the solver lacks and that cannot be rewritten.
         """
         form = suited(problem, self.cones, self.order)
         form = form.then(full_matrices) if self.full_matrices else form
@@ -161,24 +161,24 @@ class Solver(ABC):
         )
 
     def solve_for_user(self, problem: ConicProblem, accuracy: float) -> Solution:
-        """As :meth:`solve`, for a command.
+        """Solve a problem for a command, with errors as sentences for users.
 
         Parameters
         ----------
         problem : ConicProblem
-            What is to be solved.
+            Problem to solve.
         accuracy : float
-            Relative, of gap and feasibility.
+            Relative accuracy of gap and feasibility.
 
         Returns
         -------
         Solution
-            Of the problem as it was.
+            Of the problem before it was rewritten.
 
         Raises
         ------
         InputError
-            Where a signal has ended the solver's program.
+            If a signal has ended the solver's program.
         """
         try:
             return self.solve(problem, accuracy)
@@ -196,20 +196,20 @@ class Solver(ABC):
         iterations: float,
         more: str = "",
     ) -> Solution:
-        """A solver's answer with what its status claims.
+        """Return a Solution with the meaning of the solver's status.
 
         Parameters
         ----------
         x : (m,)
-            The variables.
+            Variables.
         z : (r,)
-            The multipliers.
+            Multipliers.
         status : str
-            A key of :attr:`status_meaning`.
+            A key of :attr:`status_meaning`; others mean "failed".
         iterations : float
-            How many it made.
+            Number of iterations.
         more : str
-            Words that belong to the status.
+            Further words of the status.
 
         Returns
         -------
@@ -227,20 +227,19 @@ class Solver(ABC):
 
     @property
     def absent(self) -> str:
-        """Why it cannot be used on this machine and what to do, "" where it can."""
-        kind, what = self.requires
-        there = (
-            shutil.which(what) if kind == "program" else importlib.util.find_spec(what)
-        )
-        return (
-            ""
-            if there
-            else f"the {kind} {what} is not installed (source: {self.source})"
-        )
+        """Why the solver cannot be used on this machine and what to do, "" if it can."""
+        kind, name = self.requires
+        if kind == "program":
+            is_installed = shutil.which(name) is not None
+        else:
+            is_installed = importlib.util.find_spec(name) is not None
+        if is_installed:
+            return ""
+        return f"the {kind} {name} is not installed (source: {self.source})"
 
     @property
     def source(self) -> str:
-        """The extra, the system's package, or the words, that say where it comes from."""
+        """Where the solver comes from: an extra, a system package, or words."""
         kind, what = self.requires
         if kind == "program":
             return f"a system package: {self.system_package or what}"
@@ -250,17 +249,16 @@ class Solver(ABC):
 
     @property
     def description(self) -> str:
-        """The first sentence of its docstring."""
+        """First sentence of the class's docstring."""
         return summary_line(type(self))
 
     def warm_up(self) -> None:
-        """Pay for what its first call costs once."""
+        """Import the package, so that the first solution's time does not contain it."""
         if self.requires[0] == "package":
             importlib.import_module(self.requires[1])
 
     def version(self) -> str:
-        """The installed version of what it requires; empty where a program does not
-        say."""
+        """Return the installed version of the package or program, "" if unknown."""
         kind, what = self.requires
         if kind == "package":
             return metadata.version(_distributions().get(what, [what])[0])

@@ -37,8 +37,10 @@ class ThroughCvxpy(Solver):
 
     @staticmethod
     def warm_up() -> None:
-        """Import CVXPY and let it build every kind of cone once; starts no thread and
-        runs no solver."""
+        """Import CVXPY and compile every kind of cone once, without running a solver.
+
+        The first call of CVXPY is slow; timings should not contain it.
+        """
         import cvxpy as cp
 
         x = cp.Variable(2)
@@ -55,21 +57,26 @@ class ThroughCvxpy(Solver):
 
     @property
     def absent(self) -> str:
-        """Why it cannot be used on this machine: for lack of the package, or of a
-        licence."""
+        """Why the solver cannot be used here (package or licence missing), "" if it
+        can.
+        """
         licence_files = (
             Path(os.path.expandvars(path)).expanduser() for path in self.licences
         )
-        there = any("@" in path.name or path.is_file() for path in licence_files)
-        return super().absent or (
-            "" if there else f"no licence in {', '.join(self.licences)}"
-        )
+        # A licence server is written as port@server.
+        has_licence = any("@" in path.name or path.is_file() for path in licence_files)
+        if super().absent:
+            return super().absent
+        return "" if has_licence else f"no licence in {', '.join(self.licences)}"
 
     def run(
         self,
         problem: ConicProblem,
         options: Mapping[str, Any],
     ) -> Solution:
+        """State the problem in CVXPY, solve it, and return x (m,) and multipliers z
+        (rows,).
+        """
         import cvxpy as cp
 
         x = cp.Variable(len(problem.q))
@@ -105,11 +112,12 @@ class ThroughCvxpy(Solver):
 
 
 def _n_rows(cone: Cone) -> int:
-    """Of a cone whose matrices are full."""
+    """Return the number of rows of a cone whose matrices have all d^2 entries."""
     return cone.size**2 if cone.kind == "psd" else cone.rows
 
 
 def _membership(cone: Cone, slack: Any) -> Any:
+    """Return the CVXPY constraint that ``slack`` (rows,) lies in the cone."""
     import cvxpy as cp
 
     if cone.kind == "psd":
@@ -131,7 +139,9 @@ def _membership(cone: Cone, slack: Any) -> Any:
 
 
 def _dual(cone: Cone, constraint: Any) -> Array:
-    """In the order of the cone's rows."""
+    """Return a constraint's multiplier in the order of the cone's rows; NaN without
+    one.
+    """
     value = constraint.dual_value
     if value is None or (isinstance(value, list) and value[0] is None):
         return np.full(_n_rows(cone), np.nan)

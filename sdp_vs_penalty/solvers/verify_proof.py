@@ -77,27 +77,33 @@ OPTIMUM = PROOF | {
 
 
 def need(condition, what):
+    """Raise ValueError with the reason ``what`` unless the condition holds."""
     if not condition:
         raise ValueError(what)
 
 
 def read(path):
-    """The JSON of a file, in which no field comes twice."""
+    """Read a proof's JSON; ValueError for a file that is too large or repeats a field."""
     with open(path, "rb") as file:
-        need(
-            len(text := file.read(MAX_BYTES + 1)) <= MAX_BYTES, "the file is too large"
-        )
-    pairs = {
-        "object_pairs_hook": lambda x: need(len(dict(x)) == len(x), "twice") or dict(x)
-    }
-    return json.loads(
-        text.decode(), **pairs
-    )  # as text, of which a byte-order mark is no JSON
+        text = file.read(MAX_BYTES + 1)
+    need(len(text) <= MAX_BYTES, "the file is too large")
+
+    def without_repeated_fields(pairs):
+        need(len(dict(pairs)) == len(pairs), "twice")
+        return dict(pairs)
+
+    # Decoded first: json would accept the byte-order mark of bytes, which is no JSON.
+    return json.loads(text.decode(), object_pairs_hook=without_repeated_fields)
 
 
 def typed(value, kind, sizes):
-    """The value with rational numbers; ValueError where a field, type or length is not
-    the kind's."""
+    """Return the value with numbers as Fractions, checked against the form ``kind``.
+
+    ``kind`` is a dict of fields, a list [letter, kind of each item], a tuple of Python
+    types, or NUMBER. Lists with the same letter must have the same length, which
+    ``sizes`` records. Raises ValueError for a missing or further field, another type,
+    length or number.
+    """
     if isinstance(kind, dict):
         need(
             type(value) is dict and value.keys() == kind.keys(),
@@ -106,11 +112,11 @@ def typed(value, kind, sizes):
         sizes = dict(sizes)
         return {name: typed(value[name], kind[name], sizes) for name in kind}
     if isinstance(kind, list):
-        fits = type(value) is list and len(value) == sizes.setdefault(
-            kind[0], len(value)
-        )
+        letter, kind_of_item = kind
+        is_list = type(value) is list
+        fits = is_list and len(value) == sizes.setdefault(letter, len(value))
         need(fits, "a list is missing, or has a wrong length")
-        return [typed(v, kind[1], sizes) for v in value]
+        return [typed(item, kind_of_item, sizes) for item in value]
     if isinstance(kind, tuple):
         need(type(value) in kind, "a text or an index is missing")
         return value
@@ -119,19 +125,24 @@ def typed(value, kind, sizes):
         "no number",
     )
     x = Fraction(value)
-    power = int(value.partition("/")[2] or 1)
+    denominator = int(value.partition("/")[2] or 1)
+    is_power_of_two = not denominator & (denominator - 1)
     need(
-        abs(x) <= LARGEST and not power & (power - 1),
+        abs(x) <= LARGEST and is_power_of_two,
         "a number is too large, or no binary fraction",
     )
     return x
 
 
 def dot(a, b):
+    """Return the exact inner product of two sequences of Fractions."""
     return sum((x * y for x, y in zip(a, b, strict=True) if x and y), Fraction(0))
 
 
 def symmetric(flat):
+    """Return d^2 entries as d rows; ValueError unless the matrix is square and
+    symmetric.
+    """
     d = math.isqrt(len(flat))
     rows = [flat[i : i + d] for i in range(0, d * d, d)]
     need(
@@ -142,26 +153,38 @@ def symmetric(flat):
 
 
 def determinant(flat):
-    """Of a positive semidefinite matrix, by Bareiss' elimination in integers; None if
-    it is not one."""
+    """Return the determinant of a matrix (d^2 Fractions), None unless it is positive
+    semidefinite.
+
+    Bareiss' fraction-free elimination in integers: entries are scaled by their common
+    denominator. A negative pivot, or a zero pivot with a nonzero row, shows that the
+    matrix is indefinite.
+    """
     scale = math.lcm(*(x.denominator for x in flat))
-    last = 1
-    sign = 1
     rows = [[int(x * scale) for x in row] for row in symmetric(flat)]
+    last_pivot = 1
+    is_singular = False
     for k, row in enumerate(rows):
-        if row[k] < 0 or (row[k] == 0 and any(row[k:])):
+        pivot = row[k]
+        if pivot < 0 or (pivot == 0 and any(row[k:])):
             return None
-        sign = min(sign, row[k])
-        for i in range(k + 1, len(rows) if row[k] else 0):
+        if pivot == 0:
+            is_singular = True
+            continue
+        for i in range(k + 1, len(rows)):
             rows[i] = [
-                (row[k] * a - rows[i][k] * b) // last
+                (pivot * a - rows[i][k] * b) // last_pivot
                 for a, b in zip(rows[i], row, strict=True)
             ]
-        last = row[k] or last
-    return Fraction(last if sign else 0, scale ** len(rows))
+        last_pivot = pivot
+    # Bareiss: the last pivot is the determinant of the integer matrix.
+    return Fraction(0 if is_singular else last_pivot, scale ** len(rows))
 
 
 def inside(cone, value):
+    """Return whether a value lies in its cone: "psd" (d^2 entries), "soc" (axis first),
+    or >= 0.
+    """
     if cone == "soc":
         return value[0] >= 0 and value[0] ** 2 >= dot(value[1:], value[1:])
     return (
@@ -170,7 +193,11 @@ def inside(cone, value):
 
 
 def log_below(x):
-    """ln x less at most 1e-49: a Decimal's logarithm is correctly rounded."""
+    """Return a Fraction below ln x, by at most 1e-49.
+
+    A Decimal's logarithm is correctly rounded to 80 digits; 1e-50 covers the two
+    roundings.
+    """
     need(x, "a singular matrix has no finite entropy, and proves nothing")
     top = Decimal(x.numerator).ln(Context(prec=80))
     bottom = Decimal(x.denominator).ln(Context(prec=80))
@@ -178,27 +205,34 @@ def log_below(x):
 
 
 def dual_bound(p):
-    """Constant and slope of an affine function below f wherever all constraints hold."""
+    """Return constant and slope (n,) of an affine function that bounds the objective
+    from below.
+
+    The bound holds wherever all constraints hold. For any y and multipliers S_i in
+    their cones: f(theta) >= floor^2 + 2 y'(R theta - rho) - y'y - sum <S_i,
+    F_i(theta)>. A prior adds w (log det T + log det P0 + <P0^-1 - T, P>), a tangent of
+    its log det with matrix T ("dual").
+    """
     constant = p["floor"] ** 2 - 2 * dot(p["y"], p["rho"]) - dot(p["y"], p["y"])
-    slope = [2 * dot(p["y"], column) for column in zip(*p["R"], strict=True)] or [
-        0
-    ] * len(p["bound"])
+    slope = [2 * dot(p["y"], column) for column in zip(*p["R"], strict=True)]
+    if not p["R"]:  # without data
+        slope = [0] * len(p["bound"])
     for c in p["constraints"]:
         need(
             c["cone"] in CONES and 0 < len(c["constant"]) <= MAX_ROWS,
             "a cone is unknown or too large",
         )
-        need(
-            len({*c["indices"]} & {*range(len(slope))}) == len(c["indices"]),
-            "an index is wrong",
-        )
-        need(inside(c["cone"], S := c["dual"]), "a multiplier lies outside its cone")
+        known_indices = {*c["indices"]} & {*range(len(slope))}
+        need(len(known_indices) == len(c["indices"]), "an index is wrong")
+        S = c["dual"]
+        need(inside(c["cone"], S), "a multiplier lies outside its cone")
         for e in c["entropy"]:
             need(
                 e["weight"] >= 0 and c["cone"] == "psd",
                 "the entropy is not convex, or of no matrix",
             )
             constant += e["weight"] * (log_below(determinant(e["dual"])) + e["log_det"])
+            # The prior's tangent is linear in the constraint's matrix, as is <S, F>.
             S = [
                 s + e["weight"] * (t - q)
                 for s, t, q in zip(
@@ -208,8 +242,9 @@ def dual_bound(p):
                     strict=True,
                 )
             ]
-        for F in (S, c["constant"], *c["coefficients"]) if c["cone"] == "psd" else ():
-            symmetric(F)
+        if c["cone"] == "psd":
+            for matrix in (S, c["constant"], *c["coefficients"]):
+                symmetric(matrix)
         constant -= dot(c["constant"], S)
         for k, F in zip(c["indices"], c["coefficients"], strict=True):
             slope[k] -= dot(F, S)
@@ -217,14 +252,16 @@ def dual_bound(p):
 
 
 def loss(p):
-    """|R theta - rho|^2 + floor^2."""
+    """Return |R theta - rho|^2 + floor^2 of a typed proof, exactly."""
     rows = zip(p["R"], p["rho"], strict=True)
     return p["floor"] ** 2 + sum((dot(a, p["theta"]) - r) ** 2 for a, r in rows)
 
 
 def objective(p):
-    """An upper bound of f(theta), exact without entropy; ValueError where theta is not
-    feasible."""
+    """Return an upper bound of the objective at theta, exact without a prior.
+
+    Raises ValueError if theta violates a bound or a constraint.
+    """
     x = p["theta"]
     need(
         all(abs(a) <= b for a, b in zip(x, p["bound"], strict=True)),
@@ -245,8 +282,12 @@ def objective(p):
 
 
 def check(proof):
-    """The proved interval (lower, upper), or None for a proof of infeasibility;
-    ValueError otherwise."""
+    """Verify a proof in exact arithmetic.
+
+    Returns (lower, upper), the proved interval of the smallest objective, or None for a
+    proof that nothing satisfies the constraints. Raises ValueError for a proof that
+    does not hold.
+    """
     need(type(proof) is dict, "it is no JSON object")
     form = proof.get("format")
     need(form == FORMAT, f"its format is {repr(form)[:60]}, not {FORMAT!r}")
@@ -270,31 +311,41 @@ def check(proof):
             "lower or upper is not proved",
         )
         return p["lower"], p["upper"]
-    zero = not (p["rho"] or p["floor"] or any(c["entropy"] for c in p["constraints"]))
+    has_entropy = any(c["entropy"] for c in p["constraints"])
+    is_zero_objective = not (p["rho"] or p["floor"] or has_entropy)
     need(
-        p["kind"] == "infeasible" and zero and proved > 0, "infeasibility is not proved"
+        p["kind"] == "infeasible" and is_zero_objective and proved > 0,
+        "infeasibility is not proved",
     )
+    return None
 
 
 def relative_gap(proof):
-    """(upper - lower) / loss(theta) of a proof of an optimum that :func:`check` accepts;
-    of exact data the loss counts as at least 1e-12 (|rho|^2 + floor^2). None where that
-    is zero and the interval is not."""
+    """Return (upper - lower) / loss(theta) of a proof of an optimum that :func:`check`
+    accepts.
+
+    With exact data the loss counts as at least 1e-12 (|rho|^2 + floor^2). None if that
+    is zero and the interval is not.
+    """
     p = typed(proof, OPTIMUM, {})
     torque = dot(p["rho"], p["rho"]) + p["floor"] ** 2
     scale = max(loss(p), torque / 10**12)
     width = p["upper"] - p["lower"]
-    return width / scale if scale else Fraction(0) if not width else None
+    if scale:
+        return width / scale
+    return None if width else Fraction(0)
 
 
 def in_words(x):
-    """A rational number, however large, to two digits."""
+    """Return a rational number, however large, as text with two digits."""
     return f"{Decimal(x.numerator) / Decimal(x.denominator):.1e}"
 
 
 def weakness(proof, loosest=Fraction(1, 1000)):
-    """Why a proof that holds shows no optimum; "" where it does. loosest: the largest gap
-    of one that does."""
+    """Return why a valid proof says too little of the optimum, "" if it says enough.
+
+    ``loosest`` is the largest gap, relative to the loss, that says enough.
+    """
     gap = relative_gap(proof)
     if gap is None or gap >= 1:
         share = "" if gap is None else f", {in_words(gap)} times the loss wide,"
@@ -307,7 +358,9 @@ def weakness(proof, loosest=Fraction(1, 1000)):
 
 
 def main(path):
-    """What a proof shows, as one line; ValueError where it does not."""
+    """Return in one line what the proof in a file shows; ValueError if it does not
+    hold.
+    """
     proof = read(path)
     found = check(proof)
     if found is None:

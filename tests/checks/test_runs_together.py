@@ -8,6 +8,9 @@ import pytest
 
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.checks import Issue, Report, check
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.one_arm import RunComparison, RunLog
+from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.simulation import experiment
 
@@ -106,7 +109,12 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
     assert "degrees away in" in issue.what
 
 
-def test_a_load_of_one_run_is_named_in_kilograms(two_link, runs):
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(
+    two_link,
+    runs,
+    order,
+):
     """One kilogram held half a metre along the last link."""
     links = two_link.nominal_links.copy()
     links[-1] += [1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.25]
@@ -126,13 +134,14 @@ def test_a_load_of_one_run_is_named_in_kilograms(two_link, runs):
         dq,
         ddq,
     )
-    reports = judged(
-        two_link,
-        replace(run, tau=run.tau + loaded - empty),
-        runs[1],
-    )
-    issues = [issue for report in reports for issue in explanations(report)]
-    assert [issue.kind for issue in issues] == ["another load"]
+    both = replace(run, tau=run.tau + loaded - empty), runs[1]
+    reports = judged(two_link, *(both[k] for k in order))
+    loaded_report, empty_report = (reports[order.index(k)] for k in (0, 1))
+    (issue,) = explanations(loaded_report)
+    assert issue.kind == "another load"
+    assert issue.figures["size"] == pytest.approx(1.0, abs=0.2)
+    assert "heavier load on its last link (+" in issue.what
+    assert not explanations(empty_report)
 
 
 def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
@@ -211,6 +220,21 @@ def test_a_delay_in_one_of_three_runs_is_claimed_of_that_run(two_link, three_run
 
 def test_three_runs_of_one_arm_have_no_differences(two_link, three_runs):
     assert not [x for r in judged(two_link, *three_runs) for x in explanations(r)]
+
+
+def test_one_arm_is_as_much_worse_in_whatever_order_the_runs_come(two_link, runs):
+    """Also where a joint rests in one of them."""
+    still = replace(runs[0], q=runs[0].q * [1.0, 0.0], tau=1.3 * runs[0].tau, dq=None)
+    settings = two_link.preprocessing
+    logs = []
+    for run in (still, runs[1]):
+        data = RegressionData.of(two_link, run, settings.resolve(run))
+        log = Likelihood(two_link, data)
+        logs.append(RunLog(log, log.as_logged, run.names[0]))
+    assert [log.log.moving.tolist() for log in logs] == [[True, False], [True, True]]
+    ratio = RunComparison(logs).error_ratio
+    assert ratio > 1.001
+    assert RunComparison(logs[::-1]).error_ratio == pytest.approx(ratio)
 
 
 def test_of_a_clipped_channel_nothing_else_is_said(two_link, runs):

@@ -25,7 +25,7 @@ from sdp_vs_penalty.diagnosis import (
     measure_curves,
     whiten_rows,
 )
-from sdp_vs_penalty.diagnosis.curves.measure import _instead
+from sdp_vs_penalty.diagnosis.curves.measure import is_curve_preferred
 from sdp_vs_penalty.effects import (
     MeasuredCurve,
     Motion,
@@ -123,7 +123,7 @@ def test_a_curve_stands_instead_of_terms_that_are_worth_less(
     for more in (0.1, -0.1):
         alone: Any = (named + least + more, None, law)
         other: Any = None if beside is None else (beside, None, None)
-        assert _instead(worth, terms, alone, other) is (more > 0.0)
+        assert is_curve_preferred(worth, terms, alone, other) is (more > 0.0)
 
 
 def test_findings_json_carries_curves_there_and_back(made):

@@ -325,7 +325,7 @@ def test_a_weak_or_ambiguous_finding_says_which_run_would_tell(found, capsys):
         indistinguishable_from=("drift_friction",),
     )
     assert warm.undecided is None
-    assert "cooled down" in warm.cooled
+    assert "cooled down" in warm.cool_down_instruction
 
 
 def test_the_search_ends_at_the_error_and_the_shape_of_what_add_returns(hidden):

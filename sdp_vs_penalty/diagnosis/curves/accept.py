@@ -15,35 +15,53 @@ def accept_curves(
     curves: Sequence[Measured],
     judge: HeldOutData,
 ) -> tuple[Measured, ...]:
-    """Those that lower their joint's held-out error by more than what is minor, raise no
-    other's, and whose tables the test run does not leave for most of its rows.
+    """Accept the measured curves that data left out confirm, one after the other.
 
-    Held-out errors use the values that the other folds' rows make.
+    A curve is accepted if it lowers its joint's error on data left out by 1 %, raises
+    no sum over joints by 1 %, and if most of the test run lies within its table
+    (outside, the table is held constant). Later curves are judged beside the accepted
+    ones.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    curves
+        The measured curves.
+    judge
+        The data left out: a test run, or folds. On a fold, a curve has the values that
+        the other folds' rows give.
+
+    Returns
+    -------
+    tuple of Measured
+        The accepted curves, with the errors before and after each.
     """
     if not curves:
         return ()
+    # Effects are chosen by number: the findings first, then the curves.
     terms = search.terms
-    tables = {len(terms) + k: c for k, c in enumerate(curves)}
-    effects = [
-        *(t.form.effect for t in terms),
-        *(c.table for c in curves),
-    ]
-    by_fold = {k: c.by_fold for k, c in tables.items()}
-    rows = search.data.rows
-    held_out = judge.held_out_errors(rows, effects, search.data.estimate, by_fold)
+    effects = [t.form.effect for t in terms]
+    effects += [c.table for c in curves]
+    curve_by_number = dict(enumerate(curves, start=len(terms)))
+    held_out = judge.held_out_errors(
+        search.data.rows,
+        effects,
+        search.data.estimate,
+        by_fold={k: c.by_fold for k, c in curve_by_number.items()},
+    )
     before = held_out.errors(range(len(terms)))
-    out = list[Measured]()
-    accepted = list[int]()
-    for k, curve in tables.items():
-        replaced = {t for c in (*out, curve) for t in c.replaced}
-        beside = [i for i, t in enumerate(terms) if t not in replaced]
-        after = held_out.errors([*beside, *accepted, k])
-        joint = [curve.joint]
-        helps = lowers(before[joint], after[joint]) and harm(before, after) < MINOR
-        # Most of the test run has to be where the table is no constant.
+    accepted = dict[int, Measured]()
+    for number, curve in curve_by_number.items():
+        replaced = set(curve.replaced)
+        for other in accepted.values():
+            replaced.update(other.replaced)
+        findings = [i for i, t in enumerate(terms) if t not in replaced]
+        after = held_out.errors([*findings, *accepted, number])
+        joint = curve.joint
+        lowers_its_joint = lowers(before[[joint]], after[[joint]])
+        helps = lowers_its_joint and harm(before, after) < MINOR
         if helps and judge.outside(curve.table) <= MOSTLY_NEW:
-            error_before = float(before[curve.joint])
-            out.append(replace(curve, before=error_before, errors=after))
+            accepted[number] = replace(curve, before=float(before[joint]), errors=after)
             before = after
-            accepted.append(k)
-    return tuple(out)
+    return tuple(accepted.values())

@@ -1,11 +1,13 @@
-"""What a curve may run over, the splines that it is made of, and these on one joint's
-white rows.
+"""Splines of which a measured curve is made, the variables that it may run over, and
+its fit to one joint's white rows (weighted so that the noise is independent with
+variance 1).
 
-With z the white columns of a basis, Q the fit's and r what it leaves, everything
-follows from D = z'z - (Q'z)'Q'z and s = z'r: c = (D + P)^-1 s, P = lambda S + z'z / N,
-S the roughness of the splines (Eilers, Marx 1996), the last term a prior worth one row.
-The score is that of :mod:`..score` with the effective degrees of freedom tr (D + P)^-1
-D in the place of k; lambda is where it is highest.
+With z the white columns of the splines, Q the orthonormal columns of the model's fit
+and r its residual, everything follows from D = z'z - (Q'z)'Q'z and s = z'r: the
+coefficients are c = (D + P)^-1 s with the penalty P = lambda S + z'z / N. S is the
+roughness of the splines (Eilers, Marx 1996), z'z / N a prior worth one row. The score
+is the evidence J of :mod:`..evidence` with the effective degrees of freedom tr (D +
+P)^-1 D in the place of k; lambda maximises it.
 """
 
 from __future__ import annotations
@@ -37,8 +39,12 @@ _PAIR = 9
 
 @dataclass(frozen=True)
 class Axis:
-    """Cubic B-splines of one variable between the ends of its range, held constant
-    outside; of the sign of a velocity the constant and the sign itself."""
+    """Cubic B-splines of one variable over the range from low to high, constant
+    outside.
+
+    For the sign of a velocity there are two functions instead: 1 and the sign. count :
+    how many functions.
+    """
 
     variable: Variable
     low: float
@@ -47,10 +53,13 @@ class Axis:
 
     @property
     def is_sign(self) -> bool:
+        """Whether the variable is the sign of a velocity, which takes two values only."""
         return self.variable.word == "sign(dq)"
 
     def columns(self, x: Array) -> Array:
-        """(N, count) of the splines."""
+        """Return the values (N, count) of all splines at x (N,), in the variable's
+        unit.
+        """
         if self.is_sign:
             return np.column_stack([np.ones_like(x), x])
 
@@ -68,36 +77,38 @@ class Axis:
 
     @property
     def points(self) -> Array:
-        """Where the curve is written down: at its knots, and at three values between
-        each."""
-        count = 4 * (self.count - _DEGREE) + 1
-        return (
-            np.array([-1.0, 1.0])
-            if self.is_sign
-            else np.linspace(self.low, self.high, count)
-        )
+        """Points (P,) at which a curve is tabulated: the knots, and three between each
+        two.
+        """
+        if self.is_sign:
+            return np.array([-1.0, 1.0])
+        return np.linspace(self.low, self.high, 4 * (self.count - _DEGREE) + 1)
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Splines over one variable, or the products of those over two."""
+    """Splines over one variable, or all products of the splines of two variables."""
 
     axes: tuple[Axis, ...]
 
     @property
     def of(self) -> tuple[str, ...]:
-        """The variables as they are written."""
+        """The names of the variables, such as ("q1", "dq1")."""
         return tuple(a.variable.name for a in self.axes)
 
     def at(self, *values: Array) -> Array:
-        """(N, size) at given values of the variables."""
+        """Return all functions (N, size) at values (N,) of each variable."""
         return _products(
             [axis.columns(x) for axis, x in zip(self.axes, values, strict=True)]
         )
 
     @property
     def roughly(self) -> Basis:
-        """A pair's with two thirds of its splines; over one variable itself."""
+        """The same with two thirds of the splines for a pair, for a fast first
+        comparison.
+
+        Over one variable it is the basis itself.
+        """
         coarse_axes = [
             replace(a, count=2 * _PAIR // 3) if a.count == _PAIR else a
             for a in self.axes
@@ -106,19 +117,20 @@ class Basis:
 
     @property
     def points(self) -> Array:
-        """(P, variables) the grid on which the curve is written down."""
+        """(P, number of variables) the grid of points at which the curve is tabulated."""
         return np.array(list(product(*(a.points for a in self.axes))))
 
 
 @lru_cache
 def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
-    """Penalty matrix of a P-spline surface: the sum of the variables' penalties (Eilers, Marx 1996).
+    """Penalty matrix of a P-spline surface: the sum of the variables' penalties
+    (Eilers, Marx 1996).
 
-    The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace, with
-    differences D1 and D2 of the coefficients; c = (2 pi / count)^2 for more than _PAIR
-    splines, else 0. The first differences then count as much as second ones do for a wave as
-    long as the range: where few measurements lie, the curve levels off instead of going on
-    straight. A sign has no penalty.
+    The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace,
+    with first and second differences D1 and D2 of the coefficients. c is (2 pi /
+    count)^2 for more than _PAIR splines, else 0: first differences then count as much
+    as second ones do for a wave as long as the range, and where few measurements lie,
+    the curve levels off instead of going on straight. A sign has no penalty.
 
     Parameters
     ----------
@@ -131,23 +143,28 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
         The matrix, which is read-only; size is the product of the numbers of splines.
     """
     counts = [count for count, _ in axes]
-    out = np.zeros((int(np.prod(counts)),) * 2)
+    size = int(np.prod(counts))
+    out = np.zeros((size, size))
     for k, (count, is_sign) in enumerate(axes):
-        if not is_sign:
-            first = np.diff(np.eye(count), 1, axis=0)
-            second = np.diff(np.eye(count), 2, axis=0)
-            level = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
-            penalty = second.T @ second + level * first.T @ first
-            before = np.eye(int(np.prod(counts[:k])))
-            after = np.eye(int(np.prod(counts[k + 1 :])))
-            along_axis = np.kron(np.kron(before, penalty), after)
-            out += along_axis / np.trace(along_axis)
-    out.setflags(write=False)  # the cache hands the same array to everybody
+        if is_sign:
+            continue
+        D1 = np.diff(np.eye(count), 1, axis=0)
+        D2 = np.diff(np.eye(count), 2, axis=0)
+        c = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
+        penalty = D2.T @ D2 + c * D1.T @ D1
+        # Splines of the variables before this one, and of those behind it.
+        before = np.eye(int(np.prod(counts[:k])))
+        after = np.eye(int(np.prod(counts[k + 1 :])))
+        along_axis = np.kron(np.kron(before, penalty), after)
+        out += along_axis / np.trace(along_axis)
+    out.setflags(write=False)  # the cache returns the same array to every caller
     return out
 
 
 def _products(columns: Sequence[Array]) -> Array:
-    """(N, size) every product of one column (N, k) of each."""
+    """Return (N, size): the products of every choice of one column (N, k) from each
+    array.
+    """
     out = columns[0]
     for factor in columns[1:]:
         out = (out[:, :, None] * factor[:, None, :]).reshape(len(out), -1)
@@ -175,48 +192,68 @@ def pairs_of(
     robot: Robot,
     warm: bool = False,
 ) -> list[tuple[Variable, ...]]:
-    """Everything that a curve of joint j may run over, one variable first; warm : with
-    temperatures."""
-    others = [i for i in range(robot.n) if i != j]
+    """List the variables, and pairs of variables, that a curve of joint j may run over.
+
+    Single variables come first: the joint's own, time, other joints' positions and
+    velocities, and those of coupled joints.
+
+    Parameters
+    ----------
+    j
+        The joint (from 0).
+    robot
+        The robot.
+    warm
+        True: the log has temperatures, and the joint's one is a variable.
+
+    Returns
+    -------
+    list of tuple of Variable
+        One or two variables each.
+    """
+    other_joints = [i for i in range(robot.n) if i != j]
     singles = [Variable(word, j) for word in _SINGLE]
     if warm:
         singles.append(Variable("temp", j))
     singles.append(Variable("t"))
-    for i in others:
+    for i in other_joints:
         singles += [Variable("q", i), Variable("dq", i)]
     singles += _coupled_variables(j, robot)
-    pairs = [(Variable(a, j), Variable(b, j)) for a, b in _PAIRS]
-    for i in others:
-        pairs += [(Variable(a, i), Variable(b, j)) for a, b in _MIXED_PAIRS]
-    return [*((v,) for v in singles), *pairs]
+    out: list[tuple[Variable, ...]] = [(variable,) for variable in singles]
+    out += [(Variable(a, j), Variable(b, j)) for a, b in _PAIRS]
+    for i in other_joints:
+        out += [(Variable(a, i), Variable(b, j)) for a, b in _MIXED_PAIRS]
+    return out
 
 
 def _coupled_variables(j: int, robot: Robot) -> list[Variable]:
-    """Positions and velocities of two joints together, one of them j, with the ratios of
-    a transmission."""
+    """List positions and velocities of pairs of joints that a transmission may couple.
+
+    Each is a sum such as q4 + 0.5 q5, with the ratios of a transmission; one of the two
+    joints is j (from 0).
+    """
     out = []
     for first in range(j + 1):
         for ratios in combinations(robot, first):
-            at = [int(key[1:]) - 1 for key in ratios]
-            if len(at) == 2 and j in at:
-                one, other = at
-                ratio = ratios[f"c{other + 1}"] / ratios[f"c{one + 1}"]
-                out += [
-                    Variable(
-                        word,
-                        one,
-                        other,
-                        ratio,
-                    )
-                    for word in ("q", "dq")
-                ]
+            # Keys are "c" and the joint, which counts from 1.
+            joints = [int(key[1:]) - 1 for key in ratios]
+            if len(joints) != 2 or j not in joints:
+                continue
+            one, other = joints
+            ratio = ratios[f"c{other + 1}"] / ratios[f"c{one + 1}"]
+            out += [Variable(word, one, other, ratio) for word in ("q", "dq")]
     return out
 
 
 class Variables:
-    """The values of all variables on the rows, filtered; and bases in their ranges."""
+    """The values of all variables on the rows of a log, low-passed, and spline bases
+    over them.
+    """
 
     def __init__(self, rows: SegmentedRuns, robot: Robot) -> None:
+        """Note the rows that count, and whether the log has temperatures; values come
+        later.
+        """
         self.rows = rows
         self.robot = robot
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
@@ -225,44 +262,52 @@ class Variables:
         self._splines = lru_cache(self._splines_of)
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
-        """(M, ...) of what is worked out along the motion."""
+        """Return (M, ...): what ``dense`` computes along the motion, low-passed as the
+        torque is.
+        """
         return np.concatenate(
             [s.low_pass @ dense(s.motion) for s in self.rows.segments]
         )
 
     def _on_rows_of(self, v: Variable) -> Array:
-        """(M,) low-passed."""
+        """Return the low-passed values (M,) of a variable."""
         return self._filtered(v.along)
 
     def basis(self, of: tuple[Variable, ...]) -> Basis | None:
-        """None where a variable stands still."""
+        """Return splines over the ranges that these variables have in the log.
+
+        None where one of them does not change.
+        """
         axes = []
-        pair = len([v for v in of if v.word != "sign(dq)"]) > 1
-        for v in of:
-            x = self.on_rows(v)[self.keep]
+        continuous = [v for v in of if v.word != "sign(dq)"]
+        count = _PAIR if len(continuous) > 1 else _ALONE
+        for variable in of:
+            if variable.word == "sign(dq)":
+                axes.append(Axis(variable, low=-1.0, high=1.0, count=2))
+                continue
+            x = self.on_rows(variable)[self.keep]
+            # As many digits as a written effect has.
             low = float(f"{x.min():.6g}")
             high = float(f"{x.max():.6g}")
-            if v.word == "sign(dq)":
-                low = -1.0
-                high = 1.0
-                count = 2
-            else:
-                count = _PAIR if pair else _ALONE
             if not high - low > 1e-6:
                 return None
-            axes.append(Axis(v, low, high, count))
+            axes.append(Axis(variable, low, high, count))
         return Basis(tuple(axes))
 
     def coarse(self, basis: Basis) -> Array:
-        """(M, size) of the filtered variables: nearly the filtered splines."""
+        """Return nearly the filtered splines (M, size): splines of the filtered
+        variables.
+
+        This is faster than :meth:`exact`, for a first comparison.
+        """
         return _products([self._splines(a) for a in basis.axes])
 
     def _splines_of(self, axis: Axis) -> Array:
-        """(M, count) of one variable on the rows."""
+        """Return the splines (M, count) of one variable at its filtered values."""
         return axis.columns(self.on_rows(axis.variable))
 
     def exact(self, basis: Basis) -> Array:
-        """(M, size) filtered splines."""
+        """Return the filtered splines (M, size), as the torque's filter would see them."""
         return self.of_law(basis, lambda x: basis.at(*x.T))
 
     def of_law(
@@ -270,14 +315,21 @@ class Variables:
         basis: Basis,
         law: Callable[[Array], Array],
     ) -> Array:
-        """(M, m) filtered columns of a law, which says them at points (P, v)."""
-        return self._filtered(
-            lambda m: law(np.column_stack([a.variable.along(m) for a in basis.axes]))
-        )
+        """Return the filtered columns (M, m) of a law.
+
+        ``law`` maps points (N, number of variables) to its columns (N, m).
+        """
+
+        def along(motion: Motion) -> Array:
+            values = [axis.variable.along(motion) for axis in basis.axes]
+            return law(np.column_stack(values))
+
+        return self._filtered(along)
 
     def supported(self, basis: Basis) -> Array:
-        """(P, variables) the points of the basis's grid within a step of which the
-        motion has been."""
+        """Return the points (P, number of variables) of the grid that the motion has
+        come near.
+        """
         return basis.points[self.met(basis, self.keep)]
 
     def met(
@@ -285,15 +337,26 @@ class Variables:
         basis: Basis,
         which: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
-        """Of all points of a basis's grid, those near which some of the rows (M,) lie."""
+        """Return which points of the basis's grid the motion has come near, in some
+        rows.
+
+        Near is within one step of the grid; for a sign, within 0.2 of it. ``which``
+        (M,) selects the rows. For a pair both variables have to be near in the same
+        row.
+        """
         near = [np.ones((int(which.sum()), 1))]
         for axis in basis.axes:
             points = axis.points
             step = (points[-1] - points[0]) / (len(points) - 1)
             reach = 0.2 if axis.is_sign else 1.001 * step
-            is_near = np.abs(self.on_rows(axis.variable)[which, None] - points) <= reach
+            values = self.on_rows(axis.variable)[which]
+            is_near = np.abs(values[:, None] - points) <= reach
             near.append(is_near.astype(float))
-        return np.asarray(near[-2].T @ near[-1] > 0.0).ravel()  # of a pair both at once
+        # Rows that are near a point of the first axis and of the second at once; of a
+        # single axis, the first factor is the column of ones.
+        first, second = near[-2:]
+        n_rows_near = first.T @ second
+        return np.asarray(n_rows_near > 0.0).ravel()
 
 
 #: Weights of the roughness that are tried, relative to the data's.
@@ -302,9 +365,12 @@ _WEIGHTS = 10.0 ** np.arange(-5.0, 5.5, 1.0)
 
 @dataclass(frozen=True)
 class CurveColumns:
-    """Weighted white columns z (M, k) of a joint beside a fit, on all of its rows: D
-    (k, k), s (k,), raw = z'z; count : rows of the joint, v : how many of them are worth
-    one."""
+    """The white columns of a curve's functions on one joint's rows, beside a fit.
+
+    z (M, k) : the columns, weighted; D (k, k), s (k,) : products with each other and
+    with the residual, beside the fit's columns; raw = z'z; count : number of rows of
+    the joint; v : number of correlated rows that count as one.
+    """
 
     fit: WhiteFit
     joint: int
@@ -324,6 +390,28 @@ class CurveColumns:
         joint: int,
         robust: bool = True,
     ) -> CurveColumns:
+        """Compute the products of a curve's columns beside a fit.
+
+        Parameters
+        ----------
+        score
+            The scorer, which knows the clusters of rows.
+        fit
+            The model with some effects.
+        white
+            (M, k) white columns of the curve's functions.
+        joint
+            Whose torque the curve explains (from 0).
+        robust
+            True: v is estimated from clusters of rows; False: rows count as
+            independent.
+
+        Returns
+        -------
+        CurveColumns
+            Columns and products.
+        """
+        # Zero in the rows behind the log's, which hold priors of nuisances.
         z = np.zeros((len(fit.residual[joint]), white.shape[1]))
         z[: len(white)] = white / fit.level[joint]
         C = fit.basis[joint].T @ z
@@ -333,27 +421,22 @@ class CurveColumns:
         count = float(fit.degrees[joint])
         v = 1.0
         if robust and len(s):
-            T = fit.residual_of({joint: z})
-            inverse = np.linalg.inv(
-                D + raw / count + 1e-9 * np.trace(raw) * np.eye(len(s))
-            )
-            c = inverse @ s
+            ridge = 1e-9 * np.trace(raw) * np.eye(len(s))
+            inverse = np.linalg.inv(D + raw / count + ridge)
+            coefficients = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
-            v = score.rows_worth_one(
-                T,
-                fit.residual - T @ c,
-                inverse,
-                freedom,
-            )
+            T = fit.residual_of({joint: z})
+            left = fit.residual - T @ coefficients
+            v = score.rows_worth_one(T, left, inverse, freedom)
         return cls(
-            fit,
-            joint,
-            z,
-            D,
-            s,
-            raw,
-            count,
-            v + count / COARSENING_ROWS,
+            fit=fit,
+            joint=joint,
+            z=z,
+            D=D,
+            s=s,
+            raw=raw,
+            count=count,
+            v=v + count / COARSENING_ROWS,
         )
 
     def score(
@@ -362,62 +445,85 @@ class CurveColumns:
         freedom: Array,
         looked: int,
     ) -> Array:
-        """The score of what takes ``drop`` (...) of the weighted squared error with so
-        much freedom (...), of so many looked at."""
+        """Return the evidence J of curves with a given drop of squared error.
+
+        Parameters
+        ----------
+        drop
+            (...) drop of the weighted squared error of the joint.
+        freedom
+            (...) effective number of coefficients.
+        looked
+            Number of bases among which the curve was chosen.
+
+        Returns
+        -------
+        (...) array
+            J = dD / v - freedom log(N / v) - 2 log looked.
+        """
         fit = self.fit
-        N = max(self.count / self.v, 3.0)
         j = self.joint
-        rss = np.repeat(fit.rss[None], np.size(drop), axis=0).reshape(
-            *np.shape(drop), -1
-        )
+        # (..., n) squared errors of all joints, of which only this one's falls.
+        rss = np.repeat(fit.rss[None], np.size(drop), axis=0)
+        rss = rss.reshape(*np.shape(drop), -1)
         rss[..., j] = np.maximum(fit.rss[j] - drop * fit.level[j] ** 2, 0.0)
-        gain = fit.deviance(fit.rss) - fit.deviance(rss)
-        return np.asarray(
-            gain / self.v - freedom * np.log(N) - 2.0 * np.log(max(looked, 1))
-        )
+        deviance_drop = fit.deviance(fit.rss) - fit.deviance(rss)
+        n_independent = max(self.count / self.v, 3.0)
+        price = freedom * np.log(n_independent)
+        selection = 2.0 * np.log(max(looked, 1))
+        return np.asarray(deviance_drop / self.v - price - selection)
 
     def without_fold(
         self,
         fold: NDArray[np.intp],
         P: Array,
     ) -> Array:
-        """(F, k) coefficients from the rows outside of each fold (M,), the fit's
-        columns refitted there."""
-        Q = self.fit.basis
-        y = self.fit.target
-        r = self.fit.basis.shape[2]
-        held = 1.0 / self.count  # a prior worth one row
+        """Return the curve's coefficients (F, k) fitted without each of F folds.
+
+        The model's own columns are fitted again on the same rows; a prior that is worth
+        one row holds them near their values on all rows.
+
+        Parameters
+        ----------
+        fold
+            (M,) the fold of each row.
+        P
+            (k, k) penalty of the curve's coefficients.
+        """
+        Q = self.fit.basis  # (n, M, r)
+        y = self.fit.target  # (n, M)
+        r = Q.shape[2]
+        k = len(self.s)
+        prior = 1.0 / self.count  # worth one row
+        # (r,) coefficients of Q on all rows, near which the prior holds them.
+        theta = np.tensordot(Q, y, axes=((0, 1), (0, 1)))
+        # Rows behind the log's, which hold priors of nuisances, always take part.
+        prior_rows = np.ones(len(self.z) - len(fold), bool)
         out = []
-        none = np.ones(len(self.z) - len(fold), bool)
         for f in np.unique(fold):
-            train = np.append(fold != f, none)
+            train = np.append(fold != f, prior_rows)
             q = np.concatenate(Q[:, train])
-            G = np.zeros((r + len(self.s),) * 2)
-            G[:r, :r] = q.T @ q + held * np.eye(r)
-            G[:r, r:] = Q[self.joint][train].T @ self.z[train]
+            z = self.z[train]
+            # Normal equations of Q's coefficients (first) and the curve's (last).
+            G = np.zeros((r + k, r + k))
+            G[:r, :r] = q.T @ q + prior * np.eye(r)
+            G[:r, r:] = Q[self.joint][train].T @ z
             G[r:, :r] = G[:r, r:].T
-            G[r:, r:] = self.z[train].T @ self.z[train] + P
-            training_target = y[:, train].ravel()
-            # The fit's own parameters are held where they were.
-            theta = np.tensordot(
-                Q,
-                y,
-                axes=((0, 1), (0, 1)),
-            )
-            pull = np.concatenate(
-                [
-                    q.T @ training_target + held * theta,
-                    self.z[train].T @ y[self.joint][train],
-                ]
-            )
+            G[r:, r:] = z.T @ z + P
+            pull_of_model = q.T @ y[:, train].ravel() + prior * theta
+            pull_of_curve = z.T @ y[self.joint][train]
+            pull = np.concatenate([pull_of_model, pull_of_curve])
             out.append(np.linalg.solve(G, pull)[r:])
         return np.array(out)
 
 
 @dataclass(frozen=True)
 class SplineFit:
-    """A curve of one joint over a basis: raw (M, k) its columns, not white; P (k, k)
-    the penalty; J."""
+    """A spline curve of one joint, fitted beside the model.
+
+    raw (M, k) : its columns, not white; P (k, k) : penalty with the roughness chosen; J
+    : evidence.
+    """
 
     basis: Basis
     raw: Array
@@ -427,17 +533,22 @@ class SplineFit:
 
     @property
     def joint(self) -> int:
+        """The joint (from 0)."""
         return self.columns.joint
 
     @cached_property
     def c(self) -> Array:
-        """(k,) coefficients."""
+        """(k,) the coefficients (D + P)^-1 s."""
         return np.asarray(np.linalg.solve(self.columns.D + self.P, self.columns.s))
 
     @cached_property
     def projector(self) -> Array:
-        """(k, k) onto what the model's own columns cannot make, nor the smoothing alone
-        decides."""
+        """(k, k) projector onto curves that the rows determine.
+
+        It removes the directions that the model's own columns can make, or that the
+        penalty alone decides: those whose share D / (z'z + P) is at most ABSORBED_CURVE
+        (2 %).
+        """
         metric = self.columns.raw + self.P
         values, vectors = scipy.linalg.eigh(self.columns.D, metric)
         significant = vectors[:, values > ABSORBED_CURVE]
@@ -445,7 +556,9 @@ class SplineFit:
 
     @property
     def coefficients(self) -> Array:
-        """(k,) of what the model's own columns cannot make."""
+        """(k,) coefficients without the part that the model's own columns could make as
+        well.
+        """
         return np.asarray(self.projector @ self.c)
 
 
@@ -455,36 +568,51 @@ def smoothed(
     columns: CurveColumns,
     looked: int,
 ) -> SplineFit:
-    """The curve with the roughness that scores most."""
-    gram = columns.raw / max(columns.count, 1.0) + 1e-10 * np.trace(
-        columns.raw
-    ) * np.eye(len(columns.s))
-    rough = _roughness(tuple((a.count, a.is_sign) for a in basis.axes)) * np.trace(
-        columns.raw
-    )
-    # In a basis in which all but the data's part of D are diagonal, for any weight.
+    """Fit a spline curve with the weight of roughness that has most evidence.
+
+    Parameters
+    ----------
+    basis
+        The splines.
+    raw
+        (M, k) their filtered columns.
+    columns
+        The same white, beside a fit, with their products.
+    looked
+        Number of bases among which the curve is chosen.
+
+    Returns
+    -------
+    SplineFit
+        The curve with its evidence.
+    """
+    energy = np.trace(columns.raw)
+    ridge = 1e-10 * energy * np.eye(len(columns.s))
+    prior = columns.raw / max(columns.count, 1.0) + ridge  # worth one row
+    splines = tuple((axis.count, axis.is_sign) for axis in basis.axes)
+    roughness = _roughness(splines) * energy
+    # In the basis V of these eigenvectors D + prior is the identity and the roughness is
+    # diagonal: the solution for any weight is a division.
     values, V = scipy.linalg.eigh(
-        rough,
-        columns.D + gram,
+        roughness,
+        columns.D + prior,
         check_finite=False,
     )
     D = V.T @ columns.D @ V
     s = V.T @ columns.s
-    weights = _WEIGHTS if rough.any() else np.ones(1)
-    w = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
-    c = w * s
-    J = columns.score(
-        2.0 * c @ s - np.sum((c @ D) * c, axis=1),
-        w @ np.diagonal(D),
-        looked,
-    )
+    weights = _WEIGHTS if roughness.any() else np.ones(1)
+    shrinkage = 1.0 / (1.0 + weights[:, None] * np.maximum(values, 0.0))
+    c = shrinkage * s  # (weights, k)
+    drop = 2.0 * c @ s - np.sum((c @ D) * c, axis=1)
+    freedom = shrinkage @ np.diagonal(D)
+    J = columns.score(drop, freedom, looked)
     best = int(np.argmax(J))
     return SplineFit(
-        basis,
-        raw,
-        columns,
-        gram + weights[best] * rough,
-        float(J[best]),
+        basis=basis,
+        raw=raw,
+        columns=columns,
+        P=prior + weights[best] * roughness,
+        J=float(J[best]),
     )
 
 
@@ -495,17 +623,37 @@ def band(
     level: float = 0.95,
     draws: int = 300,
 ) -> Array:
-    """(P,) half width of the band that holds ``level`` of whole curves on grid (P, k):
-    draws of the coefficients, normal with the covariance v (D + P)^-1 (Nychka, JASA
-    1988)."""
+    """Return the half width (P,) of a simultaneous confidence band of a curve [N m or
+    N].
+
+    Curves are drawn from a normal distribution with covariance v (D + P)^-1 (Nychka,
+    JASA 1988); the band holds the share ``level`` of whole curves.
+
+    Parameters
+    ----------
+    fit
+        The curve.
+    grid
+        (P, k) its functions at the points of the band.
+    seed
+        Of the random draws.
+    level
+        Share of curves within the band.
+    draws
+        How many curves.
+    """
     rng = np.random.default_rng(seed)
     A = fit.columns.D + fit.P
     values, vectors = np.linalg.eigh(A)
-    root = vectors / np.sqrt(np.maximum(values, 1e-12 * values[-1]))
-    spread = np.sqrt(max(fit.columns.v - fit.columns.count / COARSENING_ROWS, 1.0))
-    errors = (
-        spread * rng.normal(size=(draws, len(A))) @ root.T @ fit.projector.T @ grid.T
-    )
+    root = vectors / np.sqrt(
+        np.maximum(values, 1e-12 * values[-1])
+    )  # root root' = A^-1
+    # v without the coarsening of the evidence, which is no error of the curve.
+    v = fit.columns.v - fit.columns.count / COARSENING_ROWS
+    spread = np.sqrt(max(v, 1.0))
+    normal = rng.normal(size=(draws, len(A)))
+    errors = spread * normal @ root.T @ fit.projector.T @ grid.T  # (draws, P)
     deviation = np.maximum(errors.std(axis=0), 1e-300)
+    # Of each drawn curve the largest error, in standard deviations of its point.
     largest = np.max(np.abs(errors) / deviation, axis=1)
     return np.asarray(np.quantile(largest, level) * deviation)

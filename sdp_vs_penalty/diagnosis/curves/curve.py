@@ -44,49 +44,61 @@ class Curve(JsonRecord):
     filled_torque: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Raises ValueError where shapes do not fit each other, or a variable has no
-        such name."""
+        """Check that values and band have one entry for each x, and that variables are
+        known.
+
+        Raises
+        ------
+        ValueError
+            They have not.
+        """
         for name in self.of:
             Variable.parse(name)
-        pair = (len(self.of),) * (len(self.of) > 1)
-        shape_of_values = self.torque.shape
-        if (
-            self.x.shape != shape_of_values + pair
-            or not shape_of_values == self.lower.shape == self.upper.shape
-        ):
+        # Over two variables x has a second dimension.
+        second_dimension = (len(self.of),) if len(self.of) > 1 else ()
+        shape = self.torque.shape
+        has_values = self.x.shape == shape + second_dimension
+        has_band = self.lower.shape == self.upper.shape == shape
+        if not (has_values and has_band):
             raise ValueError("a curve has a value and a band for each x")
-        if (
-            len(self.filled_x)
-            and self.filled_x.shape != self.filled_torque.shape + pair
-        ):
+        shape_filled = self.filled_torque.shape + second_dimension
+        if len(self.filled_x) and self.filled_x.shape != shape_filled:
             raise ValueError("what a law fills has a value for each x")
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; without what a law fills where nothing is."""
-        gone = () if len(self.filled_torque) else ("filled_x", "filled_torque")
-        return {k: v for k, v in super().to_dict().items() if k not in gone}
+        """Return plain JSON; fields of values filled in by a law are left out where
+        there are none.
+        """
+        data = super().to_dict()
+        if not len(self.filled_torque):
+            del data["filled_x"], data["filled_torque"]
+        return data
 
     @property
     def points(self) -> Array:
-        """(P, variables)."""
+        """(P, number of variables) the points at which the curve was measured."""
         return self.x.reshape(len(self.torque), -1)
 
     def effect(self, robot: Robot) -> MeasuredCurve:
-        """The curve as an effect that can be added to a model."""
+        """Return the curve as an effect, a table, that can be added to a model of the
+        robot.
+        """
         filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
-        constants = np.vstack([self.points, filled])
-        values = np.append(self.torque, self.filled_torque)
         return table_effect(
             robot,
-            self.joint - 1,
-            self.of,
-            constants,
-            values,
-            len(self.torque),
+            joint=self.joint - 1,
+            of=self.of,
+            points=np.vstack([self.points, filled]),
+            values=np.append(self.torque, self.filled_torque),
+            measured=len(self.torque),
         )
 
     def sentence(self, torque_units: Sequence[str]) -> str:
-        """What was measured, in one or two sentences; torque_units : of all joints."""
+        """Describe the curve in one or two sentences: range, size, gain, and law if
+        there is one.
+
+        torque_units are those of all joints.
+        """
         unit = plain_unit(torque_units[self.joint - 1])
         units = [Variable.parse(v).unit(torque_units) for v in self.of]
         low = self.points.min(axis=0)
@@ -103,9 +115,9 @@ class Curve(JsonRecord):
         return (
             f"joint {self.joint} misses a torque over {ranges}:"
             f" {np.ptp(self.torque):.3g} {unit} from peak to peak,"
-            f" {100.0 * self.explained_share:.0f} % of the held-out energy beyond"
-            f" noise; held-out error {self.held_out_rmse_before:.3g} to"
-            f" {self.held_out_rmse_after:.3g} {unit}.{words}"
+            f" {100.0 * self.explained_share:.0f} % of the error's energy beyond noise on"
+            f" data left out; the error there falls from {self.held_out_rmse_before:.3g}"
+            f" to {self.held_out_rmse_after:.3g} {unit}.{words}"
         )
 
 
@@ -117,32 +129,56 @@ def table_effect(
     values: Array,
     measured: int,
 ) -> MeasuredCurve:
-    """The table of values (P,) at points (P, variables) of an equally spaced grid, of
-    which some may be missing. joint : from 0; measured : so many of the first were, a
-    law says the others."""
+    """Make the effect whose torque is a table over a grid of one or two variables.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    joint
+        The joint (from 0).
+    of
+        Names of the variables, such as "q1".
+    points
+        (P, number of variables) points of an equally spaced grid; some may be missing.
+    values
+        (P,) torque there [N m or N].
+    measured
+        How many of the first points were measured; a law gave the others.
+
+    Returns
+    -------
+    MeasuredCurve
+        The effect. It is written with numbers of six digits, so its values are rounded
+        to these here.
+    """
     shape: dict[str, float] = {}
     places = []
     counts = []
     for axis, name, x in zip("xy", of, points.T, strict=False):
-        over = Variable.parse(name)
+        variable = Variable.parse(name)
         steps = np.diff(np.unique(x))
         low = float(x.min())
         high = float(x.max())
         count = round((high - low) / float(steps.min(initial=high - low))) + 1
-        shape[axis], shape[f"{axis}j"] = WORDS.index(over.word) + 1.0, over.joint + 1.0
-        if over.other >= 0:
-            shape |= {f"{axis}i": over.other + 1.0, f"{axis}c": over.ratio}
-        shape[f"{axis}low"], shape[f"{axis}high"] = (
-            float(f"{low:.6g}"),
-            float(f"{high:.6g}"),
-        )
+        shape[axis] = WORDS.index(variable.word) + 1.0
+        shape[f"{axis}j"] = variable.joint + 1.0
+        if variable.other >= 0:
+            shape[f"{axis}i"] = variable.other + 1.0
+            shape[f"{axis}c"] = variable.ratio
+        shape[f"{axis}low"] = _six_digits(low)
+        shape[f"{axis}high"] = _six_digits(high)
         shape[f"{axis}n"] = float(count)
         places.append(np.rint((x - low) / (high - low) * (count - 1)))
         counts.append(count)
-    known = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
-    written = [float(f"{v:.6g}") for v in values]
-    keys = [f"{'v' if m < measured else 'w'}{k + 1}" for m, k in enumerate(known)]
-    shape |= dict(
-        sorted(zip(keys, written, strict=True), key=lambda kv: int(kv[0][1:]))
-    )
+    # Cells are numbered row by row; "v7" is a measured value of cell 7, "w7" a law's.
+    cells = np.ravel_multi_index(tuple(np.array(places, int)), tuple(counts))
+    for k in np.argsort(cells, kind="stable"):
+        letter = "v" if k < measured else "w"
+        shape[f"{letter}{cells[k] + 1}"] = _six_digits(values[k])
     return MeasuredCurve(robot, [joint], **shape)
+
+
+def _six_digits(value: float) -> float:
+    """Round a number to the six digits with which effects are written."""
+    return float(f"{value:.6g}")

@@ -1,10 +1,10 @@
-"""Recognition: the simplest law of a small dictionary that a curve is, by the score of
-all other forms.
+"""The law that a measured curve follows: the simplest one of a small dictionary that
+fits as well, judged by the evidence J as all effects are.
 
-A law a g(x; b) is put into the curve's own splines, c_g, and scored through their
-products: a = c_g's / c_g'D c_g. The best of these are fitted once more on the rows
-themselves. Of those that score about as much as the curve does, the simplest that
-explains about as much as any is named.
+A law a g(x; b), with amplitudes a and constants b, is first put into the curve's own
+splines (coefficients c_g), where its amplitude is a = c_g's / c_g'D c_g. The best laws
+are then fitted on the rows themselves. Of those with about as much evidence as the
+curve, the one with fewest numbers is named.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -52,10 +52,14 @@ _OF_A_PAIR = "{x}", "|{x}|", "sign({x})", "{x}^2"
 
 @dataclass(frozen=True)
 class Law:
-    """terms(variables, constants) -> its m columns, by broadcasting; reads : what
-    follows each amplitude, with {x}, {y} for the variables and {b}, {c} for the
-    constants, and once for the sine and cosine of a wave, with {phase}; starts :
-    constants that a fit begins with, its bounds their ends."""
+    """A law of the dictionary: a sum of terms with free amplitudes and non-linear
+    constants.
+
+    terms(variables, constants) returns its m columns. reads : how each term reads
+    behind its amplitude, with {x}, {y} for the variables and {b}, {c} for the
+    constants; a wave's sine and cosine read as one term with {phase}. starts :
+    constants that a fit begins with; it stays within their range.
+    """
 
     terms: Callable[[Array, Array], Sequence[Array]]
     reads: tuple[str, ...]
@@ -63,13 +67,16 @@ class Law:
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
-        """(c,) least and largest of each constant."""
+        """(c,) smallest and (c,) largest value of each constant among the starts."""
         starts = np.array(self.starts, float)
         return starts.min(axis=0), starts.max(axis=0)
 
     def columns(self, points: Array, constants: Array) -> Array:
-        """(P, m) at points (P, v) with constants (c,); (P, S, m) with S sets of them
-        (c, S)."""
+        """Return the law's m columns at P points (P, number of variables).
+
+        They are (P, m) for one set of constants (c,), and (P, S, m) for S sets (c, S).
+        Overflow gives infinity without a warning.
+        """
         x = points.T if constants.ndim == 1 else points.T[:, :, None]
         with np.errstate(over="ignore", invalid="ignore"):
             terms = self.terms(x, constants)
@@ -82,115 +89,149 @@ class Law:
         amplitudes: Array,
         constants: Array,
     ) -> str:
-        """How it reads with these numbers; names : of the variables."""
-        known = dict(zip("xy", names, strict=False)) | dict(
-            zip("bc", map(_number, constants), strict=False)
-        )
-        if len(self.reads) < len(amplitudes):
-            known["phase"] = _number(np.arctan2(amplitudes[1], amplitudes[0]))
-            amplitudes = np.hypot(*amplitudes)[None]
-        parts = zip(amplitudes, self.reads, strict=True)
-        return " + ".join(
-            f"{_number(a)} {r.format(**known)}" for a, r in parts
-        ).replace("+ -", "- ")
+        """Write the law with its numbers; names are those of the variables.
+
+        Sine and cosine are written as one sine with amplitude and phase.
+        """
+        words = dict(zip("xy", names, strict=False))
+        words |= dict(zip("bc", map(_number, constants), strict=False))
+        if len(self.reads) < len(amplitudes):  # a wave: a sin + b cos
+            sine, cosine = amplitudes
+            words["phase"] = _number(np.arctan2(cosine, sine))
+            amplitudes = np.hypot(sine, cosine)[None]
+        terms = [
+            f"{_number(amplitude)} {reads.format(**words)}"
+            for amplitude, reads in zip(amplitudes, self.reads, strict=True)
+        ]
+        return " + ".join(terms).replace("+ -", "- ")
 
 
 def _number(x: float) -> str:
+    """Write a number with four digits."""
     return f"{x:.4g}"
 
 
 def dictionary(axes: Sequence[Axis]) -> list[Law]:
-    """Over one variable, or a pair."""
+    """List the laws that a curve over one variable, or over two, may follow."""
     return _of_one(axes[0]) if len(axes) == 1 else _of_two(*axes)
 
 
 def _of_one(axis: Axis) -> list[Law]:
-    def plain(*reads: str) -> Law:
-        return Law(lambda p, _: [_PLAIN[r](p[0]) for r in reads], reads)
-
-    def scaled(g: Function, reads: str, starts: Array) -> Law:
-        return Law(
-            lambda p, b: [g(p[0] / b[0])],
-            (reads,),
-            [(float(w),) for w in starts],
-        )
-
+    """List the laws of one variable: powers, saturations, exponentials, waves, bumps."""
     if axis.is_sign:
-        return [plain("{x}")]
+        return [_power_law("{x}")]
     largest = max(abs(axis.low), abs(axis.high))
-    span = axis.high - axis.low
     widths = np.geomspace(0.01, 3.0, 20) * largest
+    laws = [_power_law(reads) for reads in _PLAIN]
+    laws.append(_power_law("{x}", "{x}^2"))
+    laws.append(_power_law("{x}", "{x}^2", "{x}^3"))
+    laws += [_scaled_law(g, reads, widths) for reads, g in _SCALED.items()]
+    # exp(x / b) overflows for narrow widths b; it may rise or fall.
     wide = widths[widths > 0.05 * largest]
-    places = product(
-        np.linspace(axis.low, axis.high, _SCAN // 2), np.geomspace(0.03, 0.5, 8) * span
-    )
-    return [
-        *map(plain, _PLAIN),
-        plain("{x}", "{x}^2"),
-        plain("{x}", "{x}^2", "{x}^3"),
-        *(
-            scaled(
-                g,
-                reads,
-                widths,
-            )
-            for reads, g in _SCALED.items()
-        ),
-        scaled(np.exp, "exp({x} / {b})", np.concatenate([wide, -wide])),
-        _wave(
-            lambda p, b: b[0] * p[0],
-            "{b} {x}",
-            [(float(k),) for k in _waves(axis, _SCAN)],
-        ),
-        Law(
-            lambda p, b: [np.exp(-(((p[0] - b[0]) / b[1]) ** 2))],
-            ("exp(-(({x} - {b}) / {c})^2)",),
-            [(float(c), float(w)) for c, w in places],
-        ),
-    ]
+    laws.append(_scaled_law(np.exp, "exp({x} / {b})", np.concatenate([wide, -wide])))
+    frequencies = [(float(b),) for b in _waves(axis, _SCAN)]
+    laws.append(_wave(lambda p, b: b[0] * p[0], "{b} {x}", frequencies))
+    laws.append(_bump_law(axis))
+    return laws
+
+
+def _power_law(*reads: str) -> Law:
+    """Make the law of a sum of functions of _PLAIN, each with an amplitude."""
+
+    def terms(variables: Array, _: Array) -> list[Array]:
+        return [_PLAIN[r](variables[0]) for r in reads]
+
+    return Law(terms, reads)
+
+
+def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
+    """Make the law g(x / b), with these widths b to begin with."""
+
+    def terms(variables: Array, constants: Array) -> list[Array]:
+        return [g(variables[0] / constants[0])]
+
+    return Law(terms, (reads,), [(float(b),) for b in widths])
+
+
+def _bump_law(axis: Axis) -> Law:
+    """Make the law of a bump exp(-((x - b) / c)^2), with places b and widths c."""
+
+    def terms(variables: Array, constants: Array) -> list[Array]:
+        place, width = constants
+        return [np.exp(-(((variables[0] - place) / width) ** 2))]
+
+    places = np.linspace(axis.low, axis.high, _SCAN // 2)
+    widths = np.geomspace(0.03, 0.5, 8) * (axis.high - axis.low)
+    starts = [(float(b), float(c)) for b, c in product(places, widths)]
+    return Law(terms, ("exp(-(({x} - {b}) / {c})^2)",), starts)
 
 
 def _of_two(first: Axis, second: Axis) -> list[Law]:
-    def factors(axis: Axis) -> Sequence[str]:
-        return _OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR
-
-    def both(u: str, v: str) -> Law:
-        return Law(
-            lambda p, _: [_PLAIN[u](p[0]) * _PLAIN[v](p[1])], (f"{u} {_other(v)}",)
-        )
-
-    def waving(k: int, v: str) -> Law:
-        starts = [(float(w),) for w in _waves((first, second)[k], _SCAN // 2)]
-        phase, other_factor = ("{b} {x}", _other(v)) if k == 0 else ("{b} {y}", v)
-        return _wave(
-            lambda p, b: b[0] * p[k],
-            phase,
-            starts,
-            lambda p: _PLAIN[v](p[1 - k]),
-            f" {other_factor}",
-        )
-
-    out = [both(u, v) for u in factors(first) for v in factors(second)]
-    for k, (axis, other) in enumerate(((first, second), (second, first))):
-        out += [waving(k, v) for v in factors(other) if not axis.is_sign]
+    """List the laws of two variables: products, waves times a factor, mixed waves."""
+    laws = [
+        _product_law(of_first, of_second)
+        for of_first in _factors(first)
+        for of_second in _factors(second)
+    ]
+    if not first.is_sign:
+        laws += [_wave_of_first(first, factor) for factor in _factors(second)]
+    if not second.is_sign:
+        laws += [_wave_of_second(second, factor) for factor in _factors(first)]
     if not (first.is_sign or second.is_sign):
-        one = _fastest(first)
-        two = _fastest(second)
-        starts = product(
-            np.linspace(0.0, one, _SCAN // 4)[1:], np.linspace(-two, two, _SCAN // 2)
-        )
-        pairs = [(float(k), float(w)) for k, w in starts]
-        out.append(
-            _wave(
-                lambda p, b: b[0] * p[0] + b[1] * p[1],
-                "{b} {x} + {c} {y}",
-                pairs,
-            )
-        )
-    return out
+        laws.append(_wave_of_both(first, second))
+    return laws
+
+
+def _factors(axis: Axis) -> Sequence[str]:
+    """Return the functions of a variable that multiply another's; of a sign itself."""
+    return _OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR
+
+
+def _product_law(of_first: str, of_second: str) -> Law:
+    """Make the law of a product of two functions of _PLAIN, one of each variable."""
+
+    def terms(variables: Array, _: Array) -> list[Array]:
+        return [_PLAIN[of_first](variables[0]) * _PLAIN[of_second](variables[1])]
+
+    return Law(terms, (f"{of_first} {_other(of_second)}",))
+
+
+def _wave_of_first(axis: Axis, factor: str) -> Law:
+    """Make the law of a wave of the first variable times a function of the second."""
+    return _wave(
+        lambda p, b: b[0] * p[0],
+        "{b} {x}",
+        [(float(b),) for b in _waves(axis, _SCAN // 2)],
+        factor=lambda p: _PLAIN[factor](p[1]),
+        other_factor=f" {_other(factor)}",
+    )
+
+
+def _wave_of_second(axis: Axis, factor: str) -> Law:
+    """Make the law of a wave of the second variable times a function of the first."""
+    return _wave(
+        lambda p, b: b[0] * p[1],
+        "{b} {y}",
+        [(float(b),) for b in _waves(axis, _SCAN // 2)],
+        factor=lambda p: _PLAIN[factor](p[0]),
+        other_factor=f" {factor}",
+    )
+
+
+def _wave_of_both(first: Axis, second: Axis) -> Law:
+    """Make the law of a wave whose phase is b x + c y; b > 0, since the sign is free."""
+    fastest_second = _fastest(second)
+    of_first = np.linspace(0.0, _fastest(first), _SCAN // 4)[1:]
+    of_second = np.linspace(-fastest_second, fastest_second, _SCAN // 2)
+    return _wave(
+        lambda p, b: b[0] * p[0] + b[1] * p[1],
+        "{b} {x} + {c} {y}",
+        [(float(b), float(c)) for b, c in product(of_first, of_second)],
+    )
 
 
 def _other(reads: str) -> str:
+    """Write a factor of {x} as one of {y}."""
     return reads.replace("{x}", "{y}")
 
 
@@ -201,7 +242,21 @@ def _wave(
     factor: Function = lambda p: np.ones_like(p[0]),
     other_factor: str = "",
 ) -> Law:
-    """Sine and cosine of a phase, times a function of the variables."""
+    """Make the law of a wave: sine and cosine of a phase, times a factor.
+
+    Parameters
+    ----------
+    phase
+        Maps variables and constants to the phase [rad].
+    reads
+        How the phase reads.
+    starts
+        Constants to begin with.
+    factor
+        Function of the variables that multiplies the wave; default: 1.
+    other_factor
+        How the factor reads.
+    """
 
     def terms(p: Array, b: Array) -> list[Array]:
         return [g(phase(p, b)) * factor(p) for g in (np.sin, np.cos)]
@@ -210,12 +265,18 @@ def _wave(
 
 
 def _fastest(axis: Axis) -> float:
-    """Waves [rad per unit] that the splines still hold."""
+    """Return the fastest wave that the splines can follow [rad per unit of the
+    variable].
+    """
     return 0.7 * np.pi * (axis.count - 3) / (axis.high - axis.low)
 
 
 def _waves(axis: Axis, count: int) -> Array:
-    """Waves that a scan begins with: from a tenth of one over the range."""
+    """Return waves [rad per unit] to begin with, from a tenth of one over the whole
+    range.
+
+    ``count`` equally spaced ones begin at half a wave over the range.
+    """
     slowest = 2.0 * np.pi / (axis.high - axis.low)
     return np.append(
         [0.1 * slowest, 0.25 * slowest],
@@ -228,8 +289,11 @@ def _waves(axis: Axis, count: int) -> Array:
 
 @dataclass(frozen=True)
 class LawFit:
-    """A law with its amplitudes and constants; chi2 : what it explains; columns : its
-    own, if it was fitted to the rows."""
+    """A law fitted to a curve: amplitudes (m,), constants (c,).
+
+    chi2 : drop of the weighted squared error; columns : those on the rows, if it was
+    fitted there.
+    """
 
     law: Law
     amplitudes: Array
@@ -239,10 +303,11 @@ class LawFit:
 
     @property
     def size(self) -> int:
+        """The number of amplitudes and constants."""
         return len(self.amplitudes) + len(self.constants)
 
     def at(self, points: Array) -> Array:
-        """(P,) torque at points (P, v)."""
+        """Return the torque (P,) at points (P, number of variables)."""
         return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
 
 
@@ -251,83 +316,87 @@ def recognised(
     on_rows: Callable[[Law, Array], CurveColumns],
     looked: int,
 ) -> tuple[float, LawFit | None]:
-    """The simplest law that scores about what the best does, and the curve, with its
-    score; the curve's alone where none does. on_rows(law, constants) : the columns that
-    a law makes there."""
+    """Find the simplest law with about as much evidence as the best law and the curve
+    itself.
+
+    "About as much" is within 6 (odds of 20 to 1) plus 4 %.
+
+    Parameters
+    ----------
+    f
+        The spline curve.
+    on_rows
+        Maps a law and its constants to its columns on the rows.
+    looked
+        Number of bases among which the curve was chosen.
+
+    Returns
+    -------
+    float
+        The evidence J of the law, or of the curve.
+    LawFit or None
+        The law; None where none has enough evidence.
+    """
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
         return _normal(_in_splines(f.basis, law, constants), f.columns)
 
-    def rated(fit: LawFit) -> float:
-        return float(
-            f.columns.score(
-                np.array(fit.chi2),
-                np.array(fit.size),
-                looked,
-            )
-        )
+    def evidence_of(fit: LawFit) -> float:
+        n_numbers = np.array(fit.size)
+        return float(f.columns.score(np.array(fit.chi2), n_numbers, looked))
 
+    # Every law at the best of its starts, in the curve's splines.
     fits = []
-    for law, c in _scanned(f.basis):
-        a, chi2 = _amplitudes(*_normal(c, f.columns))
+    for law, coefficients in _scanned(f.basis):
+        gram, pull = _normal(coefficients, f.columns)
+        amplitudes, chi2 = _amplitudes(gram, pull)
         best = int(np.argmax(chi2))
-        fits.append(
-            LawFit(
-                law,
-                a[best],
-                np.array(law.starts[best], float),
-                float(chi2[best]),
-            )
-        )
-    rough = sorted(fits, key=rated, reverse=True)[:MAX_CANDIDATES_REFINED]
+        constants = np.array(law.starts[best], float)
+        fits.append(LawFit(law, amplitudes[best], constants, float(chi2[best])))
+    fits.sort(key=evidence_of, reverse=True)
+    # The best few with refined constants, on the rows.
     scored = []
-    for start in rough:
+    for start in fits[:MAX_CANDIDATES_REFINED]:
         near = _refined(start, in_splines)
         columns = on_rows(near.law, near.constants)
-        a, chi2 = _amplitudes(columns.D[None], columns.s[None])
-        exact = LawFit(
-            near.law,
-            a[0],
-            near.constants,
-            float(chi2[0]),
-            columns,
+        amplitudes, chi2 = _amplitudes(columns.D[None], columns.s[None])
+        exact = replace(
+            near, amplitudes=amplitudes[0], chi2=float(chi2[0]), columns=columns
         )
-        scored.append((rated(exact), exact))
-    top = max(
-        [
-            f.J,
-            *(J for J, _ in scored),
-        ]
-    )
-    equivalent = [
-        (J, law)
-        for J, law in scored
-        if top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top < J
-    ]
+        scored.append((evidence_of(exact), exact))
+    top = max([f.J, *(J for J, _ in scored)])
+    threshold = top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top
+    equivalent = [(J, law) for J, law in scored if threshold < J]
     return min(
         equivalent,
-        key=lambda r: (r[1].size, -r[0]),
+        key=lambda pair: (pair[1].size, -pair[0]),
         default=(f.J, None),
     )
 
 
 @lru_cache(maxsize=64)
 def _onto(basis: Basis) -> tuple[Array, Array]:
-    """Points of a basis (P, v), of a pair every second one along each, and what makes
-    coefficients of values there (k, P)."""
-    pair = len(basis.axes) > 1
-    x = np.array(
-        list(
-            product(
-                *(a.points[:: 2 if pair and not a.is_sign else 1] for a in basis.axes)
-            )
-        )
-    )
-    return x, np.asarray(np.linalg.pinv(basis.at(*x.T), rcond=1e-10), float)
+    """Return points (P, v) of a basis, and the matrix (k, P) from values there to
+    coefficients.
+
+    For a pair of variables every second point along each is used.
+    """
+    is_pair = len(basis.axes) > 1
+    along_axes = []
+    for axis in basis.axes:
+        stride = 2 if is_pair and not axis.is_sign else 1
+        along_axes.append(axis.points[::stride])
+    points = np.array(list(product(*along_axes)))
+    inverse = np.linalg.pinv(basis.at(*points.T), rcond=1e-10)
+    return points, np.asarray(inverse, float)
 
 
 def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
-    """(S, m, k) a law with S sets of constants (c, S) in the splines of a basis."""
+    """Return the spline coefficients (S, m, k) of a law's m terms, for S sets of
+    constants.
+
+    constants : (c, S).
+    """
     points, inverse = _onto(basis)
     return np.tensordot(
         law.columns(points, constants),
@@ -338,22 +407,31 @@ def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
-    """Each law of the dictionary at those of its starts that the splines hold, (S, m,
-    k) in these."""
+    """List the laws of the dictionary with their starts, in a basis's splines.
+
+    Each law keeps the starts whose values are finite; its coefficients are (S, m, k)
+    for these S starts.
+    """
     out = []
     for law in dictionary(basis.axes):
         starts = np.array(law.starts, float)
-        c = _in_splines(basis, law, starts.T)
-        held = np.isfinite(c).all(axis=(1, 2))
-        if held.any():
-            out.append((replace(law, starts=[tuple(s) for s in starts[held]]), c[held]))
+        coefficients = _in_splines(basis, law, starts.T)
+        is_finite = np.isfinite(coefficients).all(axis=(1, 2))
+        if is_finite.any():
+            finite_starts = [tuple(s) for s in starts[is_finite]]
+            law = replace(law, starts=finite_starts)
+            out.append((law, coefficients[is_finite]))
     return out
 
 
 def _normal(c: Array, f: CurveColumns) -> tuple[Array, Array]:
-    """Matrices (S, m, m) and right sides (S, m) of the normal equations of amplitudes
-    of coefficients (S, m, k); not finite where a law overflows, which
-    :func:`_amplitudes` leaves out."""
+    """Return matrices (S, m, m) and right sides (S, m) of the normal equations of
+    amplitudes.
+
+    c (S, m, k) are spline coefficients of a law's terms; f has the products of the
+    splines on the rows. Where a law overflows they are not finite, and
+    :func:`_amplitudes` ignores the set.
+    """
     with np.errstate(over="ignore", invalid="ignore"):
         weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
         return weighed @ c.transpose(0, 2, 1), c @ f.s
@@ -364,56 +442,76 @@ def written(
     f: SplineFit,
     torque_units: Sequence[str],
 ) -> str:
-    """The law as text with units."""
+    """Write a law with the units of its torque and of its variables."""
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
     units_in_words = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
-    names = [
-        v.name if v.other < 0 else f"({v.name})"
-        for v in (a.variable for a in f.basis.axes)
-    ]
+    names = []
+    for axis in f.basis.axes:
+        name = axis.variable.name
+        is_sum = axis.variable.other >= 0  # of two joints' positions or velocities
+        names.append(f"({name})" if is_sum else name)
     text = law.law.text(names, law.amplitudes, law.constants)
     return f"{text} {unit}" + (f" ({units_in_words})" if units_in_words else "")
 
 
 def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
-    """(S, m) those that explain most, and (S,) how much, of normal equations (S, m, m)
-    and (S, m); nothing of columns that the rows do not see (a bump where nobody was).
+    """Solve the normal equations of S sets of constants for the m amplitudes.
+
+    Parameters
+    ----------
+    gram
+        (S, m, m) products of the columns.
+    pull
+        (S, m) products with the residual.
+
+    Returns
+    -------
+    (S, m) array
+        Amplitudes; 0 where a column is not visible in the rows, such as a bump where
+        the motion never was.
+    (S,) array
+        The drop of the squared error.
     """
-    visible = np.einsum("smm->sm", gram) > DEPENDENT**2
-    known = np.asarray(np.isfinite(gram).all(axis=(1, 2)) & visible.all(axis=1))
+    # "smm->sm" takes the diagonal of each matrix.
+    is_visible = np.einsum("smm->sm", gram) > DEPENDENT**2
+    is_finite = np.isfinite(gram).all(axis=(1, 2))
+    known = np.asarray(is_finite & is_visible.all(axis=1))
     gram = np.where(known[:, None, None], gram, 0.0)
     pull = np.where(known[:, None], pull, 0.0)
+    # Solved with columns of unit length, scaled back afterwards.
     scale = np.sqrt(np.maximum(np.einsum("smm->sm", gram), 1e-300))
     gram = gram / (scale[:, :, None] * scale[:, None, :])
     pull = pull / scale
-    a = (np.linalg.pinv(gram, rcond=1e-9, hermitian=True) @ pull[:, :, None])[:, :, 0]
-    return a / scale, np.sum(a * pull, axis=1)
+    inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True)
+    amplitudes = (inverse @ pull[:, :, None])[:, :, 0]
+    return amplitudes / scale, np.sum(amplitudes * pull, axis=1)
 
 
 def _refined(
     start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]
 ) -> LawFit:
-    """The constants near these that explain most, none beyond the ends of the law's own
-    starts. normal : equations of the amplitudes at sets of constants (c, S)."""
+    """Refine a law's constants by Nelder-Mead, within the range of its starts.
 
-    law, (low, high) = start.law, start.law.ends
+    ``normal`` maps a law and constants (c, S) to the normal equations of its
+    amplitudes. The start is returned where nothing is gained.
+    """
     if not len(start.constants):
         return start
+    law = start.law
+    low, high = law.ends
 
-    def left(constants: Array) -> float:
-        return -float(_amplitudes(*normal(law, constants[:, None]))[1][0])
+    def amplitudes_and_chi2(constants: Array) -> tuple[Array, float]:
+        gram, pull = normal(law, constants[:, None])
+        amplitudes, chi2 = _amplitudes(gram, pull)
+        return amplitudes[0], float(chi2[0])
 
-    options = {"xatol": 1e-4, "fatol": 1e-4 * start.chi2}
-    bounds = list(zip(low, high, strict=True))
     solution = scipy.optimize.minimize(
-        left,
+        lambda constants: -amplitudes_and_chi2(constants)[1],
         start.constants,
         method="Nelder-Mead",
-        bounds=bounds,
-        options=options,
+        bounds=list(zip(low, high, strict=True)),
+        options={"xatol": 1e-4, "fatol": 1e-4 * start.chi2},
     ).x
-    a, chi2 = _amplitudes(*normal(law, solution[:, None]))
-    return (
-        LawFit(law, a[0], solution, float(chi2[0])) if chi2[0] > start.chi2 else start
-    )
+    amplitudes, chi2 = amplitudes_and_chi2(solution)
+    return LawFit(law, amplitudes, solution, chi2) if chi2 > start.chi2 else start

@@ -1,6 +1,7 @@
-"""Curves of the joints on which something without a name is left: which variables,
-instead of which findings, and the law that it may be. One score decides, the one of all
-other forms."""
+"""Measured curves: the torque that no effect explains, as a function of one or two
+variables. They are looked for on joints with unexplained torque, judged by the same
+evidence J as effects, and may replace effects.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -39,9 +40,15 @@ _Rated = tuple[float, SplineFit, LawFit | None]
 
 @dataclass(frozen=True)
 class Measured:
-    """A curve as an effect: table, and by fold the values that the other folds' rows
-    make; replaced : the terms that it stands instead of; J : score; before : held-out
-    error of its joint without it, errors (n,) : with it, where it is offered."""
+    """A curve that was measured on one joint, as an effect that can be judged and
+    added.
+
+    fitted : the spline; law : the law that it follows, or None; table : the effect;
+    by_fold : for each fold the effect with values from the other folds' rows; variables
+    : values of the variables on the rows; replaced : the findings that it replaces; J :
+    evidence; before : error of its joint on data left out without it [N m or N]; errors
+    (n,) : of all joints with it, once it is accepted.
+    """
 
     fitted: SplineFit
     law: LawFit | None
@@ -55,51 +62,61 @@ class Measured:
 
     @property
     def joint(self) -> int:
+        """The joint (from 0)."""
         return self.fitted.joint
 
     def to_curve(self, seed: int, floor: float) -> Curve:
-        """For a reader; floor : of its joint's noise, zero where that is not known."""
+        """Return the accepted curve as it is reported: points, values, band and gain.
+
+        seed : of the band's random draws; floor : noise floor of the joint [N m or N],
+        0 where it is not known. The explained share is that of the squared error beyond
+        the noise.
+        """
         f = self.fitted
         robot = self.table.robot
         before = self.before
-        after = self.errors[self.joint]
+        after = float(self.errors[self.joint])
         share = (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
         points = self.variables.supported(f.basis)
         grid = f.basis.at(*points.T)
+        half_width = band(f, grid, seed)
         torque = grid @ f.coefficients
-        half = band(f, grid, seed)
+        formula = None
+        # Points where nothing was measured: only a law has values there.
         filled = points[:0]
-        beyond = np.zeros(0)
+        filled_torque = np.zeros(0)
         if self.law is not None:
             torque = self.law.at(points)
+            formula = written(self.law, f, robot.torque_units)
             filled = unmeasured(f.basis, points)
-            beyond = self.law.at(filled)
-        single = points.shape[1] == 1
+            filled_torque = self.law.at(filled)
+        is_single = points.shape[1] == 1
         return Curve(
-            f.joint + 1,
-            f.basis.of,
-            points[:, 0] if single else points,
-            torque,
-            torque - half,
-            torque + half,
-            float(np.clip(share, 0.0, 1.0)),
-            None if self.law is None else written(self.law, f, robot.torque_units),
-            before,
-            float(after),
-            filled[:, 0] if single else filled,
-            beyond,
+            joint=f.joint + 1,
+            of=f.basis.of,
+            x=points[:, 0] if is_single else points,
+            torque=torque,
+            lower=torque - half_width,
+            upper=torque + half_width,
+            explained_share=float(np.clip(share, 0.0, 1.0)),
+            formula=formula,
+            held_out_rmse_before=before,
+            held_out_rmse_after=after,
+            filled_x=filled[:, 0] if is_single else filled,
+            filled_torque=filled_torque,
         )
 
 
 def in_parts(search: Search) -> list[int]:
-    """Joints (from 0) on which two terms or more follow nothing but its position:
-    parts, perhaps, of one function of it."""
-    parts = [
-        next(iter(t.joints))
-        for t in search.terms
-        if len(t.joints) == 1 and follows_alone(t.form.effect, "q")
-    ]
-    return sorted({j for j in parts if parts.count(j) > 1})
+    """Return the joints (from 0) with two or more findings over their position alone.
+
+    These findings (such as a spring and a ripple) may be parts of one function of it.
+    """
+    joints = list[int]()
+    for term in search.terms:
+        if len(term.joints) == 1 and follows_alone(term.form.effect, "q"):
+            joints += term.joints
+    return sorted({j for j in joints if joints.count(j) > 1})
 
 
 def measure_curves(
@@ -107,11 +124,25 @@ def measure_curves(
     left: Sequence[int],
     fold: NDArray[np.intp] | None = None,
 ) -> list[Measured]:
-    """Curves of the joints (from 0) on which something is ``left``, and of those whose
-    terms may be parts of one function of the joint's position.
+    """Measure curves on joints with unexplained torque, or with a function found in
+    parts.
 
-    A curve stands beside all terms, or instead of those of its joint alone. fold (M,) :
-    for the values without each fold; thirds by phase by default.
+    A curve is added beside all findings, or replaces those that act on its joint alone.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    left
+        Joints (from 0) with unexplained torque.
+    fold
+        (M,) folds for the values that are judged on data left out; default: thirds by
+        the phase of the motion.
+
+    Returns
+    -------
+    list of Measured
+        At most one curve a joint.
     """
     parts = in_parts(search)
     if not left and not parts:
@@ -123,67 +154,60 @@ def measure_curves(
     for joint in dict.fromkeys([*left, *parts]):
         of_joint = [t for t in search.terms if t.joints == {joint}]
         others = [t for t in search.terms if t not in of_joint]
-        beside = None
+        beside_all = None
         if joint in left:
-            beside = _best(search, search.terms, joint, variables)
+            beside_all = _best_curve(search, search.terms, joint, variables)
         alone = None
-        if of_joint and (beside is not None or joint in parts):
-            alone = _best(search, others, joint, variables)
+        if of_joint and (beside_all is not None or joint in parts):
+            alone = _best_curve(search, others, joint, variables)
         worth = sum(t.evidence for t in search.score_jointly(of_joint, others))
-        if alone is not None and _instead(worth, of_joint, alone, beside):
-            _, fit, law = alone
-            out.append(
-                _measured(
-                    search,
-                    fit,
-                    law,
-                    variables,
-                    fold,
-                    tuple(of_joint),
-                )
-            )
-        elif beside is not None:
-            _, fit, law = beside
-            out.append(
-                _measured(
-                    search,
-                    fit,
-                    law,
-                    variables,
-                    fold,
-                    (),
-                )
-            )
+        chosen = beside_all
+        replaced: tuple[ScoredEffect, ...] = ()
+        if alone is not None and is_curve_preferred(worth, of_joint, alone, beside_all):
+            chosen = alone
+            replaced = tuple(of_joint)
+        if chosen is not None:
+            _, spline, law = chosen
+            curve = _tabulate(search, spline, law, variables, fold, replaced)
+            out.append(curve)
     return out
 
 
-def _instead(
+def is_curve_preferred(
     worth: float,
     own_terms: Sequence[ScoredEffect],
     curve_alone: _Rated,
     beside_terms: _Rated | None,
 ) -> bool:
-    """Whether a curve alone stands in the place of a joint's terms, worth so much:
-    where these need a curve besides, or have more constants than its law, it only has
-    to be as good."""
+    """Return whether a curve replaces the findings of its joint.
+
+    It has to have more evidence than the findings (``worth``) and the curve beside
+    them, by 6 (odds of 20 to 1) plus 4 %. Where it needs fewer numbers than the
+    findings, or where they need a curve beside them, it may have as much less.
+    """
     J, _, law = curve_alone
-    named = max(worth, 0.0) + (0.0 if beside_terms is None else beside_terms[0])
-    threshold = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * named
-    simpler = law is not None and law.size < sum(
-        t.form.n_coefficients + t.form.constants for t in own_terms
-    )
-    return (
-        named + (-threshold if beside_terms is not None or simpler else threshold) < J
-    )
+    J_to_replace = max(worth, 0.0)
+    if beside_terms is not None:
+        J_to_replace += beside_terms[0]
+    margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * J_to_replace
+    n_numbers = sum(t.form.n_coefficients + t.form.constants for t in own_terms)
+    is_simpler = law is not None and law.size < n_numbers
+    if beside_terms is not None or is_simpler:
+        return J_to_replace - margin < J
+    return J_to_replace + margin < J
 
 
-def _best(
+def _best_curve(
     search: Search,
     terms: Sequence[ScoredEffect],
     joint: int,
     variables: Variables,
 ) -> _Rated | None:
-    """The curve of a joint that scores most beside some terms, with its law."""
+    """Return the best curve of a joint beside some findings: evidence, spline, and law.
+
+    The law is None where none of the dictionary fits; the result is None where no curve
+    has enough evidence.
+    """
     measuring = _Measuring(search, terms, joint, variables)
     best = measuring.best_spline()
     if best is None:
@@ -195,7 +219,7 @@ def _best(
 
 
 class _Measuring:
-    """Curves of one joint beside some terms of a search."""
+    """Fits curves of one joint beside some findings."""
 
     def __init__(
         self,
@@ -204,6 +228,9 @@ class _Measuring:
         joint: int,
         variables: Variables,
     ) -> None:
+        """Fit the model with the findings, and list the bases over which a curve may
+        run.
+        """
         data = search.data
         self.data = data
         self.score = search.score
@@ -223,29 +250,28 @@ class _Measuring:
             self.bases = [b for b in self.bases if len(b.axes) == 1]
 
     def _new_variables(self, effects: Sequence[Effect]) -> list[tuple[Variable, ...]]:
-        """All but those of which some effect is a curve already."""
-        curves = [
-            e
-            for e in effects
-            if isinstance(e, MeasuredCurve) and self.joint in e.joints
-        ]
-        taken = {tuple(v.name for v in e.variables(self.joint)) for e in curves}
+        """List variables and pairs of variables over which the joint has no curve yet."""
+        joint = self.joint
+        taken = {
+            tuple(variable.name for variable in effect.variables(joint))
+            for effect in effects
+            if isinstance(effect, MeasuredCurve) and joint in effect.joints
+        }
+        possible = pairs_of(joint, self.variables.robot, self.variables.warm)
         return [
-            v
-            for v in pairs_of(self.joint, self.variables.robot, self.variables.warm)
-            if tuple(x.name for x in v) not in taken
+            variables
+            for variables in possible
+            if tuple(variable.name for variable in variables) not in taken
         ]
 
     def _columns(self, raw: Array, robust: bool) -> CurveColumns:
-        """Of what a curve's functions (M, k) make of the joint's torque."""
+        """Return the white columns of a curve's functions, beside the fit.
+
+        raw (M, k) : filtered functions, times the gain of the joint's torque channel.
+        robust : whether correlated rows are accounted for.
+        """
         white = self.data.white(raw, self.joint)
-        return CurveColumns.of(
-            self.score,
-            self.fit,
-            white,
-            self.joint,
-            robust,
-        )
+        return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
 
     def _smoothed(
         self,
@@ -253,24 +279,26 @@ class _Measuring:
         raw: Array,
         robust: bool,
     ) -> SplineFit:
-        raw = self.gain * raw
-        columns = self._columns(raw, robust)
-        return smoothed(basis, raw, columns, len(self.bases))
+        """Fit a spline curve; raw (M, k) are its filtered splines, without the
+        channel's gain.
+        """
+        torque_columns = self.gain * raw
+        columns = self._columns(torque_columns, robust)
+        return smoothed(basis, torque_columns, columns, looked=len(self.bases))
 
     def best_spline(self) -> SplineFit | None:
-        """Of those that score about as much as the best one, that of the fewest
-        variables; None where none has enough evidence."""
-        close = self._most_promising()
-        exact = [
-            self._smoothed(
-                b,
-                self.variables.exact(b),
-                True,
-            )
-            for b in close
-        ]
-        nearly = (1.0 - LAW_TOLERANCE) * max((f.J for f in exact), default=0.0)
-        threshold = max(nearly - EVIDENCE_TO_DISTINGUISH, EVIDENCE_TO_ADD)
+        """Return the best spline curve, or None where none has enough evidence.
+
+        Of those within 6 (odds of 20 to 1) plus 4 % of the highest evidence, one over a
+        single variable is preferred.
+        """
+        exact = []
+        for basis in self._most_promising():
+            splines = self.variables.exact(basis)
+            exact.append(self._smoothed(basis, splines, robust=True))
+        highest = max((f.J for f in exact), default=0.0)
+        nearly_highest = (1.0 - LAW_TOLERANCE) * highest - EVIDENCE_TO_DISTINGUISH
+        threshold = max(nearly_highest, EVIDENCE_TO_ADD)
         equivalent = [f for f in exact if threshold < f.J]
         return min(
             equivalent,
@@ -279,21 +307,26 @@ class _Measuring:
         )
 
     def _most_promising(self) -> list[Basis]:
-        """The best few of one variable and of two, by rough columns."""
-        rough = []
+        """List the best bases over one variable, and the best over two, by a fast
+        comparison.
+
+        They are half of MAX_CANDIDATES_REFINED each, with J > EVIDENCE_TO_ADD.
+        """
+        rated = []
         for basis in self.bases:
-            columns = self.variables.coarse(basis.roughly)
-            rough.append((self._smoothed(basis.roughly, columns, False).J, basis))
-        rough = [(J, b) for J, b in rough if J > EVIDENCE_TO_ADD]
-        rough.sort(key=lambda pair: -pair[0])
+            splines = self.variables.coarse(basis.roughly)
+            rough_curve = self._smoothed(basis.roughly, splines, robust=False)
+            if rough_curve.J > EVIDENCE_TO_ADD:
+                rated.append((rough_curve.J, basis))
+        rated.sort(key=lambda pair: -pair[0])
         out = list[Basis]()
         for n_variables in (1, 2):
-            same = [b for _, b in rough if len(b.axes) == n_variables]
-            out += same[: MAX_CANDIDATES_REFINED // 2]
+            best_first = [b for _, b in rated if len(b.axes) == n_variables]
+            out += best_first[: MAX_CANDIDATES_REFINED // 2]
         return out
 
     def recognise(self, best: SplineFit) -> tuple[float, LawFit | None]:
-        """The law of the dictionary that a spline is, with its score."""
+        """Return the law of the dictionary that a spline follows, with its evidence."""
 
         def on_rows(law: Law, constants: Array) -> CurveColumns:
             raw = self.variables.of_law(best.basis, lambda x: law.columns(x, constants))
@@ -302,7 +335,7 @@ class _Measuring:
         return recognised(best, on_rows, len(self.bases))
 
 
-def _measured(
+def _tabulate(
     search: Search,
     f: SplineFit,
     law: LawFit | None,
@@ -310,9 +343,35 @@ def _measured(
     fold: NDArray[np.intp],
     replaced: tuple[ScoredEffect, ...],
 ) -> Measured:
+    """Tabulate a curve as an effect, once from all rows and once without each fold.
+
+    A spline is tabulated where the motion has been. A law is tabulated over the whole
+    grid, since it says what lies between.
+
+    Parameters
+    ----------
+    search
+        The findings beside the model.
+    f
+        The spline curve.
+    law
+        The law that it follows, or None.
+    variables
+        Values of the variables on the rows.
+    fold
+        (M,) the fold of each row.
+    replaced
+        The findings that the curve replaces.
+
+    Returns
+    -------
+    Measured
+        The curve.
+    """
     robot = search.data.estimate.robot
     points = variables.supported(f.basis)
     measured = len(points)
+    # grid @ coefficients are the values; P is the penalty of the coefficients.
     if law is None or law.columns is None:
         values = f.basis.at(*points.T) @ f.coefficients
         grid = f.basis.at(*points.T) @ f.projector
@@ -326,47 +385,46 @@ def _measured(
         P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
     table = table_effect(
         robot,
-        f.joint,
-        f.basis.of,
-        points,
-        values,
-        measured,
+        joint=f.joint,
+        of=f.basis.of,
+        points=points,
+        values=values,
+        measured=measured,
     )
     known = variables.met(f.basis, variables.keep)
     by_fold = []
-    for k, c in enumerate(columns.without_fold(fold, P)):
-        there = np.ones(len(points), bool)
-        if law is None:  # a table knows nothing of where only the fold has been
-            there = variables.met(f.basis, variables.keep & (fold != k))[known]
-        if (
-            not np.diff(points[there], axis=0).any(axis=0).all()
-        ):  # nothing at all of a single value
-            there[:], c = True, np.zeros_like(c)
-        n_measured = min(measured, int(there.sum()))
-        fold_values = (grid @ c)[there]
-        by_fold.append(
-            table_effect(
-                robot,
-                f.joint,
-                f.basis.of,
-                points[there],
-                fold_values,
-                n_measured,
-            )
+    for k, coefficients in enumerate(columns.without_fold(fold, P)):
+        values_of_fold = grid @ coefficients
+        is_known = np.ones(len(points), bool)
+        if law is None:  # a table is unknown where only the left-out fold has been
+            met_by_others = variables.met(f.basis, variables.keep & (fold != k))
+            is_known = met_by_others[known]
+        varies = np.diff(points[is_known], axis=0).any(axis=0)
+        if not varies.all():  # a single value of a variable is no table: no torque
+            is_known[:] = True
+            values_of_fold = np.zeros(len(points))
+        effect = table_effect(
+            robot,
+            joint=f.joint,
+            of=f.basis.of,
+            points=points[is_known],
+            values=values_of_fold[is_known],
+            measured=min(measured, int(is_known.sum())),
         )
+        by_fold.append(effect)
     return Measured(
-        f,
-        law,
-        table,
-        tuple(by_fold),
-        variables,
-        replaced,
-        f.J,
+        fitted=f,
+        law=law,
+        table=table,
+        by_fold=tuple(by_fold),
+        variables=variables,
+        replaced=replaced,
+        J=f.J,
     )
 
 
 def unmeasured(basis: Basis, points: Array) -> Array:
-    """(P', v) the points of a basis's grid that are not among ``points`` (P, v)."""
+    """Return the points (P', v) of a basis's grid that are not among ``points`` (P, v)."""
     have = {tuple(p) for p in points.tolist()}
     left = [p for p in basis.points.tolist() if tuple(p) not in have]
     return np.reshape(left, (-1, points.shape[1]))

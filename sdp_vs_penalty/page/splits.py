@@ -1,0 +1,297 @@
+"""One run alone: motion to identify from, motion to judge on, and what other splits show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sdp_vs_penalty.data.files import windowed
+from sdp_vs_penalty.data.measurements import Measurements
+from sdp_vs_penalty.diagnosis.diagnose import diagnose
+from sdp_vs_penalty.diagnosis.findings import REASONS, Diagnosis, Finding
+from sdp_vs_penalty.errors import InputError
+from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
+from sdp_vs_penalty.estimation.estimate import Estimate
+from sdp_vs_penalty.estimation.identify import estimate_parameters
+from sdp_vs_penalty.estimators.estimator import Progress, no_progress
+from sdp_vs_penalty.problem.problem import Problem
+from sdp_vs_penalty.signals.phases import (
+    MotionClock,
+    filter_reach,
+    motion_clocks,
+    phase_windows,
+    rotated_windows,
+    tracks_of,
+)
+
+Windows = list[tuple[float, float]]
+#: Shares of a run's motion to identify from, in the order in which they are tried until
+#: the filters leave enough to judge on.
+SHARES = (0.7, 0.65, 0.6, 0.55, 0.5)
+#: Share of the run behind the filters that is to be judged on, at least.
+JUDGED_SHARE = 0.2
+#: Splits of one run that are compared, its own among them.
+N_SPLITS = 6
+#: Share of the splits that have to show a confident finding.
+CONFIRMED_SHARE = 2.0 / 3.0
+
+
+@dataclass(frozen=True)
+class _Cutting:
+    """What a run is cut by.
+
+    clock : of its motion; seconds : how long it lasts [s]; reach : seconds of the log
+    that a filtered row is made of.
+    """
+
+    clock: MotionClock
+    seconds: float
+    reach: float
+
+    @classmethod
+    def of(cls, problem: Problem, run: Measurements) -> _Cutting:
+        """Raises InputError for a run without motion."""
+        settings = problem.preprocessing.resolve(run)
+        (clock,) = motion_clocks(tracks_of(run))
+        return cls(
+            clock=clock,
+            seconds=float(run.t[-1] - run.t[0]),
+            reach=filter_reach(run, settings),
+        )
+
+    @property
+    def pause(self) -> float:
+        """Between training and testing [s]; with half of the reach no filter sees both."""
+        return 0.5 * self.reach
+
+    @property
+    def shortest(self) -> float:
+        """Of which the filters leave something [s]."""
+        return 1.5 * self.reach
+
+    def windows(self, share: float) -> tuple[Windows, Windows] | None:
+        """Windows for training and testing [s]; None where the run is too short."""
+        return phase_windows(
+            self.clock,
+            self.seconds,
+            share,
+            self.pause,
+            self.shortest,
+        )
+
+    def judged_share(self, tested: Windows) -> float:
+        """Share of the run that is judged on, both behind the filters."""
+        judged = sum(max(b - a - self.reach, 0.0) for a, b in tested)
+        return judged / max(self.seconds - self.reach, 1e-9)
+
+
+def split_run(
+    problem: Problem,
+    run: Measurements,
+    share: float | None = None,
+) -> dict[str, Any] | None:
+    """Windows of a run to identify from and to judge on.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its filters decide how far the two keep apart.
+    run : Measurements
+        One recording.
+    share : float or None
+        Share of the motion to identify from; None: the largest one that leaves a fifth of
+        the run to judge on.
+
+    Returns
+    -------
+    dict or None
+        Windows [s] "train" and "test", rounded so that a command can name them;
+        "train_seconds", "test_seconds"; "share" of the motion for training;
+        "judged_share" of the run behind the filters; "bar": side, begin and length [% of
+        the run] of each window. None for a run that is too short.
+    """
+    try:
+        cutting = _Cutting.of(problem, run)
+    except InputError:  # no motion: the check says so
+        return None
+    best = None
+    for candidate in SHARES if share is None else (share,):
+        windows = cutting.windows(candidate)
+        if windows is None:
+            continue
+        judged_share = cutting.judged_share(windows[1])
+        if best is None or judged_share > best[2]:
+            best = candidate, windows, judged_share
+        if judged_share >= JUDGED_SHARE:
+            break
+    if best is None:
+        return None
+    chosen, windows, judged_share = best
+    split: dict[str, Any] = {"share": chosen, "judged_share": judged_share, "bar": []}
+    for side, stretches in zip(("train", "test"), windows, strict=True):
+        split[side] = [(round(a, 3), round(b, 3)) for a, b in stretches]
+        split[f"{side}_seconds"] = round(sum(b - a for a, b in stretches), 3)
+        split["bar"] += [_piece(side, a, b, cutting.seconds) for a, b in stretches]
+    return split
+
+
+def _piece(
+    side: str,
+    start: float,
+    stop: float,
+    seconds: float,
+) -> dict[str, Any]:
+    """One window of the bar, in per cent of the run."""
+    return {
+        "side": side,
+        "left": 100.0 * start / seconds,
+        "width": 100.0 * (stop - start) / seconds,
+    }
+
+
+def other_splits(
+    problem: Problem,
+    run: Measurements,
+    split: Mapping[str, Any],
+) -> list[tuple[Windows, Windows]]:
+    """Splits of a run whose tested stretches lie elsewhere in its motion.
+
+    Parameters
+    ----------
+    problem : Problem
+        As in :func:`split_run`.
+    run : Measurements
+        The recording.
+    split : mapping
+        Result of :func:`split_run`.
+
+    Returns
+    -------
+    list of pairs of windows
+        For training and for testing [s], up to N_SPLITS - 1 of them.
+    """
+    cutting = _Cutting.of(problem, run)
+    clock = cutting.clock
+    length = float(clock.length if clock.periodic else cutting.seconds)
+    first = [(a, b) for a, b in split["test"] if a < length]
+    # Blocks that recur over the motion are moved within one of them.
+    step = length / len(first) / N_SPLITS
+    splits = []
+    for k in range(1, N_SPLITS):
+        train, test = rotated_windows(
+            first,
+            clock,
+            cutting.seconds,
+            k * step,
+            cutting.pause,
+            cutting.shortest,
+        )
+        if train and test:
+            splits.append((train, test))
+    return splits
+
+
+def confirmed(
+    diagnosis: Diagnosis,
+    model: Estimate,
+    run: Measurements,
+    splits: Sequence[tuple[Windows, Windows]],
+    *,
+    frozen: bool = False,
+    seed: int = 0,
+    progress: Progress = no_progress,
+) -> Diagnosis:
+    """A diagnosis with how many splits of its run show each confident finding.
+
+    The model is identified and diagnosed again on every split. A finding that fewer than
+    two thirds of them show is weak.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Of the first split.
+    model : Estimate
+        The model that was diagnosed.
+    run : Measurements
+        The whole recording.
+    splits : sequence of pairs of windows
+        Result of :func:`other_splits`.
+    frozen, seed, progress
+        As for the diagnosis; a model that is held fixed is not identified again.
+
+    Returns
+    -------
+    Diagnosis
+        With `n_splits` and `n_splits_showing` of each confident finding.
+    """
+    shown = [_named(diagnosis)]
+    for k, (train, test) in enumerate(splits, start=2):
+        progress(f"the same on split {k} of {len(splits) + 1}")
+        try:
+            shown.append(
+                _named(_diagnosed(model, run, train, test, frozen=frozen, seed=seed))
+            )
+        except InputError:  # too little is left of this split: it shows nothing
+            continue
+    effects = [_with_splits(finding, shown) for finding in diagnosis.effects]
+    return replace(diagnosis, effects=tuple(effects))
+
+
+def _diagnosed(
+    model: Estimate,
+    run: Measurements,
+    train: Windows,
+    test: Windows,
+    *,
+    frozen: bool,
+    seed: int,
+) -> Diagnosis:
+    """The diagnosis of the same effects on another split."""
+    trained = windowed(run, train)
+    if not frozen:
+        model = estimate_parameters(
+            model.problem,
+            read_and_filter(model.problem, trained),
+            model.method,
+            PoseOptions(effects=model.model.effects, seed=seed),
+        )
+    return diagnose(
+        model,
+        trained,
+        windowed(run, test),
+        frozen=frozen,
+        seed=seed,
+        noise_from=run,
+        judged_recordings=run,
+    )
+
+
+def _named(diagnosis: Diagnosis) -> set[tuple[str, tuple[int, ...]]]:
+    """Effects and joints of the findings that a diagnosis calls more than weak: in a
+    near-tie the torque is there, and this name fits it."""
+    return {
+        (finding.effect, finding.joints)
+        for finding in diagnosis.effects
+        if finding.rating != "weak"
+    }
+
+
+def _with_splits(
+    finding: Finding,
+    shown: Sequence[set[tuple[str, tuple[int, ...]]]],
+) -> Finding:
+    """A finding with how many splits show it; weak where these are too few."""
+    if finding.rating != "confident":
+        return finding
+    count = sum((finding.effect, finding.joints) in found for found in shown)
+    counted = replace(finding, n_splits=len(shown), n_splits_showing=count)
+    if count >= np.ceil(CONFIRMED_SHARE * len(shown) - 1e-9):
+        return counted
+    return replace(
+        counted,
+        confidence="weak",
+        remarks=(*finding.remarks, REASONS["few_splits"]),
+    )
