@@ -117,25 +117,38 @@ def split_run(
         cutting = _Cutting.of(problem, run)
     except InputError:  # no motion: the check says so
         return None
-    best = None
-    for candidate in SHARES if share is None else (share,):
-        windows = cutting.windows(candidate)
-        if windows is None:
-            continue
-        judged_share = cutting.judged_share(windows[1])
-        if best is None or judged_share > best[2]:
-            best = candidate, windows, judged_share
-        if judged_share >= JUDGED_SHARE:
-            break
-    if best is None:
+    chosen = _largest_share(cutting, SHARES if share is None else (share,))
+    if chosen is None:
         return None
-    chosen, windows, judged_share = best
-    split: dict[str, Any] = {"share": chosen, "judged_share": judged_share, "bar": []}
+    windows = cutting.windows(chosen)
+    assert windows is not None
+    split: dict[str, Any] = {
+        "share": chosen,
+        "judged_share": cutting.judged_share(windows[1]),
+        "bar": [],
+    }
     for side, stretches in zip(("train", "test"), windows, strict=True):
         split[side] = [(round(a, 3), round(b, 3)) for a, b in stretches]
         split[f"{side}_seconds"] = round(sum(b - a for a, b in stretches), 3)
         split["bar"] += [_piece(side, a, b, cutting.seconds) for a, b in stretches]
     return split
+
+
+def _largest_share(cutting: _Cutting, shares: Sequence[float]) -> float | None:
+    """Return the first share for training that leaves enough to judge on.
+
+    Where none does, it is the share that leaves most; None for a run that is too short
+    for any.
+    """
+    judged_by_share = dict[float, float]()
+    for share in shares:
+        windows = cutting.windows(share)
+        if windows is None:
+            continue
+        judged_by_share[share] = cutting.judged_share(windows[1])
+        if judged_by_share[share] >= JUDGED_SHARE:
+            return share
+    return max(judged_by_share, key=judged_by_share.__getitem__, default=None)
 
 
 def _piece(
