@@ -6,7 +6,8 @@ not refused?
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, ur10, emps,
 sim5, drawn and any number (four to seven joints), small and any number (two or three).
 Outcome of a case:
-  named    an error or a warning names the cause that was put in, and the joint
+  named    an error or a warning names the cause that was put in, and the joint, or a set
+           of explanations that the data do not tell apart, with the cause among them
   refused  an error without that cause: nothing is identified, but the user has to search
   warned   warnings only, none of which names the cause, and none names another
   wrong    warnings that name another cause only
@@ -174,7 +175,13 @@ def contradicts(report: Report) -> bool:
 def _names(corruption: Corruption, issue: Issue) -> bool:
     """Whether an issue names what was done, and to which joint."""
     joints = {j + 1 for j in corruption.joints}
-    return issue.kind in corruption.causes and (not joints or _joints(issue) == joints)
+    named = [(issue.kind, _joints(issue))]
+    for other in issue.figures.get("as_likely", ()):
+        named.append((other["kind"], set(other["joints"])))
+    return any(
+        kind in corruption.causes and (not joints or of_issue == joints)
+        for kind, of_issue in named
+    )
 
 
 def _is_right(corruption: Corruption, issue: Issue) -> bool:

@@ -21,6 +21,7 @@ from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.torque_size import far_from_nominal
 from sdp_vs_penalty.regression.normal_equations import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -54,6 +55,8 @@ class RepairSearch:
         self.posterior = lru_cache(99)(self._posterior)
         #: Repairs, laws apart, that no law makes likely.
         self.hopeless: set[LogTransform] = set()
+        #: Of faults that were added, by name, others that explain as much.
+        self.rivals: dict[tuple[str, tuple[int, ...]], tuple[Fault, ...]] = {}
 
     def _elements(self, repair: LogTransform) -> tuple[Fault, ...]:
         return tuple(e for kind in FAULTS for e in kind.elements(self.log, repair))
@@ -123,8 +126,63 @@ class RepairSearch:
 
         for repair in sorted(likely, key=rank):
             if self.is_confirmed(repair, now):
-                return repair
+                tied = [repair, *self._as_likely(repair, now, likely)]
+                best = self._of_most_plausible_size(tied, now)
+                self._note_rivals(best, tied, now)
+                return best
         return None
+
+    def _as_likely(
+        self,
+        repair: LogTransform,
+        now: LogTransform,
+        likely: Sequence[LogTransform],
+    ) -> list[LogTransform]:
+        """Of the likely repairs those that are told from a confirmed one by less than
+        the odds against a fault: two joints about one line have one zero, and of two
+        joints either may have the wrong gain."""
+        names = {fault.name for fault in self.new(repair, now)}
+        least = self.posterior(repair) - c.ODDS
+        tied = []
+        for other in likely:
+            new = self.new(other, now)
+            is_same = names == {fault.name for fault in new}
+            is_law = all(fault.severity == "note" for fault in new)
+            if is_same or is_law or self.posterior(other) < least:
+                continue
+            if self.is_confirmed(other, now):
+                tied.append(other)
+        return tied
+
+    def _of_most_plausible_size(
+        self,
+        tied: Sequence[LogTransform],
+        now: LogTransform,
+    ) -> LogTransform:
+        """The first of tied repairs; of gains that with which the joints' torques are
+        nearest to those of the problem's masses."""
+        gains = [
+            repair
+            for repair in tied
+            if all(fault.kind == "torque gain" for fault in self.new(repair, now))
+        ]
+        if tied[0] not in gains or np.all(self.log.problem.guessed_links):
+            return tied[0]
+        return min(gains, key=lambda repair: far_from_nominal(self.log, repair))
+
+    def _note_rivals(
+        self,
+        best: LogTransform,
+        tied: Sequence[LogTransform],
+        now: LogTransform,
+    ) -> None:
+        """Keep what explains as much as the repair that is added, where that is one
+        fault."""
+        new = self.new(best, now)
+        others = [self.new(repair, now) for repair in tied if repair != best]
+        single = tuple(faults[0] for faults in others if len(faults) == 1)
+        if len(new) == 1 and single:
+            self.rivals[new[0].name] = single
 
     def proposals(self, now: LogTransform) -> list[LogTransform]:
         """Repairs with one more fault that may be believed, the likeliest first.
@@ -504,8 +562,14 @@ class RepairSearch:
         equivalents = fault.equivalents
         if fault.kind == "torque sign":
             equivalents = self.signs_as_likely(net, fault.joints)
-            if equivalents:
-                what = f"{what} As likely: {'; '.join(equivalents)}."
+        rivals = self.rivals.get(fault.name, ())
+        if rivals:
+            equivalents = (*equivalents, *(x.what.rstrip(".") for x in rivals))
+            figures["as_likely"] = [
+                {"kind": x.kind, "joints": [j + 1 for j in x.joints]} for x in rivals
+            ]
+        if equivalents != fault.equivalents:
+            what = f"{what} As likely: {'; '.join(equivalents)}."
         return Issue(
             kind=fault.kind,
             nature=EXPLANATION,
