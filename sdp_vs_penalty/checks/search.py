@@ -9,6 +9,7 @@ themselves, with its interval.
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -27,6 +28,15 @@ from sdp_vs_penalty.robot.arrays import Array
 
 #: Faults that a motion shows whose directions are half as many as its joints.
 SHOWN_BY_A_POOR_MOTION = "degrees", "sign", "mounting", "events"
+
+
+class Rival(NamedTuple):
+    """What explains a log as well as a fault does: its kind of issue, joints (from 0),
+    and sentence."""
+
+    kind: str
+    joints: tuple[int, ...]
+    what: str
 
 
 class RepairSearch:
@@ -560,16 +570,14 @@ class RepairSearch:
             low, high = map(fault.number.text, ends)
             what = f"{what.rstrip('.')} (95 %: {low} to {high})."
         equivalents = fault.equivalents
-        if fault.kind == "torque sign":
-            equivalents = self.signs_as_likely(net, fault.joints)
-        rivals = self.rivals.get(fault.name, ())
+        rivals = self._rivals_of(fault, net)
         if rivals:
-            equivalents = (*equivalents, *(x.what.rstrip(".") for x in rivals))
+            words = [rival.what.rstrip(".") for rival in rivals]
+            what = f"{what} As likely: {'; '.join(words)}."
+            equivalents = (*equivalents, *words)
             figures["as_likely"] = [
                 {"kind": x.kind, "joints": [j + 1 for j in x.joints]} for x in rivals
             ]
-        if equivalents != fault.equivalents:
-            what = f"{what} As likely: {'; '.join(equivalents)}."
         return Issue(
             kind=fault.kind,
             nature=EXPLANATION,
@@ -600,25 +608,37 @@ class RepairSearch:
             f" from {before:.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
         )
 
-    def signs_as_likely(
+    def _rivals_of(self, fault: Fault, net: LogTransform) -> list[Rival]:
+        """What explains as much as one fault of the net repair."""
+        rivals = [
+            Rival(other.kind, other.joints, other.what)
+            for other in self.rivals.get(fault.name, ())
+        ]
+        if fault.kind == "torque sign":
+            rivals += self._signs_as_likely(net, fault.joints)
+        return rivals
+
+    def _signs_as_likely(
         self,
         net: LogTransform,
         turned: Sequence[int],
-    ) -> tuple[str, ...]:
+    ) -> list[Rival]:
         """Sets of torques whose sign may as well be the wrong ones: one joint more, or
         one less, to which neither physics nor the error on parts left out objects."""
         others = []
         for j in self.log.joints:
-            joints = sorted({*turned} ^ {j})
+            joints = tuple(sorted({*turned} ^ {j}))
             if not joints:
                 continue
             objection, clearness = self._against_turning(net, j)
             if objection < c.LOUDEST_INERTIA and clearness < 0.5 * c.SIGMAS:
-                others.append(f"the torque of {joints_text(joints)} has the wrong sign")
-        unsigned = [j for j in turned if self._is_unsigned(net.tau_order[j])]
+                what = f"the torque of {joints_text(joints)} has the wrong sign"
+                others.append(Rival("torque sign", joints, what))
+        unsigned = tuple(j for j in turned if self._is_unsigned(net.tau_order[j]))
         if unsigned:
-            others.append(f"the logger wrote magnitudes of {joints_text(unsigned)}")
-        return tuple(others)
+            what = f"the logger wrote magnitudes of {joints_text(unsigned)}"
+            others.append(Rival("torque magnitude", unsigned, what))
+        return others
 
     def _is_unsigned(self, channel: int) -> bool:
         """Whether a torque channel (from 0) is never negative."""
