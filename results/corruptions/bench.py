@@ -173,11 +173,11 @@ def _best_fit(problem: Problem, run: Measurements) -> tuple[Array, float, float]
     judge = LoggerJudge(problem, reports, settings)
     if not judge.logs:
         return None
-    log = Likelihood.together([*judge.logs.values()])
-    fit = log.score(log.as_logged)
-    samples = log.samples(fit)
+    log = Likelihood.of_all_runs([*judge.logs.values()])
+    fit = log.fit(log.as_logged)
+    samples = log.count_independent_samples(fit)
     physics = log.physics(fit, log.as_logged, samples)
-    return np.log(fit.shares[log.moving]), samples, physics
+    return np.log(fit.unexplained_shares[log.moving]), samples, physics
 
 
 def _case(
