@@ -114,7 +114,7 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
-    """One bar a joint: its error in multiples of its noise, before (orange) and after (blue),
+    """Draw one bar for each joint: its error over its noise, before (orange), after (blue),
     and both in N m or N.
 
     Parameters
