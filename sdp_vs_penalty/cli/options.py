@@ -25,7 +25,7 @@ models model.json ...: Models written by `identify` or `add`.
 --data RUN.csv ...: Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag; a folder or pattern of these;
     a.csv+b.csv is one run.
 --test TEST.csv: Run for the held-out error only.
---frozen: Fixed model parameters: the only way to identify a payload.
+--frozen: Keep the model fixed (needed for payloads).
 --window START:STOP: Part of each run to use, in seconds from its start; or A:B,C:D.
 --test-window START:STOP: Part of the test run to use, in seconds from its start.
 --seed >=0: Random seed.

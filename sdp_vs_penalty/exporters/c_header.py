@@ -8,6 +8,7 @@ from string import Template
 
 import numpy as np
 
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
@@ -50,7 +51,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),
-        left=_comment(", ".join(left) or "nothing"),
+        left=_comment(", ".join(map(effect_in_words, left)) or "nothing"),
         n=robot.n,
         **_joint_arrays(robot),
         **_link_arrays(content.links),

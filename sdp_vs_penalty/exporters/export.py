@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from sdp_vs_penalty import exporters
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -121,7 +122,7 @@ def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
     str
         Printable ASCII.
     """
-    lacks = f"without {', '.join(left_out)}"
+    lacks = f"without {', '.join(map(effect_in_words, left_out))}"
     if judged is None:
         sentence = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
     else:

@@ -21,6 +21,8 @@ from sdp_vs_penalty.robot.arrays import Array
 _VIEW = np.array([0.58, -0.63, 0.52])
 _ANGLE = 14.0
 _BONES = "#888888"
+#: Solidity of the links' meshes.
+_SURFACE = 0.35
 #: Of the joints' axes: a colour that no curve has.
 _AXES = "#7c3aed"
 #: Squares of the ground on each side.
@@ -117,8 +119,11 @@ class ArmScene:
             self._draw_clock(arms)
             if scale:
                 _draw_scale(scale)
+            has_meshes = bool(view.session.robot.get("meshes"))
+            surfaces = "Grey: the URDF's meshes. " if has_meshes else ""
             note(
-                f"Ellipsoids of uniform density; {caption}. Violet: joint axes. A square"
+                f"{surfaces}Ellipsoids of uniform density; {caption}. Violet: joint axes."
+                " A square"
                 f" of the ground: {ground_size(about) / _SQUARES:g} m. Click a link to"
                 " see its joint."
             )
@@ -206,7 +211,17 @@ class ArmScene:
         for body in self.about["bodies"]:
             with groups[body["joint"]]:
                 self._draw_link(body, look)
+        for mesh in self.view.session.robot.get("meshes", ()):
+            with groups[mesh["joint"]]:
+                self._draw_mesh(mesh)
         return groups
+
+    def _draw_mesh(self, mesh: Mapping[str, Any]) -> None:
+        """The surface of a link, through which its ellipsoid is seen."""
+        place = np.array(mesh["place"])
+        url = f"/s/{self.view.session.token}/take/{mesh['file']}"
+        surface = self.scene.stl(url).material(_BONES, _SURFACE)
+        surface.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
 
     def _draw_bone(self, end: list[float], thin: float) -> None:
         """Draw a tube of radius ``thin`` [m] from a joint to the next one at ``end``

@@ -393,7 +393,7 @@ _LAST_COLOUR = 4
 def error_scale(model: ModelStep) -> tuple[str, str]:
     """Say what the first and the last colour of :func:`torque_errors` mean."""
     is_known = None not in model.comparison["noise_floor"]
-    unit = "noise" if is_known else "noise, or its own RMS"
+    unit = "noise of the joint" if is_known else "noise of the joint, or its own RMS"
     return "no error", f"{_LAST_COLOUR} times the {unit}"
 
 

@@ -33,6 +33,7 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -52,10 +53,11 @@ from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.render import tables, words
-from sdp_vs_penalty.render.arms import drawn_arm
+from sdp_vs_penalty.render.arms import binary_stl, drawn_arm, simplified
 from sdp_vs_penalty.render.charts import POINTS, spread_rows
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.geometry import link_surfaces
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import follow
@@ -658,9 +660,37 @@ def robot(job: JobRequest) -> Answer:
         "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links),
+        "meshes": _kept_meshes(job, problem),
         "own_gravity": problem.robot.gravity,
         "known": known,
     }
+
+
+def _kept_meshes(job: JobRequest, problem: Problem) -> list[Answer]:
+    """Files of the links' meshes, which the 3D view draws: joint and placement of each.
+
+    Only of a URDF whose meshes lie beside it or in a package of ROS; a mesh that cannot
+    be read is left out.
+    """
+    source = Path(job["robot"]["source"])
+    if source.suffix.lower() != ".urdf" or not source.is_file():
+        return []
+    job.progress("reading meshes")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Remark)  # the picture goes without
+        surfaces = link_surfaces(source)
+    robot = problem.robot
+    if len(surfaces) != len(robot.link_joints):
+        return []
+    kept = []
+    for joint, surface in zip(robot.link_joints, surfaces, strict=True):
+        if surface is None:
+            continue
+        name = f"mesh-{joint}.stl"
+        write_bytes(job.folder / name, binary_stl(simplified(surface)))
+        place = robot.tree[joint].link_frame
+        kept.append({"joint": joint, "file": name, "place": np.asarray(place)})
+    return kept
 
 
 def _limits_in_words(problem: Problem) -> str:
@@ -966,7 +996,8 @@ def _write_export(job: JobRequest, out: Path) -> list[str]:
     )
     if not lost:
         return []
-    sentences = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
+    names = ", ".join(map(effect_in_words, lost))
+    sentences = [f"{out.suffix} files cannot hold {names}; model.json can."]
     if judged is not None:
         sentences += [f"As exported: {judged[0].headline}", judged[1]]
     return [text for text in sentences if text]

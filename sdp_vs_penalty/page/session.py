@@ -563,6 +563,14 @@ class Session:
         self._forget_models()
         self.say(*answer["changes"], error=False)
 
+    async def mend_all(self, files: Sequence[str]) -> None:
+        """Put repaired copies of several runs in their places, and say what was changed."""
+        changes: list[str] = []
+        for file in files:
+            await self.mend(file)
+            changes += self.notice.texts if self.notice else ()
+        self.say(*changes, error=False)
+
     async def identify(self) -> None:
         """Identify the first model of a new history with the chosen effects and
         method.

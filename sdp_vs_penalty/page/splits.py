@@ -248,14 +248,12 @@ def confirmed(
     Diagnosis
         With `n_splits` and `n_splits_showing` of each confident finding.
     """
-    shown = [_confident(diagnosis)]
+    shown = [_named(diagnosis)]
     for k, (train, test) in enumerate(splits, start=2):
         progress(f"the same on split {k} of {len(splits) + 1}")
         try:
             shown.append(
-                _confident(
-                    _diagnosed(model, run, train, test, frozen=frozen, seed=seed)
-                )
+                _named(_diagnosed(model, run, train, test, frozen=frozen, seed=seed))
             )
         except InputError:  # too little is left of this split: it shows nothing
             continue
@@ -295,12 +293,15 @@ def _diagnosed(
     )
 
 
-def _confident(diagnosis: Diagnosis) -> set[tuple[str, tuple[int, ...]]]:
-    """Return effect and joints of each confident finding of a diagnosis."""
+def _named(diagnosis: Diagnosis) -> set[tuple[str, tuple[int, ...]]]:
+    """Return effect and joints of each finding that is more than weak.
+
+    A near-tie counts as well: the torque is there, and this name fits it.
+    """
     return {
         (finding.effect, finding.joints)
         for finding in diagnosis.effects
-        if finding.rating == "confident"
+        if finding.rating != "weak"
     }
 
 
@@ -311,7 +312,7 @@ def _with_splits(
     """Count how many splits show a confident finding; rate it weak if these are too
     few.
 
-    shown : effect and joints of the confident findings of each split.
+    shown : effect and joints of the findings of each split.
     """
     if finding.rating != "confident":
         return finding

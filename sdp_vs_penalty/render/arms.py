@@ -70,6 +70,67 @@ def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
     return np.sqrt(5.0 * values), rotation, link[1:4] / mass
 
 
+def simplified(triangles: Array, most: int = 3000) -> Array:
+    """Fewer triangles of about the same shape: corners in one cell of a grid become one.
+
+    Parameters
+    ----------
+    triangles : (m, 3, 3) array
+        Corners of m triangles [m].
+    most : int
+        Number of triangles to stay below.
+
+    Returns
+    -------
+    (k, 3, 3) array
+        At most ``most`` triangles, without those that have collapsed.
+    """
+    triangles = np.asarray(triangles, float)
+    corners = triangles.reshape(-1, 3)
+    size = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0
+    n_cells = 256
+    simple = triangles
+    while len(simple) > most and n_cells >= 2:
+        cells = np.round((corners - corners.min(axis=0)) / max(size, 1e-12) * n_cells)
+        _, index = np.unique(cells.astype(np.int64), axis=0, return_inverse=True)
+        index = index.reshape(-1)
+        counts = np.bincount(index)
+        centres = np.column_stack(
+            [np.bincount(index, corners[:, k]) / counts for k in range(3)]
+        )
+        faces = index.reshape(-1, 3)
+        differ = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
+        _, first = np.unique(np.sort(faces[differ], axis=1), axis=0, return_index=True)
+        simple = centres[faces[differ][first]]
+        n_cells = n_cells * 2 // 3
+    return simple
+
+
+def binary_stl(triangles: Array) -> bytes:
+    """Triangles as a binary STL file, as a browser draws it.
+
+    Parameters
+    ----------
+    triangles : (m, 3, 3) array
+        Corners of m triangles [m].
+
+    Returns
+    -------
+    bytes
+        80 bytes of header, their number, then normal and corners of each.
+    """
+    kind = np.dtype(
+        [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
+    facets = np.zeros(len(triangles), kind)
+    edges = np.diff(triangles, axis=1)
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    facets["normal"] = normals / np.maximum(lengths, 1e-30)
+    facets["corners"] = triangles
+    return bytes(80) + np.uint32(len(triangles)).tobytes() + facets.tobytes()
+
+
 def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
     """Joints and link ellipsoids of a robot as plain data, for a 3D view.
 

@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
+from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.files import read_text
 from sdp_vs_penalty.formatting import change_of, number, plain_unit
@@ -258,7 +259,7 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
     for finding in findings:
         if not finding.torque_is_certain:
             continue
-        row = shares.setdefault(f"found: {finding.effect}", [0.0] * n)
+        row = shares.setdefault(f"found: {effect_name(finding.effect)}", [0.0] * n)
         # An effect without joints acts on all of them.
         joint_indices = [number - 1 for number in finding.joints] or range(n)
         for j in joint_indices:

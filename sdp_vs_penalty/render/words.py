@@ -159,6 +159,11 @@ def describe_finding(
     )
 
 
+def weak_title(n_weak: int) -> str:
+    """Heading of the weak findings, which are folded."""
+    return f"Not worth adding yet: {formatting.count(n_weak, 'weak finding')}"
+
+
 def doubt_of(rated: Finding | Retune) -> str:
     """Say why a finding or a re-estimated constant is not confident; "" if it is."""
     if not rated.remarks:
@@ -289,8 +294,8 @@ def finding_table(
         headings=("with", *(str(j) for j, _ in enumerate(units, start=1))),
         rows=[(name, *map(number, errors)) for name, errors in rows],
         title=(
-            f"Error [{kinds}] of each joint on data left out, below"
-            f" {number(diagnosis.band_hz)} Hz, refitted at each step"
+            f"Error [{kinds}] of each joint on data not used for fitting, below"
+            f" {number(diagnosis.band_hz)} Hz"
         ),
     )
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
@@ -413,7 +413,8 @@ def failures(data: ReportData) -> Context:
 def findings(data: ReportData) -> Context:
     """Return the context of the section on what the diagnosis found.
 
-    It holds every sentence ("words"), what the last model still lacks ("missing"), each
+    It holds every sentence ("words"), what the last model still lacks ("missing"), a card
+    with a picture for each finding ("cards", "weak_cards"), of one model alone each
     joint's error on held-out data before and after adding all findings ("bars"), and a
     figure for each measured curve of missing torque ("curves"). Without a diagnosis
     "words" is None.
@@ -424,7 +425,8 @@ def findings(data: ReportData) -> Context:
     described = words.describe_diagnosis(diagnosis, data.units)
     missing = still_missing(diagnosis, data.last) if diagnosis.effects else ""
     bars = None
-    if diagnosis.effects:
+    is_alone = len(data.comparisons) == 1  # else the first section has these bars
+    if diagnosis.effects and is_alone:
         floor = diagnosis.noise_floor.tolist() if diagnosis.noise_known else None
         bars = pieces.bars(
             diagnosis.held_out_rmse_before,
@@ -442,13 +444,44 @@ def findings(data: ReportData) -> Context:
         plot = charts.missing_figure(curve, data.units, motions)
         caption = f"{sentence[0].upper()}{sentence[1:]}"
         curves.append(pieces.figure(plot, caption, 360))
+    cards = [
+        {"words": finding_words, "picture": _picture_of_finding(data, finding)}
+        for finding, finding_words in zip(
+            diagnosis.effects, described.findings, strict=True
+        )
+    ]
+    weak = [card for card in cards if card["words"].rating == "weak"]
     return {
         "words": described,
+        "cards": [card for card in cards if card["words"].rating != "weak"],
+        "weak_cards": weak,
+        "weak_title": words.weak_title(len(weak)),
         "missing": missing,
         "name": data.name,
         "bars": bars,
         "curves": curves,
     }
+
+
+def _picture_of_finding(data: ReportData, finding: Finding) -> Any:
+    """The error of a finding's joint against what shows it, before and after; "" for a
+    weak finding."""
+    if finding.rating == "weak":
+        return ""
+    first = data.comparisons[0]
+    last = data.comparisons[-1]
+    joint = finding.main_joint
+    cause = finding.seen_against or words.cause_of(data.failures[first.name], joint)
+    plot = charts.cause_figure(
+        first.signals,
+        None if first is last else last.signals,
+        joint=joint,
+        cause=cause,
+        units=data.units,
+        position_units=data.last.robot.position_units,
+        floor=last.noise_floor,
+    )
+    return pieces.figure(plot, height=250)
 
 
 def parameters(data: ReportData) -> Context:

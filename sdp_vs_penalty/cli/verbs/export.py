@@ -31,6 +31,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.parsing import numbers
+    from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.exporters.export import write_model
 
@@ -54,9 +55,8 @@ def verb(
     if urdf is None:
         _warn_of_names(out)
     if left_out:
-        console.warn(
-            f"{out.suffix} files cannot hold {', '.join(left_out)}; .json files can."
-        )
+        names = ", ".join(map(effect_in_words, left_out))
+        console.warn(f"{out.suffix} files cannot hold {names}; .json files can.")
 
 
 def _judged_as_exported(

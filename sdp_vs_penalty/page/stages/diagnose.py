@@ -17,6 +17,7 @@ from sdp_vs_penalty.render.words import (
     DiagnosisWords,
     FindingWords,
     describe_diagnosis,
+    weak_title,
 )
 
 
@@ -103,9 +104,8 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             _card(view, diagnosis, words.findings[k], k)
     if not weak:
         return
-    title = f"Not worth adding yet: {formatting.count(len(weak), 'weak finding')}"
     with (
-        draw.details(title, "weak-findings", on=not sure),
+        draw.details(weak_title(len(weak)), "weak-findings", on=not sure),
         draw.tag("ol", style="findings"),
     ):
         for k in weak:

@@ -318,6 +318,15 @@ def _split_bar(
         )
 
 
+def _kept_of(run: dict[str, Any]) -> str:
+    """What of a run is kept for testing, in words; "" where nothing is."""
+    if run["use"] == "test":
+        return str(run["name"])
+    if run["use"] == "split":
+        return f"{run['split']['judged_share']:.0%} of {run['name']}"
+    return ""
+
+
 def _measured(session: Session) -> StageVerdict | None:
     """Say which robot is chosen, how many runs it has, and whether any are for
     testing.
@@ -329,9 +338,9 @@ def _measured(session: Session) -> StageVerdict | None:
         f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
     )
     if session.runs:
-        has_test_run = any(run["use"] in ("test", "split") for run in session.runs)
-        sentence += f"; {formatting.count(len(session.runs), 'run')}, "
-        sentence += f"{'part' if has_test_run else 'nothing'} kept for testing"
+        kept = ", ".join(filter(None, map(_kept_of, session.runs))) or "nothing"
+        count = formatting.count(len(session.runs), "run")
+        sentence += f"; {count}, {kept} kept for testing"
     return StageVerdict("", f"{sentence}.")
 
 
@@ -390,27 +399,54 @@ def _findings(session: Session) -> None:
         for run in session.runs:
             if not run["findings"]:
                 draw.tag("span", f"✓ {run['name']}", "tick")
+    for issue, runs in _issues_with_runs(session):
+        names = formatting.words([run["name"] for run in runs])
+        with draw.tag("p", style=f"finding {issue['severity']}"):
+            draw.tag("strong", f"{names}: {issue['kind']}. ")
+            what = formatting.sentence(issue["what"])
+            draw.tag("span", f"{what} What to do: {issue['remedy']}.")
+        if issue["gravity"]:
+            vector = ",".join(f"{g:g}" for g in issue["gravity"])
+            apply = partial(session.start, session.mount, vector)
+            key = f"apply-{runs[0]['file']}"
+            draw.button(f"Apply: gravity {vector}", apply, key, "primary")
+    _repairs(session)
+
+
+def _issues_with_runs(
+    session: Session,
+) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """Each issue once, with the runs of which the check says the same."""
+    groups: dict[tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]] = {}
     for run in session.runs:
-        for finding_of_run in run["findings"]:
-            with draw.tag("p", style=f"finding {finding_of_run['severity']}"):
-                draw.tag("strong", f"{run['name']}: {finding_of_run['kind']}. ")
-                what = finding_of_run["what"]
-                draw.tag(
-                    "span",
-                    f"{what[0].upper()}{what[1:]} What to do: {finding_of_run['remedy']}.",
-                )
-            if finding_of_run["gravity"]:
-                vector = ",".join(f"{g:g}" for g in finding_of_run["gravity"])
-                apply = partial(session.start, session.mount, vector)
-                key = f"apply-{run['file']}"
-                draw.button(f"Apply: gravity {vector}", apply, key, "primary")
-        if any(finding_of_run["can_fix"] for finding_of_run in run["findings"]):
-            apply = partial(session.start, session.mend, run["file"])
+        for issue in run["findings"]:
+            text = (issue["kind"], issue["what"], issue["remedy"])
+            groups.setdefault(text, (issue, []))[1].append(run)
+    return list(groups.values())
+
+
+def _repairs(session: Session) -> None:
+    """A button a run that the check can repair, and one for all of them."""
+    runs = [
+        run
+        for run in session.runs
+        if any(issue["can_fix"] for issue in run["findings"])
+    ]
+    with draw.tag("div", style="row"):
+        if len(runs) > 1:
+            files = [run["file"] for run in runs]
             draw.button(
-                f"Apply to {run['name']}",
-                apply,
-                f"mend-{run['file']}",
+                f"Repair all {len(runs)} runs",
+                partial(session.start, session.mend_all, files),
+                "mend-all",
                 "primary",
+            )
+        for run in runs:
+            draw.button(
+                f"Repair {run['name']}",
+                partial(session.start, session.mend, run["file"]),
+                f"mend-{run['file']}",
+                "primary" if len(runs) == 1 else "",
             )
 
 
