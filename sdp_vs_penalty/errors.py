@@ -11,15 +11,15 @@ _LONGEST = 1500
 
 
 def printable(text: object) -> str:
-    r"""A text as one line without control characters.
+    r"""Return a text as one line without control characters.
 
-    Control characters, line ends and bytes of a file name that are no text are written as
-    Python escapes.
+    Control characters, line ends and bytes of a file name that are no text are written
+    as Python escapes.
 
     Parameters
     ----------
     text : object
-        Anything that is to be printed.
+        Anything to print.
 
     Returns
     -------

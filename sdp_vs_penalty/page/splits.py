@@ -100,7 +100,7 @@ def split_run(
     run: Measurements,
     share: float | None = None,
 ) -> dict[str, Any] | None:
-    """Windows of a run to identify from and to judge on.
+    """Cut a run into windows to identify from, and windows to judge on.
 
     Parameters
     ----------
@@ -109,16 +109,16 @@ def split_run(
     run : Measurements
         One recording.
     share : float or None
-        Share of the motion to identify from; None: the largest one that leaves a fifth of
-        the run to judge on.
+        Share of the motion to identify from; None: the largest one that leaves a fifth
+        of the run to judge on.
 
     Returns
     -------
     dict or None
         Windows [s] "train" and "test", rounded so that a command can name them;
         "train_seconds", "test_seconds"; "share" of the motion for training;
-        "judged_share" of the run behind the filters; "bar": side, begin and length [% of
-        the run] of each window. None for a run that is too short.
+        "judged_share" of the run behind the filters; "bar": side, begin and length [%
+        of the run] of each window. None for a run that is too short.
     """
     try:
         cutting = _Cutting.of(problem, run)

@@ -160,7 +160,7 @@ def describe_finding(
 
 
 def weak_title(n_weak: int) -> str:
-    """Heading of the weak findings, which are folded."""
+    """Return the heading above the weak findings, which are folded."""
     return f"Not worth adding yet: {formatting.count(n_weak, 'weak finding')}"
 
 
