@@ -42,7 +42,7 @@ _WORDS = {
         "identify from one run at a time",
     ),
     "another load": (
-        "{run} carries another load on its last link ({x:+.2g} kg)",
+        "{run} carries a {weight} load on its last link ({x:+.2g} kg)",
         "identify the runs apart, or log with the same tool",
     ),
     "torque gain": (
@@ -359,7 +359,18 @@ class RunComparison:
         is_clear = best.clearness >= c.SIGMAS and evidence >= 3.0 * c.ODDS
         # Friction that the model lacks differs from run to run, as another arm does.
         is_unspecific = best.difference.is_another_arm and self.times < c.TIMES
-        return best if is_clear and not is_unspecific else None
+        if not is_clear or is_unspecific:
+            return None
+        return self._of_the_heavier_run(best)
+
+    def _of_the_heavier_run(self, cause: Cause) -> Cause:
+        """Of two runs, the load that one carries more, not the one that the other lacks;
+        any other cause as it is."""
+        is_lack = cause.difference.kind == "another load" and cause.size < 0.0
+        if not is_lack or len(self.runs) != 2:
+            return cause
+        of_other = replace(cause.difference, run=1 - cause.difference.run)
+        return replace(cause, difference=of_other, size=-cause.size)
 
     @property
     def _reason(self) -> str:
@@ -385,6 +396,7 @@ class RunComparison:
             "run": run.name,
             "j": difference.joint + 1,
             "x": x,
+            "weight": "lighter" if cause.size < 0.0 else "heavier",
         }
         if difference.fault is None:
             words, remedy = _WORDS[difference.kind]

@@ -271,7 +271,39 @@ class RepairSearch:
             is_harmless = not self._speaks_against(before, after).any()
         is_likely = 0.5 * self.samples * np.log(ratio).sum() > c.ODDS
         is_large = ratio.max() > self._least_ratio(repair, now)
-        return bool(is_likely and is_large and is_harmless)
+        is_everywhere = self._shows_where_it_acts(np.log(ratio), repair, now)
+        return bool(is_likely and is_large and is_harmless and is_everywhere)
+
+    def _shows_where_it_acts(
+        self,
+        falls: Array,
+        repair: LogTransform,
+        now: LogTransform,
+    ) -> bool:
+        """Whether a number that all torques have in common (a delay, a filter) explains
+        more than one joint.
+
+        Parameters
+        ----------
+        falls : (K,) array
+            Falls of the logarithm of each moving joint's error on parts left out.
+        repair : LogTransform
+            With one more fault.
+        now : LogTransform
+            Without it.
+
+        Returns
+        -------
+        bool
+            Whether the errors still fall together without the joint that gains most.
+            True for any other fault, and for arms of one or two moving joints.
+        """
+        all_joints = tuple(range(self.log.n))
+        faults = self.new(repair, now)
+        is_shared = any(fault.number and fault.joints == all_joints for fault in faults)
+        if not is_shared or len(falls) < 3:
+            return True
+        return bool(falls.sum() > falls.max())
 
     @staticmethod
     def _speaks_against(before: Array, after: Array) -> NDArray[np.bool_]:

@@ -106,7 +106,12 @@ def test_a_zero_of_one_run_is_named_with_its_size(two_link, runs):
     assert "degrees away in" in issue.what
 
 
-def test_a_load_of_one_run_is_named_in_kilograms(two_link, runs):
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_load_is_named_in_kilograms_in_the_run_that_carries_it(
+    two_link,
+    runs,
+    order,
+):
     """One kilogram held half a metre along the last link."""
     links = two_link.nominal_links.copy()
     links[-1] += [1.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.25, 0.0, 0.0, 0.25]
@@ -126,13 +131,14 @@ def test_a_load_of_one_run_is_named_in_kilograms(two_link, runs):
         dq,
         ddq,
     )
-    reports = judged(
-        two_link,
-        replace(run, tau=run.tau + loaded - empty),
-        runs[1],
-    )
-    issues = [issue for report in reports for issue in explanations(report)]
-    assert [issue.kind for issue in issues] == ["another load"]
+    both = replace(run, tau=run.tau + loaded - empty), runs[1]
+    reports = judged(two_link, *(both[k] for k in order))
+    loaded_report, empty_report = (reports[order.index(k)] for k in (0, 1))
+    (issue,) = explanations(loaded_report)
+    assert issue.kind == "another load"
+    assert issue.figures["size"] == pytest.approx(1.0, abs=0.2)
+    assert "heavier load on its last link (+" in issue.what
+    assert not explanations(empty_report)
 
 
 def test_a_sign_of_all_runs_is_claimed_of_each(two_link, runs):
