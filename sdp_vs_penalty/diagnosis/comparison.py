@@ -67,18 +67,17 @@ class Signals:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Record):
-    """One model against measurements, all joints in the same stated band.
+    """Errors of one model on measurements, all joints behind the same low-pass.
 
     estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured
-    torque): (n,) each; noise_floor (n,) of the measurements, or None where it is not
-    known, and noise_source; relative_error_percent: 100 |tau - tau_hat| / |tau| over
-    all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows
-    themselves; new_motion_share: of the rows, those whose motion the model has not been
-    trained on (see :mod:`~sdp_vs_penalty.signals.motion`); None where its model.json
-    does not record that; outside: by effect the share of the rows that lie outside of
-    its table (a measured curve), where it is held constant; runs: the names of the
-    measurements; judged_on: a sentence where the recording is so long that the noise
-    was measured in windows of it.
+    torque) : (n,) each; noise_floor (n,) : of the measurements, or None where it is not
+    known, and noise_source; relative_error_percent : 100 |tau - tau_hat| / |tau| over
+    all joints; band_hz : cut-off of the low-pass; signals : the filtered rows;
+    new_motion_share : share of the rows whose motion the model was not trained on (see
+    :mod:`~sdp_vs_penalty.signals.motion`), None where its model.json does not record
+    that; outside : by effect the share of rows outside of its table (a measured curve),
+    where it is held constant; runs : names of the measurements; judged_on : a sentence
+    where the recording is so long that the noise was measured in windows of it.
     """
 
     name: str
@@ -265,42 +264,38 @@ class Comparison(Record):
                 f"choose one from 1 to {len(self.rmse)}",
             )
         j = joint - 1
-        s = self.signals
-        x = {"time": s.t, "position": s.q[:, j], "velocity": s.dq[:, j]}.get(against)
-        if x is None:
+        signals = self.signals
+        values_and_labels = {
+            "time": (signals.t, "time [s]"),
+            "position": (signals.q[:, j], f"position of joint {joint} [rad or m]"),
+            "velocity": (signals.dq[:, j], f"velocity of joint {joint} [rad/s or m/s]"),
+        }
+        if against not in values_and_labels:
             raise InputError(
                 f"plot(against={against!r}) is unknown",
                 "write time, position or velocity",
             )
-        unit = {"time": "s", "position": "rad or m", "velocity": "rad/s or m/s"}[
-            against
-        ]
-        label = (
-            f"{against} of joint {joint} [{unit}]" if against != "time" else "time [s]"
-        )
+        x, label = values_and_labels[against]
         axes = formatting.axes(axes)
-        axes.plot(x, s.residual[:, j], lw=0.8)
+        axes.plot(x, signals.residual[:, j], lw=0.8)
         title = f"{self.name}: RMSE {self.rmse[j]:.3g}"
         axes.set(xlabel=label, ylabel="measured - modelled [N m or N]", title=title)
         return axes
 
     def _summary(self) -> Summary:
         """Return the headline, and rows of label and text for the printed summary."""
-        floor = (
-            []
-            if self.noise_floor is None
-            else [", ".join(f"{x:.3g}" for x in self.noise_floor)]
-        )
-        return f"Comparison of {self.name}. {self.verdict.headline}", [
-            *(
-                (f"{line.about} ({line.grade})", line.text)
-                for line in self.verdict.lines
-            ),
-            ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
-            *(("noise floor", text) for text in floor),
-            ("band", f"below {self.band_hz:.3g} Hz"),
-            ("new motion", new_motion(self.new_motion_share)),
-        ]
+
+        def in_words(values: Array) -> str:
+            return ", ".join(f"{x:.3g}" for x in values)
+
+        verdict = self.verdict
+        rows = [(f"{line.about} ({line.grade})", line.text) for line in verdict.lines]
+        rows.append(("RMSE", in_words(self.rmse)))
+        if self.noise_floor is not None:
+            rows.append(("noise floor", in_words(self.noise_floor)))
+        rows.append(("band", f"below {self.band_hz:.3g} Hz"))
+        rows.append(("new motion", new_motion(self.new_motion_share)))
+        return f"Comparison of {self.name}. {verdict.headline}", rows
 
     @property
     def noise(self) -> tuple[Array | None, str]:
@@ -471,17 +466,18 @@ class Comparisons(list[Comparison]):
         """
         import pandas
 
-        rows = [
-            {
-                "model": c.name,
-                "joint": j + 1,
-                "rmse": c.rmse[j],
-                "r2": c.r2[j],
-                "noise_floor": np.nan if c.noise_floor is None else c.noise_floor[j],
-            }
-            for c in self
-            for j in range(len(c.rmse))
-        ]
+        rows = []
+        for comparison in self:
+            floor = comparison.noise_floor
+            for j in range(len(comparison.rmse)):
+                row = {
+                    "model": comparison.name,
+                    "joint": j + 1,
+                    "rmse": comparison.rmse[j],
+                    "r2": comparison.r2[j],
+                    "noise_floor": np.nan if floor is None else floor[j],
+                }
+                rows.append(row)
         return pandas.DataFrame(rows).set_index(["model", "joint"])
 
     def plot(self, axes: Any = None) -> Any:
@@ -490,26 +486,21 @@ class Comparisons(list[Comparison]):
 
         Raises InputError without matplotlib (extra [plot]).
         """
-        return plot_errors(
-            axes,
-            {c.name: c.rmse for c in self},
-            self[0].noise_floor,
-        )
+        errors = {c.name: c.rmse for c in self}
+        return plot_errors(axes, errors, self[0].noise_floor)
 
     def __repr__(self) -> str:
         """Show the headline of each model, of the first four."""
         if len(self) == 1:
             return repr(self[0])
-        return "\n".join(
-            ["Comparisons", *(f"  {c.name}: {c.verdict.headline}" for c in self[:4])]
-        )
+        headlines = [f"  {c.name}: {c.verdict.headline}" for c in self[:4]]
+        return "\n".join(["Comparisons", *headlines])
 
     def _repr_html_(self) -> str:
         """Show headlines and the table of errors in a notebook."""
-        return (
-            "".join(f"<p>{escape(f'{c.name}: {c.verdict.headline}')}</p>" for c in self)
-            + self.to_frame().to_html()
-        )
+        headlines = [escape(f"{c.name}: {c.verdict.headline}") for c in self]
+        paragraphs = "".join(f"<p>{text}</p>" for text in headlines)
+        return paragraphs + self.to_frame().to_html()
 
 
 def compare(
@@ -579,33 +570,25 @@ def compare_filtered(
     _, measurements = driven(first, runs.measurements)
     if measurements is not runs.measurements:
         runs = FilteredRuns.of(measurements, settings)
-    models = {
-        name: plant(m) if m.model.drives.any() else m for name, m in models.items()
-    }
     all_measurements = measurements
+    runs_of_noise = runs
     if noise_from is not None:
         _, all_measurements = driven(first, as_measurements(noise_from))
-    shown = (
-        runs
-        if all_measurements is measurements
-        else FilteredRuns.of(all_measurements, settings)
-    )
-    floor = _noise_floor(first, shown)
+        if all_measurements is not measurements:
+            runs_of_noise = FilteredRuns.of(all_measurements, settings)
+    floor = _noise_floor(first, runs_of_noise)
     remark = subsample_sentence(
         window_subsample(all_measurements, settings),
         all_measurements,
         "errors are those of all samples, noise and dependences of",
     )
-    judged = [
-        _compare_one(
-            name,
-            model,
-            runs,
-            floor,
-        )
-        for name, model in models.items()
-    ]
-    return Comparisons(replace(one, judged_on=remark) for one in judged)
+    judged = Comparisons()
+    for name, model in models.items():
+        # Joint torque is compared: a model of drives is compared without them.
+        at_the_joints = plant(model) if model.model.drives.any() else model
+        comparison = _compare_one(name, at_the_joints, runs, floor)
+        judged.append(replace(comparison, judged_on=remark))
+    return judged
 
 
 def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, str]:
@@ -740,24 +723,20 @@ class _ErrorStatistics:
         """Compute the statistics of measured and modelled torque, chunk by chunk of
         rows.
         """
-        measured = signals.measured
-        pairs = zip(
-            iter_chunks(measured),
-            iter_chunks(signals.modelled),
-            strict=True,
+        # Views of consecutive rows; all sums are over rows, (n,) each.
+        chunks = [chunk for _, chunk in iter_chunks(signals.measured)]
+        modelled_chunks = iter_chunks(signals.modelled)
+        squares = sum(
+            np.sum((measured - modelled) ** 2, axis=0)
+            for measured, (_, modelled) in zip(chunks, modelled_chunks, strict=True)
         )
-        squares = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs)
         n_rows = len(signals.t)
         error = squares / n_rows
-        mean = sum(a.sum(axis=0) for _, a in iter_chunks(measured)) / n_rows
-        scatter = sum(np.sum((a - mean) ** 2, axis=0) for _, a in iter_chunks(measured))
+        mean = sum(chunk.sum(axis=0) for chunk in chunks) / n_rows
+        scatter = sum(np.sum((chunk - mean) ** 2, axis=0) for chunk in chunks)
         variance = scatter / n_rows
         with np.errstate(divide="ignore", invalid="ignore"):
-            r2 = np.where(
-                variance > 0.0,
-                1.0 - error / variance,
-                np.nan,
-            )
+            r2 = np.where(variance > 0.0, 1.0 - error / variance, np.nan)
             mean_square = np.sum(variance + mean**2)
             relative = 100.0 * np.sqrt(np.sum(error) / mean_square)
         return cls(error, r2, float(relative))

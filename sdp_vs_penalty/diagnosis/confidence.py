@@ -49,7 +49,7 @@ class Judged:
 
     @property
     def effect(self) -> Effect:
-        """The effect that was found."""
+        """The effect of the finding, with its shape constants."""
         return self.term.form.effect
 
     @property

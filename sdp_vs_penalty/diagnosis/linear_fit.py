@@ -78,8 +78,11 @@ Term = ScoredEffect | Nuisance
 
 @dataclass(frozen=True, eq=False)
 class BasisProducts:
-    """Products of candidates' columns with those of the model, basis (n, M, r), and with
-    the torque y (n, M), each worked out once."""
+    """Products of candidates' columns with the model's columns and with the torque.
+
+    basis (n joints, M, r) : the model's columns; y (n, M) : white torque; known : what
+    was computed, by batch of candidates.
+    """
 
     basis: Array
     y: Array
@@ -101,14 +104,16 @@ class BasisProducts:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """White columns of the model and of some terms, and their products.
+    """White columns of the model and of some terms (effects or nuisances), with
+    products.
 
-    A (n, M, p) : columns of unit length; y (n, M) : torque; gram (n, p, p), pull (n, p) :
-    A'A and A'y; model : by key the column of each effect of the model whose constant may
-    be another one, under None those of all others; at : the columns of each term, by
-    text; keys : of a term's column; extra (n,) : rows of a joint behind the log's, each
-    of which says that the coefficient of a nuisance is zero, or a share of one where
-    several joints say it.
+    A (n joints, M + prior rows, p) : columns of unit length, the model's first; y (n, M
+    + prior rows) : torque, 0 in prior rows; gram (n, p, p), pull (n, p) : A'A and A'y;
+    model : numbers of the model's columns, by key of an effect with a shape constant
+    that might be re-estimated, all others under None; at : numbers of each term's
+    columns, by its text; keys : key of the effect that a column belongs to; extra (n,)
+    : how many prior rows each joint counts. A prior row says that a nuisance's
+    coefficient is zero, up to its standard deviation.
     """
 
     A: Array

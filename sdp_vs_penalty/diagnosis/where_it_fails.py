@@ -299,7 +299,7 @@ def where_it_fails(
     *,
     noise: tuple[Array | None, str] | None = None,
 ) -> Failures:
-    """What each joint's residual depends on, and when it is large.
+    """Find what each joint's residual depends on, and when it is large.
 
     Of a long recording windows are judged (:mod:`~sdp_vs_penalty.signals.segments`).
 
@@ -312,8 +312,8 @@ def where_it_fails(
     preprocessing : Preprocessing, optional
         Filter settings; default: the model's.
     noise : tuple of (n,) array or None, and str, optional
-        Noise floor of each joint [N m or N], and where it comes from, as a comparison
-        with these measurements has them. Default: it is measured.
+        Noise floor of each joint [N m or N], and its source, as a comparison with these
+        measurements has them. Default: it is measured.
 
     Returns
     -------

@@ -247,15 +247,15 @@ def _wave(
     Parameters
     ----------
     phase
-        Maps variables and constants to the phase [rad].
+        Maps variables (v, P) and constants (c,) to the phase [rad].
     reads
-        How the phase reads.
+        Text of the phase, such as "{b} {x}".
     starts
         Constants to begin with.
     factor
         Function of the variables that multiplies the wave; default: 1.
     other_factor
-        How the factor reads.
+        Text of the factor.
     """
 
     def terms(p: Array, b: Array) -> list[Array]:
