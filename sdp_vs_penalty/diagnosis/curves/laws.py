@@ -361,7 +361,10 @@ def recognised(
         columns = on_rows(near.law, near.constants)
         amplitudes, chi2 = _amplitudes(columns.D[None], columns.s[None])
         exact = replace(
-            near, amplitudes=amplitudes[0], chi2=float(chi2[0]), columns=columns
+            near,
+            amplitudes=amplitudes[0],
+            chi2=float(chi2[0]),
+            columns=columns,
         )
         scored.append((evidence_of(exact), exact))
     top = max([f.J, *(J for J, _ in scored)])
