@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,
     RARE,
@@ -28,8 +28,8 @@ from sdp_vs_penalty.signals.coloured_noise import (
     robust_scale,
 )
 from sdp_vs_penalty.signals.constants import SAME_PHASE
-from sdp_vs_penalty.signals.noise import REPETITION, differences
-from sdp_vs_penalty.signals.repetition import consecutive
+from sdp_vs_penalty.signals.noise import differences
+from sdp_vs_penalty.signals.repetition import Repeat, consecutive
 from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW
 
@@ -125,8 +125,10 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     """Flag the rows (M, n) whose residual is an outlier: isolated disturbances.
 
-    While a joint moves slowly or reverses, friction laws are only approximate: there a
-    row is an outlier only if no similar motion has a similar residual.
+    An outlier that comes back with the motion is an error of the model. Where the
+    motion does not repeat, a disturbance stands out of all windows in the same state of
+    motion. So does one in a single repetition near a reversal, where friction laws are
+    only approximate.
 
     Parameters
     ----------
@@ -140,6 +142,7 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     rows = data.rows
     noise = data.noise
     unrepeated = _unrepeated_rows(data, residual)
+    comes_back = _rows_that_come_back(noise.repeats, len(rows.t))
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
         # The noise may be larger than was thought; its median does not see an event.
@@ -149,19 +152,87 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         suspect = unrepeated[:, j]
         if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            lone = lone_windows(
-                white[:, j],
-                rows.pieces[j],
-                slow,
-                rows.rate,
-                rows.n,
-            )
-            # Where no repetition tells it from noise, it stands out of the joint's error.
-            is_outlier &= lone if noise.source != REPETITION else lone | ~slow
+            lone = _lone_rows(data, white[:, j], j, slow)
+            # A push of a second stands out in N m rather than in what is white.
+            torque = residual[:, j] * (white[:, j] != 0.0)
+            lone |= _lone_rows(data, torque, j, slow)
+            lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
+            is_outlier &= lone | (comes_back & ~slow)
             suspect = suspect & (lone | ~slow)
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
         out[:, j] |= suspect
+    return out & ~_repeated_outliers(data, out)
+
+
+def _rows_that_come_back(repeats: Sequence[Repeat], count: int) -> Mask:
+    """Flag the rows (M,) whose motion is repeated in the log; count : number of rows
+    M.
+    """
+    out = np.zeros(count, bool)
+    for repeat in repeats:
+        out[repeat.rows] = True
+        out[repeat.there] = True
+    return out
+
+
+def _lone_rows(
+    data: WhiteData,
+    series: Array,
+    joint: int,
+    slow: Mask,
+) -> Mask:
+    """Flag the rows (M,) of windows without a similar window in the same state of
+    motion.
+
+    series : (M,) residual of the joint; slow : (M,) rows in which it moves slowly or
+    reverses.
+    """
+    rows = data.rows
+    return lone_windows(
+        series,
+        rows.pieces[joint],
+        slow,
+        rows.rate,
+        rows.n,
+    )
+
+
+def _stands_out(
+    torque: Array,
+    pieces: Sequence[NDArray[np.intp]],
+    tests: int,
+) -> Mask:
+    """Flag the rows (M,) of windows in which a residual swells as in no other window.
+
+    torque (M,) [N m or N]; tests : number of joints, for the chance of a false one.
+    """
+    degrees = max(float(np.count_nonzero(torque)), 1.0)
+    usual = float(nonzero_or_one(np.sqrt(np.sum(torque**2) / degrees)))
+    return local_excess(torque / usual, pieces, tests, degrees)
+
+
+def _near_in_time(mask: Mask, rate: float) -> Mask:
+    """Flag the rows (M, n) that are within SAME_PHASE of a flagged row; rate [Hz]."""
+    return np.asarray(_sums_near_in_time(mask.astype(float), rate) > 0.5)
+
+
+def _sums_near_in_time(series: Array, rate: float) -> Array:
+    """Sum a series (M, n) over the rows within SAME_PHASE of each row; rate [Hz]."""
+    width = np.ones(2 * max(1, round(SAME_PHASE * rate)) + 1)
+    return np.array([np.convolve(x, width, mode="same") for x in series.T]).T
+
+
+def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
+    """Flag the outliers (M, n) that another repetition of the motion has near the same
+    phase.
+    """
+    near = _near_in_time(is_outlier, data.rows.rate)
+    out = np.zeros_like(is_outlier)
+    for repeat in data.noise.repeats:
+        in_both = near[repeat.rows] & near[repeat.there]
+        out[repeat.rows] |= in_both
+        np.logical_or.at(out, repeat.there, in_both)
     return out
 
 
@@ -175,19 +246,12 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     suspect = data.noise.suspect
     if not suspect.any():
         return suspect
-    # Rows within half this window are at the same phase.
-    window = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
-
-    def sum_nearby(values: Array) -> Array:
-        """(M, n) sums over the window around each row."""
-        return np.column_stack([np.convolve(x, window, mode="same") for x in values.T])
-
-    is_near_suspect = sum_nearby(suspect.astype(float)) > 0.5
-    energy = sum_nearby(residual**2)
+    is_near_suspect = _near_in_time(suspect, rows.rate)
+    energy = _sums_near_in_time(residual**2, rows.rate)
     out = suspect.copy()
-    for repetition in repeats:
-        first = repetition.rows
-        second = repetition.there
+    for repeat in repeats:
+        first = repeat.rows
+        second = repeat.there
         first_has_less = energy[first] <= energy[second]
         out[first] &= ~(is_near_suspect[second] & first_has_less)
         cleared = np.zeros_like(out)

@@ -176,7 +176,7 @@ def retune(
     )
     remarks = []
     if s.at_end:
-        remarks.append("it lies at the end of the range in which it was looked for")
+        remarks.append(REASONS["at_end"])
     if is_harmful:
         remarks.append(REASONS["alone"])
     return Retune(
