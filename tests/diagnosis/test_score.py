@@ -387,7 +387,7 @@ def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
     evidence is."""
     search = searched(two_link)
     vars(search.data)[
-        "constants"
+        "constant_derivatives"
     ] = {}  # what they add is chosen by what rows are worth
     forms = [
         f
