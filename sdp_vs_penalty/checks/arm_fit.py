@@ -11,82 +11,105 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.regression.normal_equations import FLOOR, solve
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
+#: A column of which less than this share of its square is outside the basis is spanned
+#: by it: rounding errors are no column [-].
+_SPANNED_SHARE = 1e-12
+#: The same for a candidate column, which has to say something new [-].
+_NOTHING_NEW_SHARE = 1e-10
+#: Smallest share of a candidate column that the arm's parameters are taken to leave [-].
+_SHARE_LEFT_BY_ARM = 1e-3
+
 
 class RepairedRows:
-    """The rows of n joints under one repair of the motion.
+    """M rows of n joints under one repair of the motion.
 
-    basis (n, M, k) : orthonormal columns of each joint alone; raw (n, M, s) : columns of
-    the shared parameters; apart (n, M, s) : the same with the basis projected out; gram
-    (n, s, s) : of these.
+    Columns of one joint alone (friction, rotor, offset: "own" columns) are projected out
+    of the s columns that joints share (links).
+
+    basis (n, M, k) : orthonormal basis of each joint's own columns; raw (n, M, s) :
+    shared columns; projected (n, M, s) : shared columns with the basis projected out;
+    gram (n, s, s) : Gram matrices of ``projected``.
     """
 
     def __init__(self, basis: Array, raw: Array) -> None:
         self.basis = basis
         self.raw = raw
-        in_basis = np.swapaxes(basis, 1, 2) @ raw
+        in_basis = np.swapaxes(basis, 1, 2) @ raw  # (n, k, s)
         left = raw - basis @ in_basis
         gram = np.swapaxes(left, 1, 2) @ left
         # Rounding errors of columns that the basis spans are no columns.
-        of_left = np.diagonal(gram, axis1=1, axis2=2)
-        of_raw = of_left + np.einsum("jks,jks->js", in_basis, in_basis)
-        is_visible = of_left > 1e-12 * of_raw
-        self.apart = left * is_visible[:, None]
+        squares_left = np.diagonal(gram, axis1=1, axis2=2)  # (n, s)
+        squares_in_basis = np.einsum("jks,jks->js", in_basis, in_basis)
+        squares = squares_left + squares_in_basis
+        is_visible = squares_left > _SPANNED_SHARE * squares
+        self.projected = left * is_visible[:, None]
         self.gram = gram * is_visible[:, None] * is_visible[:, :, None]
 
-    def rest(self, y: Array) -> Array:
-        """(n, M, K) torques or columns with own columns projected out."""
-        return np.asarray(y - self.basis @ (np.swapaxes(self.basis, 1, 2) @ y))
+    def project_out_own(self, y: Array) -> Array:
+        """Return K torques or columns y (n, M, K) without what each joint's own columns
+        explain of them, y - B B^T y."""
+        in_basis = np.swapaxes(self.basis, 1, 2) @ y
+        return np.asarray(y - self.basis @ in_basis)
 
 
 @dataclass
 class ArmFit:
-    """One arm fitted to one repaired log.
+    """One arm fitted to one repaired log of n joints and M rows.
 
-    moving (n,) : joints that move; channels (n, M) : the torque as repaired; theta
-    (s,) : the arm; left, total (n,) : squared torque that it leaves, and all [(N m)^2].
+    moving (n,) : which joints move; channels (n, M) : torque as repaired; theta (s,) :
+    the arm's shared parameters; energy_left, energy (n,) : sums over the rows of the
+    squared residual and of the squared torque [(N m)^2 or N^2].
     """
 
     moving: NDArray[np.bool_]
     rows: RepairedRows
     channels: Array
     theta: Array
-    left: Array
-    total: Array
+    energy_left: Array
+    energy: Array
 
     @cached_property
-    def shares(self) -> Array:
-        """(n,) share of each channel's energy that is left over."""
-        return self.left / self.total
+    def unexplained_shares(self) -> Array:
+        """(n,) share of each torque's energy that the arm leaves."""
+        return self.energy_left / self.energy
 
     @property
     def unexplained(self) -> float:
-        """The same of all joints that move together."""
-        return float(self.left[self.moving].sum() / self.total[self.moving].sum())
+        """Share of the energy of all moving joints' torques together that the arm
+        leaves."""
+        left = self.energy_left[self.moving].sum()
+        return float(left / self.energy[self.moving].sum())
 
     @property
-    def mean_share(self) -> float:
-        """The mean of the shares of joints that move."""
-        return float(np.mean(self.shares[self.moving]))
+    def mean_unexplained_share(self) -> float:
+        """Mean over the moving joints of the share of energy that the arm leaves."""
+        return float(np.mean(self.unexplained_shares[self.moving]))
 
     @cached_property
-    def score(self) -> float:
-        """sum_j log of what is left, of joints that move."""
-        return float(np.log(self.shares)[self.moving].sum())
+    def log_unexplained(self) -> float:
+        """Sum over moving joints of log(S_j / |tau_j|^2), S_j the squared residual.
+
+        Times -M/2, M the number of independent samples, it is the log-likelihood of the
+        repair, up to a constant.
+        """
+        return float(np.log(self.unexplained_shares)[self.moving].sum())
 
     @property
-    def poor(self) -> NDArray[np.bool_]:
-        """(n,) joints of whose torque more is unexplained than what friction laws and
-        filters are worth: their motion may be another one."""
-        return np.asarray(self.moving & (self.shares > 2.0 * FLOOR))
+    def is_poorly_explained(self) -> NDArray[np.bool_]:
+        """(n,) whether more of a moving joint's torque is unexplained than the errors
+        of friction laws and filters (FLOOR): its motion may be another one."""
+        is_above_floor = self.unexplained_shares > 2.0 * FLOOR
+        return np.asarray(self.moving & is_above_floor)
 
     @cached_property
     def residual(self) -> Array:
-        """(n, M) what the arm leaves of the channels."""
-        left = self.rows.rest(self.channels[:, :, None])[:, :, 0]
-        return np.asarray(left - self.rows.apart @ self.theta)
+        """(n, M) torque that the arm and the joints' own columns leave [N m or N]."""
+        left = self.rows.project_out_own(self.channels[:, :, None])[:, :, 0]
+        return np.asarray(left - self.rows.projected @ self.theta)
 
-    def gained(self, columns: Array) -> Array:
-        """Fall of log S_j with one more own column of joint j, by a score test.
+    def log_falls_by_columns(self, columns: Array) -> Array:
+        """Predict the fall of log S_j if joint j had one more own column, by a score
+        test: no arm is fitted.
 
         Parameters
         ----------
@@ -96,29 +119,30 @@ class ArmFit:
         Returns
         -------
         (n, K) array
-            The falls, less what the arm's parameters take of them.
+            The falls; what the arm's parameters explain of a column does not count.
         """
         transposed = np.swapaxes(columns, 1, 2)
-        return self._gained(
-            pull=(transposed @ self.residual[:, :, None])[:, :, 0],
-            in_arm=transposed @ self.rows.apart,
-            in_basis=transposed @ self.rows.basis,
-            energy=np.einsum("jmk,jmk->jk", columns, columns),
+        return self._log_falls(
+            on_residual=(transposed @ self.residual[:, :, None])[:, :, 0],
+            on_arm=transposed @ self.rows.projected,
+            on_basis=transposed @ self.rows.basis,
+            squares=np.einsum("jmk,jmk->jk", columns, columns),
         )
 
-    def gained_by_steps(
+    def log_falls_by_steps(
         self,
-        heard: Array,
+        mask: Array,
         first_rows: NDArray[np.intp],
     ) -> Array:
-        """:meth:`gained` of steps: columns that are 0 before a row.
+        """Predict the falls of log S_j by steps: columns that are 0 before a row.
 
-        Products with a step are sums over the rows from its first one on.
+        It is log_falls_by_columns without making the columns: a product with a step is
+        the sum over the rows from the step's first row on.
 
         Parameters
         ----------
-        heard : (n, M) array
-            Value of the column from there on: 1 where a joint's torque is asked for.
+        mask : (n, M) array
+            Value of the column after the step: 1 where the joint's torque is used.
         first_rows : (K,) array
             Row at which each step begins.
 
@@ -130,50 +154,66 @@ class ArmFit:
 
         def from_rows(y: Array) -> Array:
             """(n, K, ...) sums of (n, M, ...) over the rows of each step."""
-            sums = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
-            return np.asarray(sums[:, first_rows])
+            sums_to_end = np.cumsum(y[:, ::-1], axis=1)[:, ::-1]
+            return np.asarray(sums_to_end[:, first_rows])
 
-        return self._gained(
-            pull=from_rows(heard * self.residual),
-            in_arm=from_rows(heard[:, :, None] * self.rows.apart),
-            in_basis=from_rows(heard[:, :, None] * self.rows.basis),
-            energy=from_rows(heard**2),
+        return self._log_falls(
+            on_residual=from_rows(mask * self.residual),
+            on_arm=from_rows(mask[:, :, None] * self.rows.projected),
+            on_basis=from_rows(mask[:, :, None] * self.rows.basis),
+            squares=from_rows(mask**2),
         )
 
-    def _gained(
+    def _log_falls(
         self,
-        pull: Array,
-        in_arm: Array,
-        in_basis: Array,
-        energy: Array,
+        on_residual: Array,
+        on_arm: Array,
+        on_basis: Array,
+        squares: Array,
     ) -> Array:
-        """(n, K) fall of log S_j from products of K columns with the residual (n, K), the
-        arm's columns (n, K, s), the basis (n, K, k), and themselves (n, K)."""
-        normal = np.tensordot(self.weights, self.rows.gram, 1)
-        transposed = np.swapaxes(in_arm, 1, 2)
-        of_arm = np.sum(transposed * solve(normal, transposed), axis=1)
-        taken = self.weights[:, None] * of_arm
-        left = energy - np.sum(in_basis**2, axis=2)
-        # What the basis spans is nothing new.
-        is_new = left > 1e-10 * energy
-        visible = np.maximum(left - taken, 1e-3 * left) * self.left[:, None]
-        return np.asarray(is_new * np.log1p(pull**2 / np.maximum(visible, 1e-280)))
+        """Return the falls (n, K) of log S_j by K further columns x of joint j.
+
+        To first order S_j falls by (x . r)^2 / v, with v the square of what is left of x
+        beside the joint's own columns and the arm's parameters.
+
+        on_residual (n, K) : products of x with the residual r; on_arm (n, K, s) : with
+        the arm's columns; on_basis (n, K, k) : with the basis; squares (n, K) : x . x.
+        """
+        normal = np.tensordot(self.weights, self.rows.gram, 1)  # (s, s)
+        transposed = np.swapaxes(on_arm, 1, 2)
+        explained = np.sum(transposed * solve(normal, transposed), axis=1)
+        taken_by_arm = self.weights[:, None] * explained
+        beside_basis = squares - np.sum(on_basis**2, axis=2)
+        is_new = beside_basis > _NOTHING_NEW_SHARE * squares
+        beside_arm = np.maximum(
+            beside_basis - taken_by_arm,
+            _SHARE_LEFT_BY_ARM * beside_basis,
+        )
+        scale = np.maximum(beside_arm * self.energy_left[:, None], 1e-280)
+        return np.asarray(is_new * np.log1p(on_residual**2 / scale))
 
     @cached_property
     def independent_rows(self) -> float:
-        """How many independent samples M rows hold whose neighbours are alike:
-        M / (1 + 2 sum_k rho_k) of the median joint, over lags before what the arm leaves
-        is correlated no more (Geyer 1992)."""
+        """Number of independent samples in M correlated rows of the residual.
+
+        It is M / (1 + 2 sum_k rho_k), rho_k the autocorrelation of the residual at lag k,
+        summed up to the first lag at which it is not positive (Geyer 1992); the median
+        over the moving joints.
+        """
         left = self.residual[self.moving]
-        count = self.channels.shape[1]
+        n_rows = self.channels.shape[1]
         centred = left - left.mean(axis=1, keepdims=True)
-        power = np.abs(np.fft.rfft(centred, 2 * count)) ** 2
-        rho = np.fft.irfft(power)[:, :count]
+        # Autocorrelation by FFT; zeros behind the rows keep it from wrapping round.
+        power = np.abs(np.fft.rfft(centred, 2 * n_rows)) ** 2
+        rho = np.fft.irfft(power)[:, :n_rows]
         rho = rho / nonzero_or_one(rho[:, :1])
-        lasts = 2.0 * np.sum(rho * np.cumprod(rho > 0.0, axis=1), axis=1) - 1.0
-        return count / max(float(np.median(lasts)), 1.0)
+        is_before_first_zero = np.cumprod(rho > 0.0, axis=1)
+        # Lag 0, of correlation 1, is in the sum once too often.
+        rows_per_sample = 2.0 * np.sum(rho * is_before_first_zero, axis=1) - 1.0
+        return n_rows / max(float(np.median(rows_per_sample)), 1.0)
 
     @cached_property
     def weights(self) -> Array:
-        """(n,) of each joint's rows, 0 where it does not move."""
-        return np.where(self.moving, 1.0 / self.left, 0.0)
+        """(n,) weights of the joints' rows, one over the squared residual; 0 for joints
+        that do not move."""
+        return np.where(self.moving, 1.0 / self.energy_left, 0.0)

@@ -20,10 +20,15 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing
 from sdp_vs_penalty.signals.runs import spans
 from sdp_vs_penalty.signals.spectrum import highest_harmonic
 
+#: Velocities so many times the derivative of their position [rad/s] are in degrees a
+#: second: 57 times, or nearly 1; the geometric mean of the two.
+_IN_DEGREES_A_SECOND = 8.0
 
-def never_a_number(g: RunSummary) -> Iterator[Issue]:
-    """Channels that hold no number in any row: no row can be saved by deleting others."""
-    for name, x in g.run.groups.items():
+
+def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
+    """Yield an error for each channel without a number in any row: deleting rows cannot
+    help."""
+    for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
             yield Issue.of(
                 kind="channel without numbers",
@@ -37,16 +42,18 @@ def never_a_number(g: RunSummary) -> Iterator[Issue]:
             )
 
 
-def wrapped(g: RunSummary) -> Iterator[Issue]:
-    """A revolute position that jumps by a turn from one row to the next: by 2 pi, or by
-    360, which says that it is in degrees as well."""
-    steps = np.abs(np.diff(g.run.q, axis=0))
-    turns = np.array([joint.kind == "revolute" for joint in g.robot.joints])
-    in_degrees = turns & _jumps_by(steps, 360.0)
+def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
+    """Yield an error where revolute positions jump by a full turn between two rows.
+
+    A jump by 2 pi is a wrapped angle; by 360, the position is in degrees as well.
+    """
+    steps = np.abs(np.diff(glance.run.q, axis=0))
+    is_revolute = _revolute_joints(glance.robot)
+    in_degrees = is_revolute & _jumps_by(steps, 360.0)
     if in_degrees.any():
-        yield from _degrees(g, turns, " and wrapped at 360", unwrap=True)
+        yield _degrees(glance, " and wrapped at 360", unwrap=True)
         return
-    jumping = turns & _jumps_by(steps, 2.0 * np.pi)
+    jumping = is_revolute & _jumps_by(steps, 2.0 * np.pi)
     if jumping.any():
         what = (
             "the position of {where} jumps by a full turn between two rows: the angle"
@@ -66,61 +73,69 @@ def wrapped(g: RunSummary) -> Iterator[Issue]:
 
 
 def _jumps_by(steps: Array, turn: float) -> Rows:
-    """(n,) whether some step of a channel is a turn, and its usual ones are far less."""
-    near = np.abs(steps - turn) < 0.05 * turn
-    return np.any(near, axis=0) & (np.median(steps, axis=0) < 0.05 * turn)
+    """Return which channels (n,) jump by a turn: some of their steps (N - 1, n) is a
+    turn, and the usual steps are far smaller."""
+    tolerance = 0.05 * turn
+    is_turn = np.abs(steps - turn) < tolerance
+    return np.any(is_turn, axis=0) & (np.median(steps, axis=0) < tolerance)
 
 
-def _degrees(
-    g: RunSummary,
-    turns: Rows,
-    how: str,
-    unwrap: bool,
-) -> Iterator[Issue]:
-    """All revolute positions in degrees, their jumps by a turn undone."""
-    joints = np.flatnonzero(turns)
-    reach = float(np.abs(g.run.q[:, joints]).max())
+def _revolute_joints(robot: Robot) -> Rows:
+    """(n,) which joints are revolute."""
+    return np.array([joint.kind == "revolute" for joint in robot.joints])
+
+
+def _degrees(glance: RunSummary, how: str, unwrap: bool) -> Issue:
+    """Return the error that all revolute positions are in degrees.
+
+    how : words behind "in degrees"; unwrap : whether the repair also undoes jumps by a
+    turn.
+    """
+    is_revolute = _revolute_joints(glance.robot)
+    joints = np.flatnonzero(is_revolute)
+    largest = float(np.abs(glance.run.q[:, joints]).max())
     remedy = "multiply q (and dq) by pi / 180"
     if unwrap:
         remedy = "unwrap q and multiply it by pi / 180"
-    yield Issue.of(
+    return Issue.of(
         kind="positions in degrees",
         severity="error",
         joints=joints,
-        what=f"the positions of {{where}} are in degrees{how}: they reach {reach:.4g}.",
+        what=f"the positions of {{where}} are in degrees{how}: they reach {largest:.4g}.",
         certainty=READ,
         remedy=f"{remedy} (`convert --units q=deg`)",
-        repair=partial(_in_radians, robot=g.robot, turns=turns, unwrap=unwrap),
+        repair=partial(_in_radians, robot=glance.robot, unwrap=unwrap),
     )
 
 
 def _in_radians(
     run: Measurements,
     robot: Robot,
-    turns: Rows,
     unwrap: bool,
 ) -> Measurements:
-    """The run with revolute positions in radians, and velocities that are in degrees
-    as well."""
+    """Return the run with revolute positions converted from degrees to radians.
+
+    unwrap : also undo jumps by 360 degrees. Logged velocities are converted where they
+    are in degrees a second: far larger than the derivative of the converted position.
+    """
+    is_revolute = _revolute_joints(robot)
     factor = float(np.radians(1.0))
     q = run.q * factor
     if unwrap:
         q = _into_range(robot, np.unwrap(run.q, period=360.0, axis=0) * factor)
-    q = np.where(turns, q, run.q)
+    q = np.where(is_revolute, q, run.q)
     if run.dq is None:
         return replace(run, q=q)
     logged = np.abs(run.dq).sum(axis=0)
     derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
-    in_degrees = turns & (logged > 8.0 * derived)
-    return replace(
-        run,
-        q=q,
-        dq=np.where(in_degrees, run.dq * factor, run.dq),
-    )
+    in_degrees = is_revolute & (logged > _IN_DEGREES_A_SECOND * derived)
+    dq = np.where(in_degrees, run.dq * factor, run.dq)
+    return replace(run, q=q, dq=dq)
 
 
 def _into_range(robot: Robot, q: Array) -> Array:
-    """(N, n) angles by whole turns nearer to the middles of the joints' ranges."""
+    """Return positions q (N, n) [rad] moved by whole turns, so that each joint's median
+    is as near as possible to the middle of its range (to 0 where it has none)."""
     low = np.array([joint.lower for joint in robot.joints])
     high = np.array([joint.upper for joint in robot.joints])
     has_range = np.isfinite(high - low)
@@ -129,31 +144,35 @@ def _into_range(robot: Robot, q: Array) -> Array:
     return np.asarray(q - 2.0 * np.pi * turns)
 
 
-def degrees(g: RunSummary) -> Iterator[Issue]:
-    """Positions that are far outside the joints' ranges, and inside them as degrees."""
-    turns = np.array([joint.kind == "revolute" for joint in g.robot.joints])
-    far = far_outside(g.robot, g.run.q)
-    if len(far) and turns[list(far)].all():
-        q = np.where(
-            turns,
-            np.radians(g.run.q),
-            g.run.q,
-        )
-        if not far_outside(g.robot, q) and len(far) * 2 > turns.sum():
-            yield from _degrees(g, turns, "", unwrap=False)
+def find_degrees(glance: RunSummary) -> Iterator[Issue]:
+    """Yield an error where most revolute positions are far outside their ranges, and all
+    are inside if they are in degrees."""
+    is_revolute = _revolute_joints(glance.robot)
+    far = far_outside(glance.robot, glance.run.q)
+    if not far or not is_revolute[list(far)].all():
+        return
+    q = np.where(is_revolute, np.radians(glance.run.q), glance.run.q)
+    is_explained = not far_outside(glance.robot, q)
+    if is_explained and 2 * len(far) > is_revolute.sum():
+        yield _degrees(glance, "", unwrap=False)
 
 
-def lockstep(g: RunSummary) -> Iterator[Issue]:
-    """Joints that move in proportion: what one of them does, the others do as well."""
-    moving = np.flatnonzero(g.moving)
+#: Share of the variance that the counted directions of a motion hold [-].
+_SHARE_OF_VARIANCE = 0.999
+
+
+def find_lockstep_motion(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a warning where joints move in proportion to each other (in lockstep): then
+    nothing shows which torque or channel belongs to which of them."""
+    moving = np.flatnonzero(glance.moving)
     if len(moving) < 2:
         return
-    together = lockstep_groups(g.run.q[:, moving])
+    together = lockstep_groups(glance.run.q[:, moving])
     if not together:
         return
     groups = [[int(moving[k]) for k in group] for group in together]
     joints = sorted(j for group in groups for j in group)
-    rank = motion_rank(g.run.q[:, moving])
+    rank = motion_rank(glance.run.q[:, moving])
     names = "; ".join(joints_text(group) for group in groups)
     yield Issue.of(
         kind="lockstep motion",
@@ -171,34 +190,40 @@ def lockstep(g: RunSummary) -> Iterator[Issue]:
 
 
 def lockstep_groups(q: Array) -> list[list[int]]:
-    """Groups of columns of positions (N, n) that correlate with the first of the group;
-    no column is in two groups."""
+    """List groups of columns of positions q (N, n) that move in proportion.
+
+    The columns of a group correlate by more than LOCKSTEP with its first one, whatever
+    the sign. No column is in two groups; groups of one are left out.
+    """
     size = np.std(q, axis=0)
     z = (q - q.mean(axis=0)) / nonzero_or_one(size)
-    is_proportional = np.abs(z.T @ z / len(z)) > LOCKSTEP
+    correlation = z.T @ z / len(z)
+    is_proportional = np.abs(correlation) > LOCKSTEP
     groups: list[list[int]] = []
-    left = list(range(q.shape[1]))
-    while left:
-        first = left[0]
-        group = [k for k in left if k == first or is_proportional[first, k]]
-        left = [k for k in left if k not in group]
-        groups += [group] if len(group) > 1 else []
+    remaining = list(range(q.shape[1]))
+    while remaining:
+        first = remaining[0]
+        group = [k for k in remaining if k == first or is_proportional[first, k]]
+        remaining = [k for k in remaining if k not in group]
+        if len(group) > 1:
+            groups.append(group)
     return groups
 
 
 def motion_rank(q: Array) -> int:
-    """How many directions hold 99.9 % of the variance of positions (N, n), each in
-    units of its own scatter."""
+    """Return the number of principal directions that hold 99.9 % of the variance of
+    positions q (N, n), each joint scaled to variance 1."""
     z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
     power = np.linalg.svd(z, compute_uv=False) ** 2
-    return int(np.searchsorted(np.cumsum(power) / power.sum(), 0.999) + 1)
+    shares = np.cumsum(power) / power.sum()
+    return int(np.searchsorted(shares, _SHARE_OF_VARIANCE) + 1)
 
 
-def idle(g: RunSummary) -> Iterator[Issue]:
-    """Joints that never move, or all of them."""
+def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
+    """Yield an error where no joint moves, or a warning about joints that never do."""
     sure = "certain: the positions change by noise only"
-    joints = np.flatnonzero(~g.moving)
-    if not g.moving.any():
+    joints = np.flatnonzero(~glance.moving)
+    if not glance.moving.any():
         what = (
             "no joint moves: these data contain only static friction and the weight in"
             " one pose."
@@ -229,8 +254,10 @@ def idle(g: RunSummary) -> Iterator[Issue]:
         )
 
 
-def beside(g: RunSummary) -> Iterator[Issue]:
-    if joints := beside_range(g.robot, g.run.q):
+def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a warning about joints whose positions leave the range, while their travel
+    fits into it: the encoder's zero is the usual cause."""
+    if joints := beside_range(glance.robot, glance.run.q):
         yield Issue.of(
             kind="encoder offset",
             severity="warning",
@@ -242,15 +269,16 @@ def beside(g: RunSummary) -> Iterator[Issue]:
         )
 
 
-def torques(g: RunSummary) -> Iterator[Issue]:
-    """Channels that never change, that are clipped, or that lost their sign."""
+def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
+    """Yield issues about torque channels that never change, that are clipped at a limit,
+    or that hold magnitudes without their sign."""
     unsigned = []
-    for j, x in enumerate(g.run.tau.T):
+    for j, x in enumerate(glance.run.tau.T):
         if not np.ptp(x):
-            yield _dead(g, j, float(x[0]))
+            yield _dead(glance, j, float(x[0]))
             continue
-        yield from _clipped(g, j, x)
-        if g.moving[j] and _is_unsigned(x, g.run.q):
+        yield from _clipped(glance, j, x)
+        if glance.moving[j] and _is_unsigned(x, glance.run.q):
             unsigned.append(j)
     if unsigned:
         yield Issue.of(
@@ -265,14 +293,14 @@ def torques(g: RunSummary) -> Iterator[Issue]:
         )
 
 
-def _dead(g: RunSummary, j: int, value: float) -> Issue:
-    """A torque of joint j (from 0) that never changes. Of a joint that rests, nothing
-    else is to be expected."""
+def _dead(glance: RunSummary, j: int, value: float) -> Issue:
+    """Return the issue that the torque of joint j (from 0) has one value in every row:
+    an error, or a note where the joint never moves."""
     return Issue.of(
         kind="dead channel",
-        severity="error" if g.moving[j] else "note",
+        severity="error" if glance.moving[j] else "note",
         joints=[j],
-        what=f"tau{j + 1} is {value:g} {g.robot.torque_units[j]} in every row.",
+        what=f"tau{j + 1} is {value:g} {glance.robot.torque_units[j]} in every row.",
         certainty=READ,
         remedy="find out why the logger wrote a constant",
         where=f"tau{j + 1}",
@@ -280,26 +308,26 @@ def _dead(g: RunSummary, j: int, value: float) -> Issue:
 
 
 def _clipped(
-    g: RunSummary,
+    glance: RunSummary,
     j: int,
     x: Array,
 ) -> Iterator[Issue]:
-    """A torque that stays exactly at its largest value, and is never constant
-    elsewhere."""
-    parts = spans(np.diff(x) == 0.0)
+    """Yield a warning where the torque x (N,) of joint j stays exactly at its largest or
+    smallest value for long, and is never constant for as long elsewhere."""
+    parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
     lengths = np.diff(parts)[:, 0] + 1
     values = x[parts[:, 0]]
-    is_end = np.isin(values, (x.min(), x.max()))
-    elsewhere = int(lengths[~is_end].max(initial=1))
-    longest = int(lengths[is_end].max(initial=1))
+    is_extreme = np.isin(values, (x.min(), x.max()))
+    elsewhere = int(lengths[~is_extreme].max(initial=1))
+    longest = int(lengths[is_extreme].max(initial=1))
     if longest < max(TIMES * elsewhere, STUCK):
         return
-    value = float(values[np.argmax(lengths * is_end)])
+    value = float(values[np.argmax(lengths * is_extreme)])
     yield Issue.of(
         kind="saturation",
         severity="warning",
         joints=[j],
-        what=f"tau{j + 1} is stuck at {value:.6g} {g.robot.torque_units[j]} for up to"
+        what=f"tau{j + 1} is stuck at {value:.6g} {glance.robot.torque_units[j]} for up to"
         f" {longest} consecutive samples ({np.sum(x == value)} in total): the channel is"
         " clipped.",
         certainty=f"likely: elsewhere it is never constant for more than {elsewhere}"
@@ -321,16 +349,17 @@ _ONE_POSE = 0.1
 
 
 def _is_unsigned(torque: Array, q: Array) -> bool:
-    """Whether a torque (N,) comes near zero often, and turns back in corners there; q (N,
-    n) : positions.
+    """Whether a torque (N,) is a magnitude: where its sign would change it turns back at
+    zero in a corner.
 
-    "Near" is a fifth of the largest torque. A stretch near zero is a corner where its
-    values come down from there to within one usual step of zero, which happens by chance
-    with odds of that step to the fifth, and their mean is that of a corner. A constant
-    level near zero, as of a coarse current at rest, has no such range. Corners in one
-    pose, as of a motion that repeats itself, are one.
+    A stretch below a fifth of the largest torque is a corner if its values come down
+    from there to within one usual step of zero, and their mean is half the height, as
+    of a V. A smooth torque comes so near to zero by chance only, with odds of that step
+    to the fifth. A constant level near zero, as of a coarse current at rest, has no such
+    range. Corners in one pose q (n,), as of a motion that repeats itself, count once.
     """
-    if not 0.0 <= torque.min() <= 0.01 * torque.max():
+    touches_zero = 0.0 <= torque.min() <= 0.01 * torque.max()
+    if not touches_zero:
         return False
     steps = np.abs(np.diff(torque))
     near = 0.2 * float(torque.max())
@@ -345,21 +374,33 @@ def _is_unsigned(torque: Array, q: Array) -> bool:
             pose = q[first + np.argmin(part)] / scale
             if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
                 poses.append(pose)
-    return bool(len(poses) * np.log(near / step) > c.ODDS)
+    log_odds = len(poses) * np.log(near / step)
+    return bool(log_odds > c.ODDS)
 
 
-def counts(g: RunSummary) -> Iterator[Issue]:
-    """Torques that are whole numbers in every row and channel: no sensor's N m."""
-    tau = g.run.tau[:, g.moving]
+#: Channels of no more different values are coarse, whether in counts or not.
+_FEWEST_COUNTS = 20
+#: Drives reach no more than this of their rated torque [permil].
+_LARGEST_PERMIL = 4000.0
+
+
+def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
+    """Yield a warning where every torque is a whole number, of many different ones:
+    counts of a drive, and not N m."""
+    tau = glance.run.tau[:, glance.moving]
     n_values = [len(np.unique(x)) for x in tau.T]
-    if np.all(tau == np.round(tau)) and np.min(n_values) > 20:
+    if np.all(tau == np.round(tau)) and np.min(n_values) > _FEWEST_COUNTS:
         largest = float(np.abs(tau).max())
         yield Issue.of(
             kind="torque in counts",
             severity="warning",
             joints=(),
             what=f"every torque is a whole number, up to {largest:.4g}: counts of the drive"
-            + (", as permil of its rated torque." if largest <= 4000.0 else "."),
+            + (
+                ", as permil of its rated torque."
+                if largest <= _LARGEST_PERMIL
+                else "."
+            ),
             certainty="likely: the whole numbers are read from the file, not what they"
             " count",
             remedy="multiply each channel by its rated torque / 1000 (or its gain, gear"
@@ -370,16 +411,30 @@ def counts(g: RunSummary) -> Iterator[Issue]:
         )
 
 
-def coarse(
-    g: RunSummary,
+def find_coarse_sampling(
+    glance: RunSummary,
     motion: Motion,
     settings: Preprocessing,
 ) -> Iterator[Issue]:
-    """Whether the motion's fastest part is sampled often enough to be differentiated
-    twice, in positions fine enough for the accelerations of a motion behind the filter
-    of these settings."""
-    rate = 1.0 / g.step
-    highest = highest_harmonic(g.run)
+    """Yield warnings where positions are too coarse to be differentiated twice: in time,
+    for the fastest harmonic of the motion, or in their resolution.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run.
+    motion : Motion
+        Its states behind the filters.
+    settings : Preprocessing
+        The filters, resolved.
+
+    Yields
+    ------
+    Issue
+        About the sample rate, and about each joint's resolution.
+    """
+    rate = 1.0 / glance.usual_step
+    highest = highest_harmonic(glance.run)
     needed = c.SAMPLES_A_PERIOD * highest
     if rate < needed:
         yield Issue.of(
@@ -396,9 +451,9 @@ def coarse(
         )
     assert settings.state_cutoff is not None
     sizes = motion.ddq.std(axis=0)
-    for j in np.flatnonzero(g.moving).tolist():
+    for j in np.flatnonzero(glance.moving).tolist():
         yield from _quantised(
-            g,
+            glance,
             j,
             float(sizes[j]),
             settings.state_cutoff,
@@ -406,29 +461,32 @@ def coarse(
 
 
 def _quantised(
-    g: RunSummary,
+    glance: RunSummary,
     j: int,
     size: float,
     cutoff: float,
 ) -> Iterator[Issue]:
-    """Rounding errors of one position beside its acceleration's size.
+    """Yield a warning where the rounding of joint j's position makes an error of the
+    acceleration that is too large beside its size [rad/s^2, m/s^2].
 
-    They renew themselves when the level changes; the part below the cut-off [Hz] stays,
-    and a second derivative weighs its power with (2 pi f)^4.
+    The error of rounding to steps d has variance d^2 / 12, and changes with the level,
+    so that its spectrum is flat up to the rate of changes. The part below the cut-off f
+    [Hz] of the filter stays. A second derivative weighs its power with (2 pi f)^4, whose
+    mean over the band is a fifth of that: hence the root of 60.
     """
-    x = g.run.q[:, j]
+    x = glance.run.q[:, j]
     step = lattice_step(x)
     n_changes = max(int(np.count_nonzero(np.diff(x))), 1)
-    lasts = g.step * len(x) / n_changes
-    share_below = max(1.0, 0.5 / (cutoff * lasts))
-    noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * share_below)
+    seconds_per_level = glance.usual_step * len(x) / n_changes
+    bands_of_rounding = max(1.0, 0.5 / (cutoff * seconds_per_level))
+    noise = (2.0 * np.pi * cutoff) ** 2 * step / np.sqrt(60.0 * bands_of_rounding)
     if not noise > c.TYPICAL["link"] * size > 0.0:
         return
     yield Issue.of(
         kind="quantisation",
         severity="warning",
         joints=[j],
-        what=f"q{j + 1} is quantised in steps of {step:.3g} {g.robot.position_units[j]}:"
+        what=f"q{j + 1} is quantised in steps of {step:.3g} {glance.robot.position_units[j]}:"
         f" noise of about {100.0 * noise / size:.0f} % of the acceleration below"
         f" {cutoff:.3g} Hz.",
         certainty="likely: the steps are read from the file, the noise is estimated",

@@ -18,7 +18,7 @@ from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import FACT, Issue, gravest_first
 from sdp_vs_penalty.checks.long_runs import issues_of_run, windows_of
 from sdp_vs_penalty.checks.report import Report
-from sdp_vs_penalty.checks.velocity import velocity
+from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data.files import Source, as_measurements, check_usable
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.data.plausibility import check_plausible, check_torque, far_outside
@@ -36,7 +36,7 @@ def check(
     *,
     thorough: bool = True,
 ) -> list[Report]:
-    """What is wrong with measurements, one report a run.
+    """Report what is wrong with measurements, one report a run.
 
     The measurements need not be usable: clock and numbers are checked as well. Runs are
     of one arm and one logger, and are judged together.
@@ -91,7 +91,7 @@ def check_runs(
     thorough: bool = True,
     are_plausible: bool = False,
 ) -> list[Report]:
-    """:func:`check` of runs that have been read, long ones by windows.
+    """Check runs that have been read; of a long run, judge windows.
 
     Parameters
     ----------
@@ -144,7 +144,10 @@ def _facts_of_windows(
     run: Measurements,
     settings: Preprocessing,
 ) -> list[Report]:
-    """The facts of the run, or of each window of a long run whose rows are usable."""
+    """Return one report with the facts of a run; of a long run, one for each window.
+
+    A long run with unusable rows has a single report, which refuses it.
+    """
     windows = windows_of(run)
     if len(windows) > 1:
         try:
@@ -160,7 +163,7 @@ def _facts_of_windows(
 
 
 def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) -> Report:
-    """What is read from the file: rows, clock, channels; the run with these mended.
+    """Report the facts of a run (rows, clock, channels), and repair them.
 
     Nothing here fits an arm. A report without an error has a run whose dynamics can be
     judged.
@@ -200,22 +203,27 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
         )
         return replace(report, issues=tuple(issues))
     glance = RunSummary(work, problem.robot, settings.standstill)
-    issues += [*channels.idle(glance)]
+    issues += [*channels.find_idle_joints(glance)]
     if glance.moving.any():
-        issues += [*channels.lockstep(glance), *velocity(glance)]
+        issues += [
+            *channels.find_lockstep_motion(glance),
+            *find_wrong_velocities(glance),
+        ]
         if work.torque_logged:
-            issues += [*channels.torques(glance), *channels.counts(glance)]
+            issues += channels.find_bad_torque_channels(glance)
+            issues += channels.find_torques_in_counts(glance)
         if not any(f.kind in NO_DYNAMICS for f in issues):
             issues += _coarse(glance, settings)
     return replace(report, issues=tuple(issues))
 
 
 def _coarse(glance: RunSummary, settings: Preprocessing) -> list[Issue]:
-    """Whether rate and steps of the positions are fine enough."""
+    """List the issues about positions too coarse in time or resolution to be
+    differentiated twice; none for a run too short to be filtered."""
     try:
         known = settings.resolve(glance.run)
         motion = joined(FilteredRun(glance.run, known).states())
-        return [*channels.coarse(glance, motion, known)]
+        return [*channels.find_coarse_sampling(glance, motion, known)]
     except InputError:  # the dynamics say that the run is too short
         return []
 
@@ -225,7 +233,9 @@ def judge_ranges(
     report: Report,
     is_plausible: bool = False,
 ) -> Report:
-    """Positions against the joints' ranges: what `identify` refuses is an error.
+    """Compare positions with the joints' ranges, and report those that leave them.
+
+    Positions that `identify` refuses are an error.
 
     Parameters
     ----------
@@ -247,7 +257,7 @@ def judge_ranges(
     if has_rows and not any(f.kind in explained for f in issues):
         standstill = problem.preprocessing.standstill
         glance = RunSummary(report.repaired_all, problem.robot, standstill)
-        issues += [*channels.beside(glance)]
+        issues += [*channels.find_positions_outside_range(glance)]
     if not is_plausible and not any(f.severity == "error" for f in issues):
         issues = _with_range_error(problem, report, issues)
     return replace(report, issues=tuple(issues))
@@ -258,7 +268,7 @@ def _with_range_error(
     report: Report,
     issues: Sequence[Issue],
 ) -> list[Issue]:
-    """The issues, with an error where positions cannot be this robot's.
+    """Return the issues, with an error where positions cannot be this robot's.
 
     Where torques say that positions are in degrees, the range makes that a fact.
     Otherwise nothing that a model makes of impossible positions is worth saying.
@@ -277,6 +287,8 @@ def _with_range_error(
 
 
 def _as_fact(issue: Issue) -> Issue:
+    """Return the issue that positions are in degrees as a certain error: the joints'
+    ranges confirm what the torques suggest."""
     certainty = "certain: outside what the joints can reach, and inside it as degrees"
     return replace(issue, nature=FACT, severity="error", certainty=certainty)
 
@@ -290,7 +302,8 @@ def judge_excitation(
     report: Report,
     settings: Preprocessing,
 ) -> Report:
-    """Base parameters that the motion of a run, as repaired, does not show.
+    """Report the base parameters that the motion of a run, as repaired, does not
+    determine.
 
     Parameters
     ----------
@@ -317,7 +330,7 @@ def judge_excitation(
 
 
 def _report_of_run(run: Measurements, windows: Sequence[Report]) -> Report:
-    """One report of a run from those of its windows.
+    """Merge the reports of a run's windows into one report of the run.
 
     The unexplained share is the mean of the windows'. A long run is not repaired: its
     repaired copies are the run itself.

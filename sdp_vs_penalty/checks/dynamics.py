@@ -44,7 +44,8 @@ def judge_dynamics(
     reports: Sequence[Report],
     settings: Preprocessing,
 ) -> list[Report]:
-    """What explains the torques of all runs together.
+    """Explain the torques of all runs together: search for faults of the logger, and of
+    single runs.
 
     Parameters
     ----------
@@ -68,10 +69,11 @@ def judge_dynamics(
 
 
 class LoggerJudge:
-    """Of one logger's runs of one arm.
+    """Judge the dynamics of all runs that one logger recorded of one arm.
 
     reports : of all runs, with their facts; logs : by the run's number, the rows of
-    those whose dynamics can be judged; only_in : what was repaired in one run alone.
+    those whose dynamics can be judged; only_in : by the run's number, what is repaired
+    in that run alone; issues_of_one : by the run's number, the issues of that run alone.
     """
 
     def __init__(
@@ -101,8 +103,8 @@ class LoggerJudge:
         self.issues_of_one: dict[int, list[Issue]] = {k: [] for k in self.logs}
 
     def rows_of(self, run: Measurements) -> Likelihood:
-        """The rows of one run. Raises InputError for one shorter than the filters
-        need."""
+        """Return the filtered rows of one run, to fit arms to. Raises InputError for a
+        run shorter than the filters need."""
         data = RegressionData.of(
             self.problem,
             run,
@@ -111,33 +113,43 @@ class LoggerJudge:
         return Likelihood(self.problem, data)
 
     def judge(self) -> list[Report]:
-        """The reports, with what explains the torques."""
-        common = Likelihood.together([*self.logs.values()])
+        """Search for faults of all runs and of single runs, and return the reports with
+        these explanations.
+
+        Faults of all runs are searched for anew after each repair of a single run.
+        """
+        common = Likelihood.of_all_runs([*self.logs.values()])
         kind = [*kind_of_torque(common)]
         if kind:
             for k in self.logs:
                 self.reports[k] = with_issues(self.reports[k], kind)
             return self.reports
         search = self._search()
-        net = search.confirmed(search.run())
+        net = search.drop_unconfirmed(search.run())
         while self._repair_one_run(net):
             search = self._search()
-            net = search.confirmed(search.run())
+            net = search.drop_unconfirmed(search.run())
         self._report(search, net)
         return self.reports
 
     def _search(self) -> RepairSearch:
+        """Return the search over the rows of all runs, as repaired so far."""
         logs = [*self.logs.values()]
         facts = [self.reports[k].issues for k in self.logs]
-        return RepairSearch(Likelihood.together(logs), logs, facts)
+        return RepairSearch(Likelihood.of_all_runs(logs), logs, facts)
 
     def _repair_one_run(self, net: LogTransform) -> bool:
-        """Name what is different in one run, if anything is. Whether its rows were
-        repaired, so that the search has to begin again."""
+        """Find what is different in one run, and repair the run where that is possible.
+
+        Returns
+        -------
+        bool
+            Whether rows were repaired, so that the search has to begin again.
+        """
         numbers = [
             k
             for k, log in self.logs.items()
-            if log.spare > 0.0 and not is_poor(self.reports[k])
+            if log.spare_share > 0.0 and not is_poor(self.reports[k])
         ]
         if len(numbers) < 2:
             return False
@@ -151,11 +163,15 @@ class LoggerJudge:
                 for k in numbers
             ]
         )
-        is_one_joint = comparison.times_of_worst_joint >= TIMES
-        differs = comparison.differs(1.0) or comparison.stands_out or is_one_joint
+        is_one_joint = comparison.worst_error_ratio >= TIMES
+        differs = (
+            comparison.is_one_arm_worse(1.0)
+            or comparison.has_outlying_run
+            or is_one_joint
+        )
         if not differs and not self._contradicts_in_some(numbers, net):
             return False
-        cause = comparison.best_cause(lambda k: self._faults_of_one(numbers[k]))
+        cause = comparison.find_best_cause(lambda k: self._faults_of_one(numbers[k]))
         if cause is None:
             return False
         number = numbers[cause.difference.run]
@@ -165,19 +181,23 @@ class LoggerJudge:
             return False
         self.issues_of_one[number].append(issue)
         repair = cause.log_repair(self.logs[number].as_logged)
-        return repair is not None and self._repaired(number, repair)
+        return repair is not None and self._try_to_repair(number, repair)
 
     def _contradicts_in_some(self, numbers: Sequence[int], net: LogTransform) -> bool:
-        """Whether joints contradict each other in some runs, and not in others."""
+        """Whether joints contradict each other in some of these runs, but not in all:
+        then one of the runs has a fault of its own."""
         logs = [self.logs[k] for k in numbers]
-        unexplained = [len(contradicting_joints(log, net)) > 0 for log in logs]
-        return any(unexplained) and not all(unexplained)
+        contradicts = [len(contradicting_joints(log, net)) > 0 for log in logs]
+        return any(contradicts) and not all(contradicts)
 
     def _faults_of_one(self, number: int) -> list[tuple[Fault, LogTransform]]:
-        """What may be wrong in one run's log alone: a sign, an order of torques, and
-        what a search of this run by itself finds, one thing each."""
+        """List faults that one run's log alone may have, each with its repair.
+
+        They are all signs and orders of channels, and the faults that a search of this
+        run alone finds; only faults that `check --fix --apply` can repair.
+        """
         log = self.logs[number]
-        score = log.score(log.as_logged)
+        fit = log.fit(log.as_logged)
         search = RepairSearch(
             log,
             [log],
@@ -185,20 +205,22 @@ class LoggerJudge:
         )
         of_this_run = search.run()
         repairs = [
-            search.alone(of_this_run, fault) for fault in search.elements(of_this_run)
+            search.keep_only(of_this_run, fault)
+            for fault in search.list_faults(of_this_run)
         ]
         for kind in (Sign(), Exchange()):
-            repairs += kind.proposals(log, log.as_logged, score)
+            repairs += kind.propose(log, log.as_logged, fit)
         faults = []
         for repair in dict.fromkeys(repairs):
-            elements = search.elements(repair)
-            if len(elements) == 1 and elements[0].apply:
-                faults.append((elements[0], repair))
+            of_repair = search.list_faults(repair)
+            if len(of_repair) == 1 and of_repair[0].apply:
+                faults.append((of_repair[0], repair))
         return faults
 
-    def _repaired(self, number: int, repair: LogTransform) -> bool:
-        """Whether the rows of a run could be repaired."""
-        only = self.only_in[number].then(repair)
+    def _try_to_repair(self, number: int, repair: LogTransform) -> bool:
+        """Repair one run alone, and filter its rows anew; return whether enough rows
+        remain."""
+        only = self.only_in[number].followed_by(repair)
         run = only.apply(self.reports[number].repaired_all)
         try:
             self.logs[number] = self.rows_of(run)
@@ -208,7 +230,11 @@ class LoggerJudge:
         return True
 
     def _report(self, search: RepairSearch, net: LogTransform) -> None:
-        """What is said of each run."""
+        """Add the explanations to the reports: faults of all runs, the torques' size,
+        and what is left unexplained.
+
+        Of torques that are not those of the arm's motors nothing else is reported.
+        """
         stated = search.describe_faults(net)
         facts = [f.kind for report in self.reports for f in report.issues]
         size = []
@@ -216,7 +242,7 @@ class LoggerJudge:
             size = [*torque_magnitude(search.log, net)]
         if any(issue.kind == NO_TORQUE for issue in size):
             for number, log in self.logs.items():
-                left = [*unrelated_torque(log.score(net))]
+                left = [*unrelated_torque(log.fit(net))]
                 self.reports[number] = with_issues(self.reports[number], size + left)
             return
         if any(issue.kind in UNSCALED for issue in size):
@@ -232,24 +258,42 @@ class LoggerJudge:
         is_poor_motion: bool,
         net: LogTransform,
     ) -> None:
-        """What is stated of all runs, of their torques' size, and of this run alone."""
+        """Add the explanations to one run's report.
+
+        Parameters
+        ----------
+        number : int
+            Of the run, from 0.
+        stated : sequence of Issue
+            Faults of all runs.
+        size : sequence of Issue
+            About the size of the torques.
+        is_poor_motion : bool
+            Whether the motion has half as many directions as joints: then what is left
+            over says nothing.
+        net : LogTransform
+            The repair of all runs.
+        """
         log = self.logs[number]
         report = self.reports[number]
         parted = [] if is_poor(report) else [*two_arms(log, net)]
+        # A step of the torque is no event of its own where another arm begins.
         known = replace(net, events=()) if parted else net
-        poor = [] if is_poor_motion else [*unexplained_torque(log, known)]
-        left = [*size, *poor, *parted]
+        unexplained = [] if is_poor_motion else [*unexplained_torque(log, known)]
+        left = [*size, *unexplained, *parted]
         explained = [*self._explanations(number, stated, net), *left]
-        new = [f for f in explained if not is_explained_by_a_fact(f, report)]
-        work = self.only_in[number].then(net).apply(report.repaired_all)
+        new = [
+            issue for issue in explained if not is_explained_by_a_fact(issue, report)
+        ]
+        work = self.only_in[number].followed_by(net).apply(report.repaired_all)
         for issue in left:
             work = issue.repair(work) if issue.repair is not None else work
         self.reports[number] = replace(
             report,
             issues=(*report.issues, *new),
             repaired_all=work,
-            unexplained=log.score(net).unexplained,
-            gravity=net.gravity if log.spare > 0.0 else None,
+            unexplained=log.fit(net).unexplained,
+            gravity=net.gravity if log.spare_share > 0.0 else None,
         )
 
     def _explanations(
@@ -258,41 +302,48 @@ class LoggerJudge:
         stated: Sequence[Issue],
         net: LogTransform,
     ) -> list[Issue]:
-        """Of what is stated of all runs and of this one alone, what is true of it: a
-        sign that is wrong in all and in this one again is right here."""
+        """List the issues of all runs and of this one alone that hold in this run.
+
+        Two repairs of one run may cancel: a sign that is wrong in all runs, and in this
+        one once more, is right here.
+        """
         of_one = self.issues_of_one[number]
         if not any(issue.apply for issue in of_one):
             return [*stated, *of_one]
-        total = self.only_in[number].then(net)
+        total = self.only_in[number].followed_by(net)
         log = self.logs[number]
-        known = {f.apply for f in RepairSearch(log).elements(total)}
+        known = {f.apply for f in RepairSearch(log).list_faults(total)}
         return [f for f in (*stated, *of_one) if not f.apply or f.apply in known]
 
 
 def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
-    """The report with more issues."""
+    """Return the report with more issues behind its own."""
     return replace(report, issues=(*report.issues, *issues))
 
 
 def has_dynamics(report: Report) -> bool:
-    """Whether there are torques and rows of a run whose dynamics can be judged."""
+    """Whether the dynamics of a run can be judged: torques were logged, and no fact
+    rules it out."""
     stops = any(f.kind in NO_DYNAMICS for f in report.issues)
     return report.repaired_all.torque_logged and not stops
 
 
 def is_poor(report: Report) -> bool:
-    """Whether the motion of a run has half as many directions as joints, or fewer."""
+    """Whether the motion of a run is poor: it has at most half as many directions (rank)
+    as joints that move."""
     ranks = [f.figures for f in report.issues if f.kind == "lockstep motion"]
     return any(2 * x["rank"] <= x["moving"] for x in ranks)
 
 
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
-    """Whether a fact is the cause of what a model makes of the torques: a channel that
-    is clipped, an event where rows are missing."""
+    """Whether a fact of the run already explains an issue: all its joints are clipped,
+    or a one-off event lies where rows are missing."""
     if issue.kind == "one-off event":
         return _is_near_gap(report.repaired_all, issue.figures["t"])
-    facts = [f for f in report.issues if f.kind == "saturation"]
-    clipped = {j for f in facts for j in f.figures["joints"]}
+    clipped: set[int] = set()
+    for fact in report.issues:
+        if fact.kind == "saturation":
+            clipped.update(fact.figures["joints"])
     joints = issue.figures.get("joints", ())
     return bool(joints) and clipped.issuperset(joints)
 

@@ -3,55 +3,59 @@
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from sdp_vs_penalty.checks.channels import degrees, never_a_number, wrapped
+from sdp_vs_penalty.checks.channels import (
+    find_channels_without_numbers,
+    find_degrees,
+    find_wrapped_angles,
+)
 from sdp_vs_penalty.checks.clock import (
-    backwards,
-    change_of_rate,
-    coarse_stamps,
-    jumps,
-    repeated_time,
-    time_unit,
-    uneven,
+    find_changes_of_rate,
+    find_coarse_stamps,
+    find_repeated_time,
+    find_time_backwards,
+    find_time_jumps,
+    find_time_unit,
+    find_uneven_stamps,
 )
 from sdp_vs_penalty.checks.constants import RUN
 from sdp_vs_penalty.checks.glance import RunSummary
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.rows import (
-    end_stops,
-    frozen,
-    held_rows,
-    interpolated_rows,
-    lost_rows,
-    missing,
-    repeated_run,
-    spikes,
-    zeros,
+    find_end_stops,
+    find_false_zeros,
+    find_frozen_channels,
+    find_held_rows,
+    find_interpolated_rows,
+    find_lost_rows,
+    find_missing_numbers,
+    find_repeated_run,
+    find_spikes,
 )
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.robot.robot import Robot
 
 #: In the order of mending; all but the first ask of RUN rows in which something moves.
 RULES: tuple[Callable[[RunSummary], Iterator[Issue]], ...] = (
-    never_a_number,
-    missing,
-    time_unit,
-    backwards,
-    coarse_stamps,
-    repeated_time,
-    change_of_rate,
-    uneven,
-    jumps,
-    wrapped,
-    degrees,
-    held_rows,
-    repeated_run,
-    end_stops,
-    interpolated_rows,
-    zeros,
-    spikes,
-    lost_rows,
-    partial(frozen, word="position", name="q"),
-    partial(frozen, word="torque", name="t"),
+    find_channels_without_numbers,
+    find_missing_numbers,
+    find_time_unit,
+    find_time_backwards,
+    find_coarse_stamps,
+    find_repeated_time,
+    find_changes_of_rate,
+    find_uneven_stamps,
+    find_time_jumps,
+    find_wrapped_angles,
+    find_degrees,
+    find_held_rows,
+    find_repeated_run,
+    find_end_stops,
+    find_interpolated_rows,
+    find_false_zeros,
+    find_spikes,
+    find_lost_rows,
+    partial(find_frozen_channels, word="position", name="q"),
+    partial(find_frozen_channels, word="torque", name="t"),
 )
 
 
@@ -60,8 +64,8 @@ def mended(
     robot: Robot,
     standstill: float,
 ) -> tuple[list[Issue], Measurements, Measurements]:
-    """What the rules about rows, clock and channels say, each of the run as those
-    before have mended it.
+    """Apply the rules about rows, clock and channels in order, each to the run as the
+    rules before have repaired it.
 
     Parameters
     ----------
@@ -85,7 +89,7 @@ def mended(
     for rule in RULES:
         if any(issue.kind == "channel without numbers" for issue in issues):
             break
-        if rule not in (never_a_number, missing) and (
+        if rule not in (find_channels_without_numbers, find_missing_numbers) and (
             len(glance.run.t) < RUN or not glance.moving.any()
         ):
             break

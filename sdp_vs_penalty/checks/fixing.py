@@ -29,7 +29,9 @@ SAME_RATE = 0.01
 
 @dataclass(frozen=True)
 class Repaired:
-    """runs : repaired copies, in the order of the reports; issues : what was repaired of
+    """Repaired runs, and the errors without and with the repair.
+
+    runs : repaired copies, in the order of the reports; issues : what was repaired of
     each; before, after : error on motion left out [%], None where nothing could be
     identified from the log as it is, or no torque was logged."""
 
@@ -40,7 +42,7 @@ class Repaired:
 
     @property
     def sentence(self) -> str:
-        """Both errors, in words."""
+        """The error on motion left out, as logged and repaired, in words."""
         if not any(self.issues):
             return "Nothing was to be repaired."
         if self.after is None:
@@ -57,7 +59,7 @@ def fix_runs(
     reports: Sequence[Report],
     apply: Sequence[str] = (),
 ) -> Repaired:
-    """Repaired copies of runs: what is certain by a fact, and what the user names.
+    """Repair copies of runs: what is certain by a fact, and what the user names.
 
     Parameters
     ----------
@@ -102,7 +104,7 @@ def fix_runs(
 
 
 def _check_words(reports: Sequence[Report], apply: Sequence[str]) -> None:
-    """InputError for a word that no report has."""
+    """Raise an InputError for a word of `--apply` that no report offers."""
     known = {f.apply for report in reports for f in report.issues if f.apply}
     for word in apply:
         if word not in known:
@@ -111,7 +113,8 @@ def _check_words(reports: Sequence[Report], apply: Sequence[str]) -> None:
 
 
 def _check_rows(before: int, after: int, name: str) -> None:
-    """InputError for a repair that drops too many rows of a run."""
+    """Raise an InputError where a repair drops more than MOST_LOST of a run's rows;
+    before, after : numbers of rows."""
     lost = 1.0 - after / max(before, 1)
     if lost > MOST_LOST:
         what = f"the repair would drop {100.0 * lost:.0f} % of the rows"
@@ -123,8 +126,11 @@ def _check_errors(
     after: float | None,
     allowed: float,
 ) -> None:
-    """InputError for a repair after which the error [%] on motion left out is more than
-    so many times what it was."""
+    """Raise an InputError where a repair does not lower the error on motion left out.
+
+    before, after : errors [%]; None where nothing can be identified; allowed : largest
+    ratio of the two.
+    """
     if before is None or (after is not None and after <= before * allowed):
         return
     worse = "cannot be identified" if after is None else f"{after:.3g} %"
@@ -136,8 +142,11 @@ def _check_errors(
 
 
 def _fixed(report: Report, apply: Sequence[str]) -> tuple[Measurements, list[Issue]]:
-    """The run with its facts repaired and the named explanations applied: an order
-    first, because signs and gains count joints."""
+    """Return the run with its facts and the named explanations repaired, and these
+    issues.
+
+    Orders of channels are repaired first: signs and gains refer to joints.
+    """
     facts = [f for f in report.issues if f.mends]
     named = [f for f in report.issues if f.apply in apply and f.repair is not None]
     run = report.repaired_certain
@@ -152,8 +161,8 @@ def _filters(
     copies: Sequence[Measurements],
     runs: Sequence[Measurements],
 ) -> Preprocessing:
-    """The filters of the repaired copies, for both logs: errors behind filters of other
-    bands do not compare.
+    """Return the filters for both logs: those resolved for the repaired copies, since
+    errors behind filters of different bands do not compare.
 
     Where the repair changes the clock, each log has the filters of its own rate.
     """
@@ -172,8 +181,8 @@ def _error_left_out(
     runs: Sequence[Measurements],
     filters: Preprocessing,
 ) -> float | None:
-    """Relative error [%] on the last part of each run of what is identified from the
-    first; None where nothing is."""
+    """Return the relative error [%] on motion left out: identified from the first 70 %
+    of each run, judged on the rest; None where nothing can be identified."""
     from sdp_vs_penalty.diagnosis.comparison import compare
     from sdp_vs_penalty.estimation.build_problem import filter_runs, load_and_check
     from sdp_vs_penalty.estimation.identify import estimate_parameters

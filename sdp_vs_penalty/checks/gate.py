@@ -27,7 +27,9 @@ def raise_on_errors(
     are_plausible: bool = False,
     command: CheckCommand | None = None,
 ) -> dict[str, list[dict[str, Any]]]:
-    """What the fast part of the check says of each run, as a model keeps it.
+    """Check runs before identification or diagnosis: raise on errors, warn of the rest.
+
+    Only the fast part of the check is done: excitation is not judged.
 
     Parameters
     ----------
@@ -91,7 +93,12 @@ def raise_on_errors(
 
 
 def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -> None:
-    """InputError for the first error, with a word on the others."""
+    """Raise an InputError for the first error among the issues, with the number of the
+    others; nothing without errors.
+
+    issues : each with its run's name; otherwise : how to go on all the same, in words.
+    A repairable issue raises a RepairableError, which names the repair.
+    """
     errors = [(run, issue) for run, issue in issues if issue.severity == "error"]
     if not errors:
         return
@@ -109,7 +116,7 @@ def _raise_on_first_error(issues: Sequence[tuple[str, Issue]], otherwise: str) -
 def explanations_in_a_line(
     command: CheckCommand, explanations: Sequence[tuple[str, Issue]]
 ) -> str:
-    """What a model makes of the log, in one line.
+    """Put the explanations of a log into one line.
 
     It says what the log looks like, that it is taken as it is, and which command tries
     the repair of all runs, which are judged together.

@@ -15,17 +15,23 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.runs import Movement, moving_joints, spans
 
+#: Which rows: (N,).
 Rows = NDArray[np.bool_]
 
-
+#: Time on either side of a row in which a joint at rest does not move [s].
+_QUARTER_SECOND = 0.25
+#: How certain a fact is.
 READ = "certain: read from the file"
+#: What to do about a clock that jumps.
 CONTINUE = "continue the time at the usual step there"
 
 
 @dataclass(frozen=True)
 class RunSummary:
-    """A run, the robot it is of, and the share of its speed below which the robot
-    stands still."""
+    """What the rules about rows, clock and channels know of a run of N rows and n joints.
+
+    standstill : share of its usual speed below which the robot stands still [-].
+    """
 
     run: Measurements
     robot: Robot
@@ -37,39 +43,42 @@ class RunSummary:
         return np.diff(self.run.t)
 
     @cached_property
-    def step(self) -> float:
-        """The usual one, 0 where time does not advance."""
+    def usual_step(self) -> float:
+        """Median time step [s] of those above 0; 0 where time never advances."""
         forward = self.steps[self.steps > 0.0]
         return float(np.median(forward)) if len(forward) else 0.0
 
     @cached_property
     def moving(self) -> Rows:
+        """(n,) which joints move in this run at all."""
         return moving_joints(self.run)
 
     @cached_property
     def movement(self) -> Movement:
+        """At which instants the arm moves."""
         return Movement(self.run, self.standstill)
 
-    def rests(self, j: int) -> Rows:
-        """(N,) where joint j hardly moves a quarter of a second before and after: by
-        less than a share of the farthest that it comes in that time."""
+    def is_at_rest(self, j: int) -> Rows:
+        """Return the rows (N,) at which joint j hardly moves: in a quarter of a second
+        before and after by less than the standstill share of its largest travel in that
+        time."""
         t = self.run.t
         q = self.run.q[:, j]
-        before = np.abs(np.interp(t + -0.25, t, q) - q)
-        after = np.abs(np.interp(t + 0.25, t, q) - q)
-        far = np.maximum(before, after)
-        return np.asarray(far <= self.standstill * far.max())
+        before = np.abs(np.interp(t - _QUARTER_SECOND, t, q) - q)
+        after = np.abs(np.interp(t + _QUARTER_SECOND, t, q) - q)
+        travel = np.maximum(before, after)
+        return np.asarray(travel <= self.standstill * travel.max())
 
     @cached_property
     def row_numbers(self) -> NDArray[np.int64]:
-        """(N,) equal numbers for rows that are the same, bit by bit, in every column
-        but t."""
+        """(N,) a number for each row: the same for rows that are equal, bit by bit, in
+        every column but t."""
         return _numbers_of_rows([*self.run.groups.values()])
 
     @cached_property
     def repeats_measured(self) -> Rows:
-        """(N,) whether positions and torques are those of the row before, bit by bit,
-        whatever else is logged."""
+        """(N,) which rows repeat the positions and torques of the row before, bit by
+        bit, whatever else is logged."""
         measured = [self.run.q]
         if self.run.torque_logged:
             measured.append(self.run.tau)
@@ -79,18 +88,18 @@ class RunSummary:
 
     @property
     def channels(self) -> list[tuple[str, int, Array]]:
-        """Name, joint and values of each position and torque."""
-        pairs = (
-            ("q", self.run.q),
-            *([("tau", self.run.tau)] if self.run.torque_logged else []),
-        )
+        """Name ("q1"), joint (from 0) and values (N,) of each position, and of each
+        torque where torques were logged."""
+        groups = [("q", self.run.q)]
+        if self.run.torque_logged:
+            groups.append(("tau", self.run.tau))
         return [
-            (f"{name}{j + 1}", j, x[:, j])
-            for name, x in pairs
+            (f"{name}{j + 1}", j, values[:, j])
+            for name, values in groups
             for j in range(self.run.n)
         ]
 
-    def deleted(
+    def delete_rows(
         self,
         kind: str,
         bad: Mapping[str, Rows] | Rows,
@@ -100,17 +109,41 @@ class RunSummary:
         remedy: str = "delete these rows",
         **figures: Any,
     ) -> Iterator[Issue]:
-        """Rows that are no measurements (of these channels): they go.
+        """Yield one issue about rows that are no measurements; its repair deletes them.
 
-        An error where identification cannot read them (``unusable``), or where they are
-        a large share of what was measured: otherwise a warning."""
+        It is an error if identification cannot read the rows, or they are a large share
+        of what was measured; else a warning. Nothing is yielded where no row is bad.
+
+        Parameters
+        ----------
+        kind : str
+            Of the issue.
+        bad : mapping of str to (N,) bool array, or such an array
+            Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
+        what : str
+            The sentence, with places for the figures ``{rows}``, ``{named}`` (channels),
+            ``{seconds}`` (the longest part) and ``{parts}``.
+        sure : str
+            How certain it is, and why.
+        unusable : bool
+            Whether identification cannot read the rows.
+        remedy : str
+            What to do.
+        **figures
+            Further numbers for the sentence and JSON.
+
+        Yields
+        ------
+        Issue
+            At most one.
+        """
         channels = bad if isinstance(bad, Mapping) else {"": bad}
         channels = {name: rows for name, rows in channels.items() if rows.any()}
         if not channels:
             return
         gone = np.any([*channels.values()], axis=0)
         t = self.run.t
-        places = spans(gone)
+        places = spans(gone)  # (parts, 2) first and end row
         named = ", ".join(filter(None, channels))
         first = np.maximum(places[:, 0] - 1, 0)
         last = np.minimum(places[:, 1], len(t)) - 1
@@ -121,7 +154,7 @@ class RunSummary:
             "named": named,
             "joints": sorted({int(name.lstrip("qtau")) for name in channels if name}),
         }
-        rows = rows_text(np.flatnonzero(gone) + 2)
+        rows = rows_text(np.flatnonzero(gone) + 2)  # below a file's header, from 1
         where = f"{named}, {rows}" if named else rows
         refuses = unusable or self._lost_share(channels, gone) > c.MOST_LOST
         yield Issue(
@@ -140,8 +173,11 @@ class RunSummary:
         channels: Mapping[str, Rows],
         gone: Rows,
     ) -> float:
-        """The share of the rows that are no measurements, or of a channel's energy
-        about its median that they make up: the larger."""
+        """Return the share of the measurements that is lost with some rows.
+
+        It is the largest of: the share of all rows, and of each channel the share of its
+        squares about its median.
+        """
         shares = [float(gone.mean())]
         for name, _, x in self.channels:
             if name not in channels:
@@ -154,34 +190,39 @@ class RunSummary:
 
 
 def _numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
-    """(N,) equal numbers for rows of columns (N, k) that are the same, bit by bit."""
+    """Return a number (N,) for each row of columns (N, k): the same for rows that are
+    equal, bit by bit."""
     bits = _bits(columns)
-    # Odd factors, modulo 2^64: different rows share a hash once in 10^10 long runs.
+    # Hash of a row: the sum of odd factors times its bit patterns, modulo 2^64. Different
+    # rows share a hash once in 10^10 long runs.
     factors = np.random.default_rng(0).integers(1, 1 << 62, bits.shape[1]) * 2 + 1
-    return np.unique(bits @ factors, return_inverse=True)[1].ravel()
+    hashes = bits @ factors
+    return np.unique(hashes, return_inverse=True)[1].ravel()
 
 
 def _bits(columns: Sequence[Array]) -> NDArray[np.int64]:
-    """(N, k) bit patterns of columns of 64-bit numbers."""
+    """Return the bit patterns (N, k) of columns of 64-bit numbers, so that NaN equals
+    NaN and -0 differs from 0."""
     rows = np.ascontiguousarray(np.column_stack(columns), float)
     return rows.view(np.int64)
 
 
-def stepping(
+def with_time_steps(
     run: Measurements,
     where: Rows,
     steps: float | Array,
 ) -> Measurements:
-    """The same rows, there (N - 1,) so far apart [s]."""
+    """Return the run with other time steps [s] where ``where`` (N - 1,) says so; later
+    rows move with them."""
     apart = np.where(where, steps, np.diff(run.t))
     since_start = np.concatenate([[0.0], np.cumsum(apart)])
     return replace(run, t=run.t[0] + since_start)
 
 
 def mask_of(count: int, parts: Any) -> Rows:
-    """(count,) which rows lie in parts, each from its first to before its second
-    number."""
-    out = np.zeros(count, bool)
-    for a, b in parts:
-        out[int(a) : int(b)] = True
-    return out
+    """Return which of ``count`` rows lie in some parts, each a pair: its first row, and
+    the row behind its last."""
+    mask = np.zeros(count, bool)
+    for first, end in parts:
+        mask[int(first) : int(end)] = True
+    return mask

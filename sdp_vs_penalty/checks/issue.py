@@ -41,6 +41,7 @@ class Issue:
     equivalents: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        """Refuse an explanation that is called an error: only facts are errors."""
         if self.nature == EXPLANATION and self.severity == "error":
             raise ValueError(f"{self.kind}: an explanation is never an error")
 
@@ -60,8 +61,24 @@ class Issue:
         apply: str = "",
         **figures: Any,
     ) -> "Issue":
-        """About some joints (from 0), whose names ``{where}`` is in ``what`` if it is
-        not said."""
+        """Make an issue about some joints.
+
+        Parameters
+        ----------
+        kind, severity, what, certainty, remedy, repair, nature, apply
+            As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
+        joints : sequence of int
+            From 0; empty for an issue about no joint.
+        where : str
+            The place; default: the joints in words.
+        **figures
+            Numbers behind the issue.
+
+        Returns
+        -------
+        Issue
+            With the joints, from 1, among the figures.
+        """
         where = where or joints_text(joints)
         numbers = {"joints": [int(j) + 1 for j in joints]} if len(joints) else {}
         return cls(
@@ -85,7 +102,7 @@ class Issue:
         certainty: str,
         joints: Sequence[int] = (),
     ) -> "Issue":
-        """Of what identification would refuse."""
+        """Make an error from what identification would refuse; joints from 0."""
         return cls.of(
             kind=kind,
             severity="error",
@@ -104,7 +121,7 @@ class Issue:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "Issue":
-        """What :meth:`to_dict` wrote; without the repair."""
+        """Read an issue that :meth:`to_dict` wrote; its repair is lost."""
         names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
         gravity = data["gravity"]
         return cls(
@@ -116,7 +133,7 @@ class Issue:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; joints count from 1."""
+        """Return the issue as plain JSON; joints count from 1."""
         names = ("kind", "nature", "severity", "where", "what", "certainty", "remedy")
         plain = {name: getattr(self, name) for name in names}
         return {
@@ -130,18 +147,24 @@ class Issue:
 
 
 def joints_text(joints: Any) -> str:
-    """As :func:`formatting.joints`, from indices that count from 0."""
+    """Name joints given from 0: "joint 1", "joints 2 to 4"."""
     return formatting.joints([int(j) + 1 for j in joints])
 
 
 def rows_text(rows: Any) -> str:
-    """ "row 12", "rows 12 to 14 and 3 more": the first of the row numbers that follow each other."""
-    first = next((k for k, row in enumerate(rows) if row != rows[0] + k), len(rows))
-    text = f"row {rows[0]}" if first == 1 else f"rows {rows[0]} to {rows[first - 1]}"
-    return text + (f" and {len(rows) - first} more" if len(rows) > first else "")
+    """Name rows by ascending numbers: the first that follow each other, and how many
+    more there are ("row 12", "rows 12 to 14 and 3 more")."""
+    n_consecutive = 1
+    while n_consecutive < len(rows) and rows[n_consecutive] == rows[0] + n_consecutive:
+        n_consecutive += 1
+    text = f"row {rows[0]}"
+    if n_consecutive > 1:
+        text = f"rows {rows[0]} to {rows[n_consecutive - 1]}"
+    n_more = len(rows) - n_consecutive
+    return f"{text} and {n_more} more" if n_more else text
 
 
 def gravest_first(issues: Sequence[Issue]) -> tuple[Issue, ...]:
-    """In the order of their severity, otherwise as they came."""
+    """Sort issues by severity, errors first; those of one severity keep their order."""
     grave = ("error", "warning", "note").index
     return tuple(sorted(issues, key=lambda issue: grave(issue.severity)))

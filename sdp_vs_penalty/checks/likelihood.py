@@ -42,16 +42,28 @@ from sdp_vs_penalty.regression.normal_equations import (
 )
 from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
-#: Up to so many rows the columns of all repairs that a search proposes are kept: the
-#: next round proposes them again.
+#: Up to so many rows the columns of all repairs that a search proposes stay in memory:
+#: the next round of the search proposes them again.
 FEW_ROWS = 128
-#: A repair by one number.
+#: A repair as a function of one of its numbers.
 At: TypeAlias = Callable[[float], LogTransform]
+#: A logarithm's argument, a divisor: no smaller than this.
+_TINY = 1e-300
+#: An amplifier's curve is inverted up to this share of its limit [-].
+_LARGEST_SHARE_OF_LIMIT = 0.999
+#: Own columns whose singular value is a smaller share of the largest are dependent [-].
+_DEPENDENT_SHARE = 1e-6
+#: Least share of the samples that is taken to be free of parameters [-].
+_LEAST_SPARE_SHARE = 0.1
 
 
 class Likelihood:
-    """Of one problem and one log's rows; what depends on a part of a repair is kept for
-    repairs of the rest."""
+    """Fit arms to the rows of one log under any repair, of M rows and n joints.
+
+    "Shared" columns belong to parameters that joints share (links); "own" columns to one
+    joint (friction, rotor, offset). What depends on a part of a repair is cached for all
+    repairs with that part.
+    """
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
         self.problem = problem
@@ -62,6 +74,7 @@ class Likelihood:
         kinds = [joint.kind for joint in problem.robot.joints]
         self.revolute = [j for j in self.joints if kinds[j] == "revolute"]
         self.as_logged = LogTransform.unchanged(self.n, problem.robot.gravity)
+        # Cache sizes: about the repairs of one round of a search; large arrays fewer.
         self.columns = lru_cache(128 if data.count <= FEW_ROWS else 12)(
             self._make_columns
         )
@@ -73,64 +86,79 @@ class Likelihood:
         self._channels_at = lru_cache(40)(self._interpolate_channels)
 
     @classmethod
-    def together(cls, logs: Sequence[Likelihood]) -> Likelihood:
-        """Of the rows of several logs of one problem, as one log; a single one itself."""
+    def of_all_runs(cls, logs: Sequence[Likelihood]) -> Likelihood:
+        """Return one likelihood of the rows of several runs of one robot, put one after
+        the other as one log; of a single run its own."""
         if len(logs) == 1:
             return logs[0]
-        return cls(logs[0].problem, RegressionData.together([x.data for x in logs]))
+        data = RegressionData.concatenate([log.data for log in logs])
+        return cls(logs[0].problem, data)
 
     @cached_property
-    def beside_physics(self) -> Likelihood:
-        """With all laws of a joint's own motion that an arm may have as own columns:
-        what these explain is no fault of the log."""
-        return Likelihood(
-            self.problem, self.data.with_laws(self.nominal(self.as_logged))
-        )
+    def with_all_laws(self) -> Likelihood:
+        """The likelihood of the same rows with more own columns: all laws of a joint's
+        own motion that an arm may have (springs, drag, hysteresis, friction by load).
+
+        What these explain is no fault of the log.
+        """
+        torque = self.nominal(self.as_logged)
+        return Likelihood(self.problem, self.data.with_laws(torque))
 
     @cached_property
-    def screen(self) -> Likelihood:
-        """Of fewer rows: enough to see which hypotheses are worth a closer look."""
-        return self.some(slice(None, None, 3))
+    def on_third_of_rows(self) -> Likelihood:
+        """The likelihood of every third row: enough to see which repairs are worth a fit
+        to all rows."""
+        return self.select_rows(slice(None, None, 3))
 
-    def some(self, rows: slice) -> Likelihood:
-        """Of some of the rows."""
-        return Likelihood(self.problem, self.data.some(rows))
+    def select_rows(self, rows: slice) -> Likelihood:
+        """Return the likelihood of a slice of the rows."""
+        return Likelihood(self.problem, self.data.select_rows(rows))
 
     @cached_property
-    def spare(self) -> float:
-        """Share of the log's independent samples that are more than one arm has
-        parameters."""
+    def spare_share(self) -> float:
+        """Share of the log's independent samples that no parameter takes,
+        1 - parameters / samples; negative where one arm has more parameters.
+
+        A torque behind a low-pass has two independent samples a second and hertz.
+        """
         seconds = float(np.ptp(self.data.motion.t))
         n_samples = 2.0 * self.data.cutoff * seconds * len(self.joints)
-        n_shared = len(self.score(self.as_logged).theta)
+        n_shared = len(self.fit(self.as_logged).theta)
         n_parameters = n_shared + self.n * self.data.own_columns.shape[2]
         return 1.0 - n_parameters / max(n_samples, 1.0)
 
     # -- torques and motion as repaired
 
     def channels(self, repair: LogTransform) -> Array:
-        """(n, M) the torque as repaired, 0 where it is not asked for."""
+        """Return the joints' torques (n, M) as repaired [N m or N], 0 where a torque is
+        not used.
+
+        Joint j takes channel k = tau_order[j], ``lead`` seconds later, straightened,
+        with ``lag`` times its rate, and multiplied by ``gain``.
+        """
         if not any((*repair.lead, *repair.lag, *repair.bend)):
-            # As most repairs, which leave time and shape of the channels alone.
-            values = self._channels_at(0.0)[0].T[list(repair.tau_order)]
-            return np.array(repair.gain)[:, None] * values * self.filter_gain(repair)
-        out = np.empty((self.n, self.data.count))
+            # Most repairs leave time and shape of the channels as they are.
+            values, _ = self._channels_at(0.0)
+            ordered = values.T[list(repair.tau_order)]
+            return np.array(repair.gain)[:, None] * ordered * self.torque_mask(repair)
+        repaired = np.empty((self.n, self.data.count))
         for j, k in enumerate(repair.tau_order):
             values, rates = self._channels_at(repair.lead[j])
             value = values[:, k]
             if repair.bend[j]:
-                # A dead channel has no limit.
-                limit = max(float(self.data.largest[k]) / repair.bend[j], 1e-300)
-                value = limit * np.arctanh(np.clip(value / limit, -0.999, 0.999))
-            out[j] = repair.gain[j] * (value + repair.lag[j] * rates[:, k])
-        return out * self.filter_gain(repair)
+                limit = float(self.data.largest[k]) / repair.bend[j]
+                value = _straighten(value, limit)
+            repaired[j] = repair.gain[j] * (value + repair.lag[j] * rates[:, k])
+        return repaired * self.torque_mask(repair)
 
-    def filter_gain(self, repair: LogTransform) -> Array:
-        """(n, M) 1 where a joint's torque is asked for."""
-        return self.data.heard.T[list(repair.order)]
+    def torque_mask(self, repair: LogTransform) -> Array:
+        """Return (n, M): 1 where a joint's torque is used, 0 where the joint does not
+        slide, since friction at rest may be anything."""
+        return self.data.torque_mask.T[list(repair.order)]
 
     def _interpolate_channels(self, lead: float) -> tuple[Array, Array]:
-        """(M, n) all channels and their rates, so much later [s]."""
+        """Return all torque channels (M, n) and their rates (M, n), ``lead`` seconds
+        after each row; beyond the ends of the log those of the ends."""
         torque = self.data.torque
         instants = np.clip(
             self.data.motion.t + lead,
@@ -145,7 +173,11 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Motion:
-        """States as repaired, with so many times their velocity and acceleration."""
+        """Return the motion (M, n) as repaired, the velocity multiplied by ``speed`` and
+        the acceleration by ``push``.
+
+        With both 0 the arm's torque is its weight; with speed 0 it is weight and inertia.
+        """
         logged = self.data.motion
         order = list(repair.order)
         scale = np.array(repair.scale)
@@ -159,23 +191,29 @@ class Likelihood:
     # -- columns
 
     def rows(self, repair: LogTransform) -> RepairedRows:
-        """What depends on the motion alone."""
-        return self._rows(repair.of_motion)
+        """Return the rows under a repair: all that does not depend on what is done to
+        the torque channels."""
+        return self._rows(repair.motion_part)
 
     def _make_rows(self, repair: LogTransform) -> RepairedRows:
+        """Make the rows of a repair of the motion (:meth:`rows` caches them)."""
         return RepairedRows(self._basis(repair.order, repair.events), self.raw(repair))
 
     def raw(self, repair: LogTransform) -> Array:
-        """(n, M, s) the columns of the parameters that joints share, 0 where torque is
-        not asked for."""
-        return self._raw(repair.of_motion.reset("events"))
+        """Return the columns (n, M, s) of the s parameters that joints share, own
+        columns not projected out; 0 where a joint's torque is not used.
+
+        Where a controller took a share of the weight out of a torque, so do the columns.
+        """
+        return self._raw(repair.motion_part.with_defaults("events"))
 
     def _make_raw(self, repair: LogTransform) -> Array:
+        """Make the columns of a repair of the motion (:meth:`raw` caches them)."""
         columns = self.shared(repair)
         if any(repair.lacks):
-            weight = self.shared(repair, 0.0, 0.0)
+            weight = self.shared(repair, speed=0.0, push=0.0)
             columns = columns - np.array(repair.lacks)[:, None, None] * weight
-        columns *= self.filter_gain(repair)[:, :, None]
+        columns *= self.torque_mask(repair)[:, :, None]
         return columns
 
     def _make_model(
@@ -183,13 +221,14 @@ class Likelihood:
         gravity: tuple[float, ...],
         longer: Numbers,
     ) -> Model | None:
-        """What joints share, under another gravity, with other distances between joints
-        [m]."""
+        """Return the model of what joints share under a gravity [m/s^2] of the base, each
+        joint ``longer`` metres farther from the one before; None where nothing is
+        shared."""
         if self.data.shared is None:
             return None
         joints = list(self.problem.robot.joints)
         for j in np.flatnonzero(longer).tolist():
-            placement = joints[j].placement.copy()
+            placement = joints[j].placement.copy()  # (4, 4)
             distance = nonzero_or_one(np.linalg.norm(placement[:3, 3]))
             placement[:3, 3] *= 1.0 + longer[j] / distance
             joints[j] = replace(joints[j], placement=placement)
@@ -206,7 +245,9 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Array:
-        """(n, M, p) columns of all parameters that joints share, of ``motion``."""
+        """Make the columns (n, M, p) of all p parameters that joints share, dependent
+        ones too; ``speed`` and ``push`` multiply velocity and acceleration
+        (:meth:`columns` caches them)."""
         model = self._model(repair.gravity, repair.longer)
         if model is None:
             return np.zeros((self.n, self.data.count, 0))
@@ -219,20 +260,26 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Array:
-        """(n, M, s) those that say all that the others do."""
-        columns = self.columns(repair.of_arm, speed, push)
+        """Return the columns (n, M, s) of s independent parameters, which span those of
+        all that joints share; speed and push multiply velocity and acceleration."""
+        columns = self.columns(repair.arm_part, speed, push)
         return np.take(columns, self.data.independent, axis=2)
 
     def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
-        """(M, n) torque of a plausible arm on the repaired motion, of its weight what
-        channels hold; where speed is 0, all of its weight."""
+        """Return the torque (M, n) of a plausible arm, with the problem's nominal links,
+        on the repaired motion [N m or N].
+
+        Weight that the channels lack is left out. With speed 0 it is the whole weight
+        alone.
+        """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
-        columns = self.columns(repair.of_arm, speed, speed)[:, :, rigid]
+        columns = self.columns(repair.arm_part, speed, speed)[:, :, rigid]
         links = self.problem.nominal_links.ravel()[: len(rigid)]
         torque = np.asarray(np.swapaxes(columns @ links, 0, 1), float)
         if speed and any(repair.lacks):
-            torque = torque - np.array(repair.lacks) * self.nominal(repair, 0.0)
+            weight = self.nominal(repair, speed=0.0)
+            torque = torque - np.array(repair.lacks) * weight
         return torque
 
     def _make_basis(
@@ -240,19 +287,23 @@ class Likelihood:
         order: Order,
         events: tuple[LogEvent, ...],
     ) -> Array:
-        """(n, M, k) bases of the joints' own columns, 0 for columns that depend on
-        others."""
+        """Make orthonormal bases (n, M, k) of the joints' own columns: friction, rotor,
+        offset, and events of the log.
+
+        Singular vectors of dependent columns are 0, so that all joints have k.
+        """
         columns = [self.data.own_columns[list(order)]]
         columns += [self._columns_of_event(event, order) for event in events]
-        full = np.concatenate(columns, axis=2)
-        full = full * self.data.heard.T[list(order)][:, :, None]
-        full = full / nonzero_or_one(np.linalg.norm(full, axis=1, keepdims=True))
-        u, s, _ = np.linalg.svd(full, full_matrices=False)
-        is_independent = s > 1e-6 * s.max(axis=1, keepdims=True)
+        used = np.concatenate(columns, axis=2)
+        used = used * self.data.torque_mask.T[list(order)][:, :, None]
+        used = used / nonzero_or_one(np.linalg.norm(used, axis=1, keepdims=True))
+        u, s, _ = np.linalg.svd(used, full_matrices=False)  # (n, M, k), (n, k)
+        is_independent = s > _DEPENDENT_SHARE * s.max(axis=1, keepdims=True)
         return np.asarray(u * is_independent[:, None])
 
     def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
-        """(n, M, r) columns of one joint, 0 for the others."""
+        """Return the r columns (n, M, r) of an event of one joint's torque (a law of its
+        motion, a drift, a step); 0 for the other joints."""
         if isinstance(event.at, str):
             shape = self.data.laws[event.at][[order[event.joint]]]
         else:
@@ -261,51 +312,66 @@ class Likelihood:
         return np.asarray(shape * is_joint[:, :, None])
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:
-        """(n, M) what an arm (s,) leaves of the channels, its joints' own columns
-        apart."""
+        """Return the torque (n, M) that an arm with shared parameters theta (s,) leaves
+        [N m or N]; own columns are not projected out."""
         return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
 
     # -- fits
 
-    def parts(
+    def gram_matrices(
         self,
         repair: LogTransform,
-        count: int = PARTS,
-        more: Array | None = None,
+        n_parts: int = PARTS,
+        further_columns: Array | None = None,
     ) -> tuple[Array, int]:
-        """Gram matrices of that many parts of the log, which add.
+        """Return the Gram matrices of consecutive parts of the log, which add.
 
-        more (n, M, r) : further columns that joints share. Returns the matrices
-        (count, n, w, w) and how many of their columns are own ones.
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        n_parts : int
+            Number of parts, of as many rows each.
+        further_columns : (n, M, r) array, optional
+            Columns that joints share beside the arm's.
+
+        Returns
+        -------
+        grams : (n_parts, n, w, w) array
+            Of the w columns: own ones, the arm's, further ones, the torque.
+        n_own : int
+            Number of own columns.
         """
         rows = self.rows(repair)
         torque = self.channels(repair)[:, :, None]
-        further = torque[:, :, :0] if more is None else more
-        full = np.concatenate([rows.basis, rows.raw, further, torque], axis=2)
-        edges = np.linspace(0, self.data.count, count + 1).astype(int).tolist()
-        parts = [full[:, a:b] for a, b in pairwise(edges)]
+        further = torque[:, :, :0] if further_columns is None else further_columns
+        columns = np.concatenate([rows.basis, rows.raw, further, torque], axis=2)
+        edges = np.linspace(0, self.data.count, n_parts + 1).astype(int).tolist()
+        parts = [columns[:, first:end] for first, end in pairwise(edges)]
         grams = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
         return grams, rows.basis.shape[2]
 
-    def scores(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """One arm fitted to each; repairs of the same motion share its rows."""
+    def fit_all(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
+        """Fit one arm to the log under each of several repairs; those of the same motion
+        share its rows."""
         by_motion: dict[LogTransform, list[int]] = {}
-        for k, repair in enumerate(repairs):
-            by_motion.setdefault(repair.of_motion, []).append(k)
+        for number, repair in enumerate(repairs):
+            by_motion.setdefault(repair.motion_part, []).append(number)
         fits: dict[int, ArmFit] = {}
         for numbers in by_motion.values():
-            of_motion = self._fits_of_motion([repairs[k] for k in numbers])
+            of_motion = self._fit_torques([repairs[number] for number in numbers])
             fits.update(zip(numbers, of_motion, strict=True))
-        return [fits[k] for k in range(len(repairs))]
+        return [fits[number] for number in range(len(repairs))]
 
-    def _fits_of_motion(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """One arm fitted to each of K repairs, which differ in their torques alone."""
+    def _fit_torques(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
+        """Fit one arm under each of K repairs that differ in their torques alone."""
         rows = self.rows(repairs[0])
         channels = np.stack([self.channels(repair) for repair in repairs], axis=2)
-        left = rows.rest(channels)  # (n, M, K)
+        left = rows.project_out_own(channels)  # (n, M, K)
+        on_torque = np.swapaxes(channels, 1, 2) @ rows.projected  # (n, K, s)
         equations = NormalEquations(
             gram=rows.gram,
-            cross=(np.swapaxes(channels, 1, 2) @ rows.apart).swapaxes(0, 1),
+            cross=on_torque.swapaxes(0, 1),
             energy=np.sum(np.square(left), axis=1).T,
             total=positive(np.sum(np.square(channels), axis=1).T),
         )
@@ -316,61 +382,75 @@ class Likelihood:
                 rows=rows,
                 channels=channels[:, :, k],
                 theta=thetas[k],
-                left=lefts[k],
-                total=equations.total[k],
+                energy_left=lefts[k],
+                energy=equations.total[k],
             )
             for k in range(len(repairs))
         ]
 
-    def score(self, repair: LogTransform) -> ArmFit:
-        """One arm fitted to one repair."""
-        return self.scores([repair])[0]
+    def fit(self, repair: LogTransform) -> ArmFit:
+        """Fit one arm to the log under one repair."""
+        return self.fit_all([repair])[0]
 
     def jackknife_errors(
         self,
         repair: LogTransform,
         weights: Array,
-        more: Array | None = None,
+        further_columns: Array | None = None,
         others: Normal | None = None,
     ) -> tuple[Array, Array]:
-        """Errors on each part of the log, left out in turn (a delete-a-group jackknife).
+        """Return the errors on each part of the log, left out in turn.
+
+        It is a delete-a-group jackknife: an arm is fitted to all parts but one, and
+        judged on that part.
 
         Parameters
         ----------
+        repair : LogTransform
+            How the log is repaired.
         weights : (n,) array
             Of the joints.
-        more : (n, M, r) array, optional
-            Further columns that joints share.
+        further_columns : (n, M, r) array, optional
+            Columns that joints share beside the arm's.
         others : normal equations, optional
-            Of other logs, which have no further columns.
+            Of other logs, (s, s) and (s,), added to those of the parts; they have no
+            further columns.
 
         Returns
         -------
-        arms : (PARTS, s) array
-            The arms of all other parts.
+        arms : (PARTS, s + r) array
+            Parameters of the arm of all other parts.
         errors : (PARTS, n) array
-            What they leave of the part, over the mean energy of a part.
+            Squared residual of the part, over the mean energy of a part; at least
+            FLOOR.
         """
-        parts, n_own = self.parts(repair, PARTS, more)
-        rests = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
-        gram, cross = rests.normal(weights)
+        parts, n_own = self.gram_matrices(repair, PARTS, further_columns)
+        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
+        gram, cross = other_parts.normal(weights)
         if others is not None:
-            s = len(others[1])
-            gram[:, :s, :s] += others[0]
-            cross[:, :s] += others[1]
+            gram_of_others, cross_of_others = others
+            s = len(cross_of_others)
+            gram[:, :s, :s] += gram_of_others
+            cross[:, :s] += cross_of_others
         arms = solve(gram, cross[..., None])[..., 0]
-        total = np.maximum(parts[..., -1, -1].sum(axis=0), 1e-280)
-        errors = PARTS * rests.left_of(parts, arms[:, None]) / total
+        energy = _torque_energies(parts).sum(axis=0)  # (n,)
+        energy_left = other_parts.left_of(parts, arms[:, None])
+        errors = PARTS * energy_left / np.maximum(energy, 1e-280)
         return arms, np.maximum(errors, FLOOR)
 
-    def alone(self, repair: LogTransform) -> Array:
-        """(n,) share of each channel that its joint's own model leaves of parts it was
-        not fitted to."""
-        parts, n_own = self.parts(repair)
-        rests = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
-        models = solve(rests.gram, rests.cross[..., None])[..., 0]
-        left = rests.left_of(parts, models).sum(axis=0)
-        return np.maximum(left / positive(parts[..., -1, -1].sum(axis=0)), FLOOR)
+    def shares_left_by_own_models(self, repair: LogTransform) -> Array:
+        """Return the share (n,) of each torque's energy that a model of that joint alone
+        leaves, on parts of the log that it was not fitted to.
+
+        A joint's own model has all columns of the arm, but parameters that no other joint
+        shares: it shows how well the torque can be explained at all.
+        """
+        parts, n_own = self.gram_matrices(repair)
+        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
+        models = solve(other_parts.gram, other_parts.cross[..., None])[..., 0]
+        energy_left = other_parts.left_of(parts, models).sum(axis=0)
+        energy = positive(_torque_energies(parts).sum(axis=0))
+        return np.maximum(energy_left / energy, FLOOR)
 
     def first_order_steps(
         self,
@@ -379,15 +459,17 @@ class Likelihood:
         values: Array,
         h: Array,
     ) -> tuple[Array, Array]:
-        """By how much each of r numbers of a repair would have to change alone.
+        """Estimate the change of each of r numbers of a repair that lowers the residual
+        most, the other numbers fixed (a Gauss-Newton step).
 
-        To first order: with A, c the normal equations of the arm and a, b, c_x those of
-        d(y - Y theta)/dx,
+        With Y theta the arm's torque, x a number and d = d(y - Y theta)/dx, the weighted
+        normal equations of arm and number have the blocks A = Y^T Y, b = -Y^T d, a =
+        d^T d and the right sides c = Y^T y, c_x = -d^T y; then
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b).
 
-        The standard deviations are a jackknife's, because what the model lacks varies
-        from part to part: noise alone would look exact.
+        The standard deviations are a jackknife's over the parts, because what the model
+        lacks varies from part to part: noise alone would look exact.
 
         Parameters
         ----------
@@ -396,32 +478,34 @@ class Likelihood:
         ats : sequence of r functions
             The repair with another value of one number.
         values, h : (r,) arrays
-            The present values, and the steps of the slopes.
+            The present values, and the steps of the difference quotients.
 
         Returns
         -------
         change, spread : (r,) arrays
-            The steps and their standard deviations, infinite where the arm's
+            The changes and their standard deviations, infinite where the arm's
             parameters take the number's place.
         """
-        score = self.score(now)
-        slopes = self._slopes(score.theta, now, ats, values, h)
-        sizes = np.linalg.norm(slopes, axis=(0, 1))
+        fit = self.fit(now)
+        slopes = self._slopes(fit.theta, now, ats, values, h)
+        sizes = np.linalg.norm(slopes, axis=(0, 1))  # (r,)
         scaled = slopes / nonzero_or_one(sizes)
-        parts, n_own = self.parts(now, PARTS, -scaled)
-        rests = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
-        gram, cross = rests.normal(score.weights)
+        parts, n_own = self.gram_matrices(now, PARTS, -scaled)
+        other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
+        gram, cross = other_parts.normal(fit.weights)
+        # The arm's s parameters come first, the r numbers and the right side behind.
         s = gram.shape[-1] - len(ats)
-        full = np.concatenate([gram, cross[:, :, None]], axis=2)
-        arm = solve(full[:, :s, :s], full[:, :s, s:])
-        remainder = full[:, s:, s:] - full[:, s:, :s] @ arm
-        of_numbers = np.einsum("pkk->pk", remainder[..., :-1])
-        total = np.einsum("pkk->pk", full[:, s:, s:-1])
-        steps = remainder[..., -1] / np.maximum(of_numbers + RIDGE * total, 1e-300)
+        equations = np.concatenate([gram, cross[:, :, None]], axis=2)
+        arm = solve(equations[:, :s, :s], equations[:, :s, s:])
+        remainder = equations[:, s:, s:] - equations[:, s:, :s] @ arm  # (p, r, r + 1)
+        # Diagonals: of each part p and number k, a - b^T A^-1 b and a.
+        beside_arm = np.einsum("pkk->pk", remainder[..., :-1])
+        squares = np.einsum("pkk->pk", equations[:, s:, s:-1])
+        steps = remainder[..., -1] / np.maximum(beside_arm + RIDGE * squares, _TINY)
         change, spread = jackknifed(steps / nonzero_or_one(sizes))
-        is_seen = sizes > FLOOR * np.linalg.norm(score.channels)
-        is_determined = is_seen & (of_numbers.sum(axis=0) > FLOOR * total.sum(axis=0))
-        return change, np.where(is_determined, spread, np.inf)
+        is_seen = sizes > FLOOR * np.linalg.norm(fit.channels)
+        is_beside_arm = beside_arm.sum(axis=0) > FLOOR * squares.sum(axis=0)
+        return change, np.where(is_seen & is_beside_arm, spread, np.inf)
 
     def _slopes(
         self,
@@ -431,7 +515,8 @@ class Likelihood:
         values: Array,
         h: Array,
     ) -> Array:
-        """(n, M, r) slopes of what an arm leaves, by each of r numbers."""
+        """Return the derivatives (n, M, r) of the torque that an arm theta (s,) leaves,
+        by each of r numbers of a repair; difference quotients with the steps h (r,)."""
         residual = self.unexplained(now, theta)
         slopes = np.zeros((self.n, self.data.count, len(ats)))
         for r, at in enumerate(ats):
@@ -439,17 +524,22 @@ class Likelihood:
             slopes[..., r] = (moved - residual) / h[r]
         return slopes
 
-    def predicts(self, before: Array, after: Array) -> float:
-        """By how many standard errors the second of what two repairs leave (PARTS, n)
-        of parts that were left out is less, all joints that move together."""
-        fall = np.log(before / after)[:, self.moving].sum(axis=1)
-        return standard_errors_above_zero(fall)
+    def clearness_of_fall(self, before: Array, after: Array) -> float:
+        """Return by how many standard errors the error on held-out parts falls.
+
+        before, after : (PARTS, n) errors on parts left out, under two repairs. The fall
+        of a part is the sum of log(before / after) over the moving joints.
+        """
+        log_falls = np.log(before / after)[:, self.moving].sum(axis=1)
+        return standard_errors_above_zero(log_falls)
 
     # -- what the fit alone does not tell
 
-    def samples(self, fit: ArmFit) -> float:
-        """How many independent samples of its rows no parameter takes."""
-        return max(self.spare, 0.1) * fit.independent_rows
+    def count_independent_samples(self, fit: ArmFit) -> float:
+        """Return the number of independent samples of a fit's residual, less those that
+        parameters take."""
+        share = max(self.spare_share, _LEAST_SPARE_SHARE)
+        return share * fit.independent_rows
 
     def physics(
         self,
@@ -457,60 +547,98 @@ class Likelihood:
         repair: LogTransform,
         samples: float,
     ) -> float:
-        """log-probability that inertia and masses are positive and friction takes power.
+        """Return the log-probability that friction takes power and that inertia and
+        masses are positive.
 
-        It is the sum of log Phi(estimate / standard deviation) of three kinds of power:
-        the mean of dq_j times what the links leave of joint j's torque, of ddq^T times
-        the inertial torque, and of the weight times that of a plausible arm. It tells a
-        sign from a reversed clock, which fit the same.
+        It is the sum of log Phi(estimate / standard deviation), Phi the normal
+        distribution's, over n + 2 estimates:
+
+        - of each joint j the mean power dq_j (tau_j - links' torque) of its friction,
+        - the mean of ddq^T M(q) ddq, which is positive for positive inertia,
+        - the mean product of the weight with that of a plausible arm.
+
+        It distinguishes a sign from a reversed clock, which fit the same.
+
+        Parameters
+        ----------
+        fit : ArmFit
+            The arm fitted to the log under the repair.
+        repair : LogTransform
+            The repair.
+        samples : float
+            Number of independent samples of the residual.
+
+        Returns
+        -------
+        float
+            At most 0; each joint and kind takes at most LOUDEST or LOUDEST_INERTIA.
         """
-
-        states = self._centred_states(repair)
-        left = fit.channels - fit.rows.raw @ fit.theta
-        powers = np.sum(states * left, axis=2)
-        of_theta = -(states[:, :, None, :] @ fit.rows.raw)[:, :, 0]
-        noise = fit.left / samples * np.sum(states**2, axis=2)
-        slopes = self._inertia_and_weight(repair.of_motion)
+        states = self._centred_states(repair)  # (2, n, M): dq / M, ddq / M
+        not_of_links = fit.channels - fit.rows.raw @ fit.theta  # (n, M)
+        powers = np.sum(states * not_of_links, axis=2)  # (2, n)
+        friction_power = powers[0]
+        # The links' own ddq^T tau, and ddq times what the links leave.
+        slopes = self._inertia_and_weight(repair.motion_part)  # (2, s) by theta
         inertia_and_weight = slopes @ fit.theta + [powers[1].sum(), 0.0]
-        values = np.append(powers[0], inertia_and_weight)
-        of_inertia = np.outer([1.0, 0.0], of_theta[1].sum(axis=0))
-        gradient = np.vstack([of_theta[0], slopes + of_inertia])
-        normal = np.tensordot(
-            fit.weights * samples,
-            fit.rows.gram,
-            1,
-        )
+        estimates = np.append(friction_power, inertia_and_weight)
+        # Derivatives of the estimates by theta, (n + 2, s).
+        power_slopes = -(states[:, :, None, :] @ fit.rows.raw)[:, :, 0]  # (2, n, s)
+        of_inertia = np.outer([1.0, 0.0], power_slopes[1].sum(axis=0))
+        gradient = np.vstack([power_slopes[0], slopes + of_inertia])
+        # Variances: of the noise in the torques, and of theta.
+        noise = fit.energy_left / samples * np.sum(states**2, axis=2)  # (2, n)
         variance = np.append(noise[0], [noise[1].sum(), 0.0])
+        normal = np.tensordot(fit.weights * samples, fit.rows.gram, 1)  # (s, s)
         variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
-        z = values / np.sqrt(np.maximum(variance, 1e-300))
+        z = estimates / np.sqrt(np.maximum(variance, _TINY))
         loudest = np.full(len(z), LOUDEST)
-        loudest[-2] = LOUDEST_INERTIA
-        is_asked = np.append(self.moving, [True, True])
-        return float(np.maximum(scipy.special.log_ndtr(z), -loudest)[is_asked].sum())
+        loudest[-2] = LOUDEST_INERTIA  # the two last ones are inertia and weight
+        is_used = np.append(self.moving, [True, True])
+        log_probabilities = np.maximum(scipy.special.log_ndtr(z), -loudest)
+        return float(log_probabilities[is_used].sum())
 
     def _centred_states(self, repair: LogTransform) -> Array:
-        """(2, n, M) velocity and acceleration over M, without their means: what is
-        constant, as a weight, is neither friction nor inertia."""
+        """Return velocity and acceleration (2, n, M), without their means and over M, so
+        that sums of products with a torque are mean powers.
+
+        A constant torque, as a weight, is neither friction nor inertia. Where time runs
+        backwards the velocity changes its sign.
+        """
         motion = self.motion(repair)
         dq = -motion.dq.T if repair.reversed else motion.dq.T
         states = np.stack([dq, motion.ddq.T]) / len(motion.t)
         states = states - states.mean(axis=2, keepdims=True)
-        return np.asarray(states * self.filter_gain(repair))
+        return np.asarray(states * self.torque_mask(repair))
 
     def _make_inertia_and_weight(self, repair: LogTransform) -> Array:
-        """(2, s) what the mean of ddq^T M(q) ddq is of the shared parameters, and the
-        weight's mean product with the weight of a plausible arm."""
+        """Make two linear functions (2, s) of the s shared parameters theta: the mean of
+        ddq^T M(q) ddq, and the mean product of the arm's weight with the weight of a
+        plausible arm."""
         ddq = self.motion(repair).ddq
-        weight = self.shared(repair, 0.0, 0.0)
-        inertial = self.shared(repair, 0.0, 1.0) - weight
-        power = np.tensordot(
-            ddq,
-            inertial,
-            ((1, 0), (0, 1)),
-        )
-        likeness = np.tensordot(
-            self.nominal(repair, 0.0),
-            weight,
-            ((1, 0), (0, 1)),
-        )
-        return np.array([power, likeness]) / self.data.count
+        weight = self.shared(repair, speed=0.0, push=0.0)  # (n, M, s)
+        weight_and_inertia = self.shared(repair, speed=0.0, push=1.0)
+        inertial = weight_and_inertia - weight
+        # Both sums run over joints and rows: (M, n) with (n, M, s) gives (s,).
+        joints_and_rows = ((1, 0), (0, 1))
+        power = np.tensordot(ddq, inertial, joints_and_rows)
+        plausible_weight = self.nominal(repair, speed=0.0)
+        product = np.tensordot(plausible_weight, weight, joints_and_rows)
+        return np.array([power, product]) / self.data.count
+
+
+def _straighten(value: Array, limit: float) -> Array:
+    """Return the torque s artanh(x / s) of a channel x (M,) that bends towards its
+    amplifier's limit s, x = s tanh(tau / s)."""
+    limit = max(limit, _TINY)  # a dead channel has no limit
+    share = np.clip(
+        value / limit,
+        -_LARGEST_SHARE_OF_LIMIT,
+        _LARGEST_SHARE_OF_LIMIT,
+    )
+    return np.asarray(limit * np.arctanh(share))
+
+
+def _torque_energies(grams: Array) -> Array:
+    """Return the squared torques (..., n) from Gram matrices (..., n, w, w), whose last
+    column is the torque."""
+    return grams[..., -1, -1]

@@ -12,12 +12,13 @@ from sdp_vs_penalty.data.store import PART
 
 
 def is_long(run: Measurements) -> bool:
-    """Whether windows of a run stand for it."""
+    """Whether a run is so long that only windows of it are judged."""
     return run.samples > PARTS * PART
 
 
 def windows_of(run: Measurements) -> list[Measurements]:
-    """The run itself, or windows of PART samples spread evenly over a long one.
+    """List the run itself, or four windows of PART samples spread evenly over a long
+    run.
 
     A window's rows count from its first sample, which its name says.
     """
@@ -31,7 +32,7 @@ def windows_of(run: Measurements) -> list[Measurements]:
 
 
 def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]:
-    """The issues of a run from the names and issues of its windows.
+    """List the issues of a run from the names and issues of its windows.
 
     An issue of several windows is listed once, in the words of the first of them where
     it is gravest, and offers no repair.
@@ -45,7 +46,8 @@ def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]
 
 
 def _in_windows(places: Sequence[tuple[Issue, str]], n_windows: int) -> Issue:
-    """An issue as it is where it is gravest, with a word on how many windows show it."""
+    """Return one issue from its copies in several windows, each with the window's name:
+    the gravest copy, with the number of windows that show it in front."""
     grave = ("error", "warning", "note").index
     issue, window = min(places, key=lambda place: grave(place[0].severity))
     which = f"Seen in {len(places)} of {n_windows} stretches; in {window}: "

@@ -29,7 +29,8 @@ from sdp_vs_penalty.regression.normal_equations import (
 )
 from sdp_vs_penalty.robot.arrays import Array
 
-#: What of a number is usual: beyond it the runs differ.
+#: Sizes of a number that loggers differ by anyway (a gain less one [-], an angle
+#: [rad]): only beyond them is a number of one run claimed.
 _USUAL = {"torque gain": c.CALIBRATED_GAIN, "encoder offset": c.CALIBRATED}
 #: What is different in a run, and what to do about it; x is the number, j the joint
 #: from 1.
@@ -56,6 +57,17 @@ _WORDS = {
 }
 #: Faults that one run's log may have, by the run's number, and the repair of each.
 Proposals = Callable[[int], Sequence[tuple[Fault, LogTransform]]]
+#: Log-odds (natural logarithm) that a difference of runs has to exceed: three times
+#: what any fault of a log needs, since friction never repeats exactly.
+_ODDS_OF_A_DIFFERENCE = 3.0 * c.ODDS
+#: Step of the difference quotient by an encoder's zero [rad or m].
+_ZERO_STEP = 0.01
+#: Torque gains that a drive may have beside another run [-].
+_POSSIBLE_GAINS = (0.2, 5.0)
+#: Largest offset of a revolute encoder's zero that is claimed of one run [rad].
+_LARGEST_ZERO_SHIFT_RAD = 0.5
+#: Parameters of one rigid link: mass, first moments (3), inertia (6).
+_PARAMETERS_PER_LINK = 10
 
 
 @dataclass(frozen=True)
@@ -69,9 +81,13 @@ class RunLog:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """What may be different in one run (by number): columns (n, M, r) of what its torque
-    has beside the arm's, a fault of its log and the repair, or, with neither, an arm of
-    its own."""
+    """A hypothesis of how one run differs from the others.
+
+    It is one of three: a number (a gain, a zero, a load), whose ``columns`` (n, M, r)
+    are the torque per unit of the number, beside the arm's; a ``fault`` of the run's
+    log, with its ``repair``; or, with neither, another arm. run : the run's number from
+    0; joint : from 0, -1 for none.
+    """
 
     run: int
     kind: str
@@ -82,6 +98,7 @@ class Difference:
 
     @property
     def is_another_arm(self) -> bool:
+        """Whether the run is of another arm: neither a number nor a fault differs."""
         return self.columns is None and self.repair is None
 
 
@@ -89,10 +106,10 @@ class Difference:
 class Cause:
     """A difference of one run, and how well it explains the runs.
 
-    gain : fall of log S on parts that nothing was fitted to, all parts and joints added.
-    clearness : of the mean fall, in standard errors. size : of the number (a gain less
-    one, an angle [rad], a length [m], a load [kg]), 0 for a fault. equivalents : what
-    explains as much, in words.
+    gain : fall of the logarithm of the squared residual on parts that nothing was
+    fitted to, all parts and joints added. clearness : the mean fall in standard errors.
+    size : of the number (a gain less one, an angle [rad], a length [m], a load [kg]), 0
+    for a fault. equivalents : what explains as much, in words.
     """
 
     difference: Difference
@@ -102,7 +119,7 @@ class Cause:
     equivalents: tuple[str, ...] = ()
 
     def log_repair(self, as_logged: LogTransform) -> LogTransform | None:
-        """Repair that makes the run's log that of the others' arm.
+        """Return the repair that makes the run's log that of the others' arm.
 
         Parameters
         ----------
@@ -123,216 +140,273 @@ class Cause:
 
 
 class RunComparison:
-    """One arm for all runs, against one for each."""
+    """Compare one arm fitted to all R runs with one arm fitted to each run.
+
+    All energies are squared residuals of n joints [(N m)^2, N^2], of M rows a run.
+    """
 
     def __init__(self, runs: Sequence[RunLog]) -> None:
-        # A law of one run's joint is that of the arm's.
-        events = [e for run in runs for e in run.repair.events if isinstance(e.at, str)]
-        laws = dict.fromkeys(events)
+        # An event "at" a name is a law of a joint's motion (a spring, drag): laws belong
+        # to the arm, so that each run gets those of all runs.
+        all_laws = {
+            event: None
+            for run in runs
+            for event in run.repair.events
+            if isinstance(event.at, str)
+        }
         self.runs = [
-            replace(run, repair=_with_events(run.repair, [*laws])) for run in runs
+            replace(run, repair=_with_events(run.repair, [*all_laws])) for run in runs
         ]
-        self.moving = np.stack([run.log.moving for run in runs])
-        self.equations = [
-            NormalEquations.of(*r.log.parts(r.repair, 1)) for r in self.runs
-        ]
+        self.moving = np.stack([run.log.moving for run in runs])  # (R, n)
+        self.equations = []
+        for run in self.runs:
+            grams, n_own = run.log.gram_matrices(run.repair, 1)  # one part: all rows
+            self.equations.append(NormalEquations.of(grams, n_own))
 
     @cached_property
-    def together(self) -> tuple[Array, Array]:
-        """(s,) one arm for all runs, and (runs, n) what it leaves of each joint."""
-        both = NormalEquations.together(self.equations).fitted(self.moving.ravel())
-        return both[0][0], both[1].reshape(self.moving.shape)
+    def energy_left_by_one_arm(self) -> Array:
+        """(R, n) squared residual of each run's joint under one arm for all runs."""
+        stacked = NormalEquations.together(self.equations)  # R * n joints
+        _, energy_left = stacked.fitted(self.moving.ravel())
+        return energy_left.reshape(self.moving.shape)
 
     @cached_property
-    def apart(self) -> Array:
-        """(runs, n) what an arm for each run leaves of each joint."""
-        pairs = zip(self.equations, self.moving, strict=True)
-        return np.concatenate([x.fitted(moving)[1] for x, moving in pairs])
+    def energy_left_by_own_arms(self) -> Array:
+        """(R, n) squared residual of each run's joint under an arm of that run."""
+        energies = []
+        for equations, moving in zip(self.equations, self.moving, strict=True):
+            _, energy_left = equations.fitted(moving)  # (1, n)
+            energies.append(energy_left)
+        return np.concatenate(energies)
 
     @cached_property
-    def lost(self) -> Array:
-        """(runs, n) logarithm of what one arm for all leaves over what one for each
-        leaves; 0 for joints that do not move."""
-        ratio = np.log(self.together[1] / self.apart)
+    def log_energy_ratios(self) -> Array:
+        """(R, n) logarithm of the squared residual under one arm for all runs over that
+        under the run's own arm; 0 for joints that do not move."""
+        ratio = np.log(self.energy_left_by_one_arm / self.energy_left_by_own_arms)
         return np.asarray(np.where(self.moving, ratio, 0.0))
 
     @property
-    def times(self) -> float:
-        """How many times worse one arm for all runs explains a joint of a run."""
-        n_moving = max(int(self.moving[0].sum()), 1)
-        return float(np.exp(0.5 * self.lost.sum() / n_moving))
+    def error_ratio(self) -> float:
+        """How many times larger one arm for all runs makes a joint's residual.
+
+        A joint's ratios (root mean square residual under one arm over that under own
+        arms) are multiplied over the runs, so that a single deviating run counts in
+        full beside many good ones; of the joints that move in any run the geometric
+        mean is taken.
+        """
+        n_moving = max(int(self.moving.any(axis=0).sum()), 1)
+        return float(np.exp(0.5 * self.log_energy_ratios.sum() / n_moving))
 
     @property
-    def times_of_worst_joint(self) -> float:
-        """The same of the joint of a run that one arm for all explains worst."""
-        return float(np.exp(0.5 * self.lost.max()))
+    def worst_error_ratio(self) -> float:
+        """Largest ratio, over runs and joints, of the root mean square residual under
+        one arm for all runs to that under the run's own arm."""
+        return float(np.exp(0.5 * self.log_energy_ratios.max()))
 
     @cached_property
-    def samples(self) -> float:
-        """Independent samples of a run, in the mean."""
-        return float(np.mean([r.log.samples(r.log.score(r.repair)) for r in self.runs]))
+    def samples_per_run(self) -> float:
+        """Mean number of independent samples of a run's residual."""
+        samples = [
+            r.log.count_independent_samples(r.log.fit(r.repair)) for r in self.runs
+        ]
+        return float(np.mean(samples))
 
-    def differs(self, worse: float) -> bool:
-        """Whether one arm for all is so many times worse, and clearly: friction is
-        never quite the same again."""
-        evidence = 0.5 * self.samples * float(self.lost.sum())
-        return evidence >= 3.0 * c.ODDS and self.times >= max(worse, c.TIMES_BETTER)
+    def is_one_arm_worse(self, least_ratio: float) -> bool:
+        """Whether one arm for all runs is ``least_ratio`` times worse, and clearly.
+
+        The log-likelihood ratio has to exceed _ODDS_OF_A_DIFFERENCE: friction never
+        repeats exactly. Ratios below TIMES_BETTER are no difference.
+        """
+        log_likelihood = 0.5 * self.samples_per_run * self.log_energy_ratios.sum()
+        is_large = self.error_ratio >= max(least_ratio, c.TIMES_BETTER)
+        return bool(log_likelihood >= _ODDS_OF_A_DIFFERENCE) and is_large
 
     @cached_property
-    def excess(self) -> Array:
-        """(runs, n) logarithm of the share of each joint's energy that one arm for all
-        leaves in a run, over the smallest share that an arm leaves of it in any run; 0
-        for joints that do not move.
+    def log_excess(self) -> Array:
+        """(R, n) logarithm of a joint's unexplained share under one arm for all runs
+        over the smallest unexplained share of that joint in any run, under any arm.
 
-        A run whose joints contradict each other is not explained by an arm of its own
-        either: the other runs tell how well it should be.
+        A share is squared residual over squared torque. It is 0 for joints that do not
+        move. A run whose joints contradict each other is not explained by an arm of its
+        own either: the other runs show how well it should be explained.
         """
         total = np.stack([equations.total[0] for equations in self.equations])
-        of_one_arm = np.where(
-            self.moving,
-            self.together[1] / total,
-            1.0,
-        )
-        of_own_arms = np.where(self.moving, self.apart / total, 1.0)
-        smallest = np.minimum(of_one_arm, of_own_arms).min(axis=0)
-        return np.asarray(
-            np.where(
-                self.moving,
-                np.log(of_one_arm / smallest),
-                0.0,
-            )
-        )
+        share_of_one_arm = self.energy_left_by_one_arm / total
+        share_of_own_arm = self.energy_left_by_own_arms / total
+        # A joint that does not move explains nothing: its share counts as 1.
+        share_of_one_arm = np.where(self.moving, share_of_one_arm, 1.0)
+        share_of_own_arm = np.where(self.moving, share_of_own_arm, 1.0)
+        smallest = np.minimum(share_of_one_arm, share_of_own_arm).min(axis=0)
+        excess = np.log(share_of_one_arm / smallest)
+        return np.asarray(np.where(self.moving, excess, 0.0))
 
     @property
-    def stands_out(self) -> bool:
+    def largest_excess_ratio(self) -> float:
+        """Largest ratio of a joint's root mean square residual, relative to its torque,
+        in one run under one arm for all runs to that in the best explained run."""
+        return float(np.exp(0.5 * self.log_excess.max()))
+
+    @property
+    def has_outlying_run(self) -> bool:
         """Whether one arm for all explains a joint of one run far worse than an arm
         explains it in another run."""
-        return float(np.exp(0.5 * self.excess.max())) >= c.TIMES
+        return self.largest_excess_ratio >= c.TIMES
 
     @cached_property
     def suspects(self) -> list[int]:
-        """Two runs that may be different: the one that is explained worst beside the
-        others, and the one that loses the most by one arm for all.
+        """Numbers of the two runs that may be different, in rising order.
 
-        Of two runs it may be either.
+        They are the run that is explained worst compared with the others, and the run
+        that loses most by one arm for all. Of two runs both are suspects.
         """
-        by_excess = np.argsort(-self.excess.sum(axis=1))
-        by_loss = np.argsort(-self.lost.sum(axis=1))
-        order = dict.fromkeys(
-            [
-                int(by_excess[0]),
-                *by_loss.tolist(),
-            ]
-        )
-        return sorted([*order][:2])
+        by_excess = np.argsort(-self.log_excess.sum(axis=1)).tolist()
+        by_loss = np.argsort(-self.log_energy_ratios.sum(axis=1)).tolist()
+        ranked = dict.fromkeys([by_excess[0], *by_loss])  # none of them twice
+        return sorted([*ranked][:2])
 
     @cached_property
     def weights(self) -> Array:
-        """(runs, n) of the joints' rows: each by what an arm of its run leaves."""
-        return np.where(self.moving, 1.0 / self.apart, 0.0)
+        """(R, n) weights of the joints' rows: one over the squared residual under the
+        run's own arm, 0 for joints that do not move."""
+        return np.where(self.moving, 1.0 / self.energy_left_by_own_arms, 0.0)
 
     @cached_property
-    def normals(self) -> list[Normal]:
-        """The normal equations of each run."""
+    def normal_equations(self) -> list[Normal]:
+        """Weighted normal equations (s, s), (s,) of the arm, one pair a run."""
         pairs = zip(self.equations, self.weights, strict=True)
-        return [_first(x.normal(weights)) for x, weights in pairs]
+        return [_first(equations.normal(weights)) for equations, weights in pairs]
 
-    def arm_of_others(self, number: int) -> Array:
-        """(s,) parameters of the arm of all runs but one."""
-        others = _sum([x for k, x in enumerate(self.normals) if k != number])
-        assert others is not None
-        gram, cross = others
+    def fit_other_runs(self, number: int) -> Array:
+        """(s,) parameters of one arm fitted to all runs but number ``number``."""
+        others = [x for k, x in enumerate(self.normal_equations) if k != number]
+        summed = _sum_of_normal_equations(others)
+        assert summed is not None
+        gram, cross = summed
         return solve(gram, cross[:, None])[:, 0]
 
-    def normal_with(self, difference: Difference) -> Normal | None:
-        """The normal equations of the run that is different, its number projected out;
-        None where its arm is another one."""
+    def normal_equations_with(self, difference: Difference) -> Normal | None:
+        """Normal equations (s, s), (s,) of the run that is different, once the
+        difference is accounted for.
+
+        A fault is repaired; a number is projected out. None for another arm, whose rows
+        say nothing about the arm of the others.
+        """
         if difference.is_another_arm:
             return None
         run = self.runs[difference.run]
         repair = run.repair
         if difference.repair is not None:
-            repair = difference.repair.then(repair)
-        equations = NormalEquations.of(*run.log.parts(repair, 1, difference.columns))
+            repair = difference.repair.followed_by(repair)
+        grams, n_own = run.log.gram_matrices(repair, 1, difference.columns)
+        equations = NormalEquations.of(grams, n_own)
         normal = _first(equations.normal(self.weights[difference.run]))
-        return _without_last(normal, len(self.normals[difference.run][1]))
+        n_shared = len(self.normal_equations[difference.run][1])
+        return _project_out_last(normal, n_shared)
 
-    def errors(self, difference: Difference | None) -> tuple[Array, Array | None]:
-        """(2 PARTS, n) what is left of the parts of the suspects, each left out in turn,
-        and (PARTS, s) the arms of the run that is different."""
-        normals: list[Normal | None] = [*self.normals]
+    def held_out_errors(
+        self,
+        difference: Difference | None,
+    ) -> tuple[Array, Array | None]:
+        """Return the errors on parts of the two suspects, each part left out in turn.
+
+        Parameters
+        ----------
+        difference : Difference or None
+            What is assumed to be different in one of the suspects; None: nothing.
+
+        Returns
+        -------
+        errors : (2 PARTS, n) array
+            Squared residual of a part's joint under the arm of all other parts and
+            runs, over the mean energy of a part.
+        arms : (PARTS, s + r) array or None
+            The arms of the suspect that is different, with its r numbers at the end.
+        """
+        normals: list[Normal | None] = [*self.normal_equations]
         if difference is not None:
-            normals[difference.run] = self.normal_with(difference)
-        left = []
+            normals[difference.run] = self.normal_equations_with(difference)
+        errors_of_suspects = []
         arms = None
         for number in self.suspects:
             run = self.runs[number]
-            others = _sum([x for k, x in enumerate(normals) if k != number])
             repair = run.repair
-            columns = run.log.raw(repair)[:, :, :0]
-            is_this = difference is not None and difference.run == number
-            if difference is not None and is_this:
-                others = None if difference.is_another_arm else others
-                columns = columns if difference.columns is None else difference.columns
+            columns = None
+            others = _sum_of_normal_equations(
+                [normal for k, normal in enumerate(normals) if k != number]
+            )
+            is_different = difference is not None and difference.run == number
+            if difference is not None and is_different:
+                columns = difference.columns
+                if difference.is_another_arm:
+                    others = None
                 if difference.repair is not None:
-                    repair = difference.repair.then(repair)
+                    repair = difference.repair.followed_by(repair)
             fitted, errors = run.log.jackknife_errors(
                 repair,
                 self.weights[number],
-                columns,
-                others,
+                further_columns=columns,
+                others=others,
             )
-            arms = fitted if is_this else arms
-            left.append(errors)
-        return np.concatenate(left), arms
+            if is_different:
+                arms = fitted
+            errors_of_suspects.append(errors)
+        return np.concatenate(errors_of_suspects), arms
 
     @cached_property
-    def before(self) -> Array:
-        """(2 PARTS, n) what one arm for all leaves."""
-        return self.errors(None)[0]
+    def held_out_errors_of_one_arm(self) -> Array:
+        """(2 PARTS, n) errors on parts of the suspects, left out in turn, if nothing
+        differs between the runs."""
+        return self.held_out_errors(None)[0]
 
-    def cause(self, difference: Difference) -> Cause | None:
-        """The difference judged; None for a number that is not of a size that it may
-        have."""
+    def judge(self, difference: Difference) -> Cause | None:
+        """Return how well a difference explains parts that are left out; None for a
+        number whose size is usual or impossible."""
         log = self.runs[difference.run].log
-        after, arms = self.errors(difference)
+        after, arms = self.held_out_errors(difference)
         moving = np.any(self.moving, axis=0)
-        fall = np.log(self.before / after)[:, moving].sum(axis=1)
-        gain = float(fall.sum())
-        clearness = standard_errors_above_zero(fall.reshape(-1, c.PARTS))
+        log_falls = np.log(self.held_out_errors_of_one_arm / after)
+        falls_of_parts = log_falls[:, moving].sum(axis=1)  # (2 PARTS,)
+        gain = float(falls_of_parts.sum())
+        clearness = standard_errors_above_zero(falls_of_parts.reshape(-1, c.PARTS))
         if difference.is_another_arm:
+            # Another arm has many parameters, and explains much: it counts half.
             return Cause(difference, 0.5 * gain, clearness)
         if difference.columns is None or arms is None:
             return Cause(difference, gain, clearness)
-        value, spread = jackknifed(arms[:, -difference.columns.shape[2]])
+        # The numbers stand behind the arm's parameters; the first one is the size.
+        values = arms[:, -difference.columns.shape[2]]
+        value, spread = jackknifed(values)
         size = float(value)
-        threshold = max(c.SIGMAS * float(spread), _USUAL.get(difference.kind, 0.0))
-        if abs(size) <= threshold or not _can_be(log, difference, size):
+        usual = _USUAL.get(difference.kind, 0.0)
+        threshold = max(c.SIGMAS * float(spread), usual)
+        if abs(size) <= threshold or not _is_possible(log, difference, size):
             return None
-        # Of a number, whose interval tells as well, half as clear a prediction is
-        # enough.
+        # A number has an interval that speaks for it as well: half as clear a
+        # prediction is enough.
         return Cause(difference, gain, 2.0 * clearness, size)
 
-    def numbers(self) -> list[Cause]:
-        """A gain, a zero or a load of one run, or another arm."""
+    def judge_numbers(self) -> list[Cause]:
+        """List the gains, zeros and loads of one suspect that explain the runs, and
+        another arm."""
         causes = []
         for number in self.suspects:
             run = self.runs[number]
-            causes.append(self.cause(Difference(run=number, kind="another arm")))
-            arm = self.arm_of_others(number)
-            for kind, joint, columns in _changes(run.log, run.repair, arm):
-                number_of = Difference(
+            causes.append(self.judge(Difference(run=number, kind="another arm")))
+            arm = self.fit_other_runs(number)
+            for kind, joint, columns in _list_numbers(run.log, run.repair, arm):
+                difference = Difference(
                     run=number,
                     kind=kind,
                     joint=joint,
                     columns=columns,
                 )
-                causes.append(self.cause(number_of))
+                causes.append(self.judge(difference))
         return [cause for cause in causes if cause is not None]
 
-    def faults(self, proposals: Proposals) -> list[Cause]:
-        """Faults of one run's log alone, which are repaired before what all runs
-        have in common."""
+    def judge_faults(self, proposals: Proposals) -> list[Cause]:
+        """List the proposed faults of one suspect's log alone, with how well each
+        explains the runs."""
         causes = []
         for number in self.suspects:
             for fault, repair in proposals(number):
@@ -344,28 +418,46 @@ class RunComparison:
                     fault=fault,
                     repair=repair,
                 )
-                causes.append(self.cause(difference))
+                causes.append(self.judge(difference))
         return [cause for cause in causes if cause is not None]
 
-    def best_cause(self, proposals: Proposals | None = None) -> Cause | None:
-        """What explains the difference best on parts left out; a fault of the log only
-        by the odds against one, or None where nothing predicts it."""
-        best = max(self.numbers(), key=lambda cause: cause.gain)
+    def find_best_cause(self, proposals: Proposals | None = None) -> Cause | None:
+        """Return the difference of one run that best explains parts left out.
+
+        Parameters
+        ----------
+        proposals : callable, optional
+            Faults that a run's log may have, by the run's number. A fault is preferred
+            to a number only if it is better by the prior odds against a fault.
+
+        Returns
+        -------
+        Cause or None
+            None where no difference predicts parts left out clearly.
+        """
+        best = max(self.judge_numbers(), key=lambda cause: cause.gain)
+        n_parts = 2.0 * c.PARTS  # of both suspects
         if proposals is not None:
-            odds = 2.0 * c.PARTS * c.ODDS / self.samples
-            faults = [x for x in self.faults(proposals) if x.gain > best.gain + odds]
+            # The odds as a sum over parts of the logarithm of the squared residual.
+            odds = n_parts * c.ODDS / self.samples_per_run
+            faults = [
+                cause
+                for cause in self.judge_faults(proposals)
+                if cause.gain > best.gain + odds
+            ]
             best = _simplest(faults, odds) if faults else best
-        evidence = 0.5 * self.samples * best.gain / (2.0 * c.PARTS)
-        is_clear = best.clearness >= c.SIGMAS and evidence >= 3.0 * c.ODDS
+        log_likelihood = 0.5 * self.samples_per_run * best.gain / n_parts
+        is_likely = log_likelihood >= _ODDS_OF_A_DIFFERENCE
+        is_clear = best.clearness >= c.SIGMAS and is_likely
         # Friction that the model lacks differs from run to run, as another arm does.
-        is_unspecific = best.difference.is_another_arm and self.times < c.TIMES
+        is_unspecific = best.difference.is_another_arm and self.error_ratio < c.TIMES
         if not is_clear or is_unspecific:
             return None
-        return self._of_the_heavier_run(best)
+        return self._in_the_heavier_run(best)
 
-    def _of_the_heavier_run(self, cause: Cause) -> Cause:
-        """Of two runs, the load that one carries more, not the one that the other lacks;
-        any other cause as it is."""
+    def _in_the_heavier_run(self, cause: Cause) -> Cause:
+        """Return a load of one of two runs as that of the run that carries more: a load
+        that one lacks is one that the other carries. Any other cause stays as it is."""
         is_lack = cause.difference.kind == "another load" and cause.size < 0.0
         if not is_lack or len(self.runs) != 2:
             return cause
@@ -376,32 +468,17 @@ class RunComparison:
     def _reason(self) -> str:
         """By how much one arm for all runs is worse, in words."""
         one_arm = "one arm for all runs explains a joint"
-        by_excess = float(np.exp(0.5 * self.excess.max()))
-        if by_excess > self.times_of_worst_joint:
+        by_excess = self.largest_excess_ratio
+        if by_excess > self.worst_error_ratio:
             return f"{one_arm} {by_excess:.2g} times worse in one run than in another"
-        return (
-            f"{one_arm} {self.times_of_worst_joint:.2g} times worse than one for each"
-        )
+        return f"{one_arm} {self.worst_error_ratio:.2g} times worse than one for each"
 
     def issue(self, cause: Cause) -> Issue:
-        """The cause in words."""
+        """Return the issue that tells the user what is different in one run."""
         difference = cause.difference
         run = self.runs[difference.run]
-        unit = run.log.problem.robot.position_units[difference.joint]
-        distance = f"{-cause.size:.2g} {unit}"
-        if unit == "rad":
-            distance = f"{np.degrees(-cause.size):.2g} degrees"
-        x = 1.0 + cause.size if difference.kind == "torque gain" else cause.size
-        names = {
-            "run": run.name,
-            "j": difference.joint + 1,
-            "x": x,
-            "weight": "lighter" if cause.size < 0.0 else "heavier",
-        }
         if difference.fault is None:
-            words, remedy = _WORDS[difference.kind]
-            what = words.format(**names, distance=distance, unit=unit)
-            remedy = remedy.format(**names, unit=unit)
+            what, remedy = self._words_of_number(cause)
             joints = [] if difference.joint < 0 else [difference.joint]
         else:
             what = f"in {run.name} only: {difference.fault.what.rstrip('.')}"
@@ -415,10 +492,10 @@ class RunComparison:
             certainty=f"likely: {self._reason}",
             remedy=remedy,
             figures={
-                "joints": [k + 1 for k in joints],
+                "joints": [joint + 1 for joint in joints],
                 "run": run.name,
                 "size": cause.size,
-                "times": self.times,
+                "times": self.error_ratio,
             },
             nature=EXPLANATION,
             repair=None if difference.repair is None else difference.repair.apply,
@@ -426,72 +503,114 @@ class RunComparison:
             equivalents=cause.equivalents,
         )
 
+    def _words_of_number(self, cause: Cause) -> tuple[str, str]:
+        """What is different in a run whose gain, zero, load or arm is another one, and
+        the remedy."""
+        difference = cause.difference
+        run = self.runs[difference.run]
+        unit = run.log.problem.robot.position_units[difference.joint]
+        distance = f"{-cause.size:.2g} {unit}"
+        if unit == "rad":
+            distance = f"{np.degrees(-cause.size):.2g} degrees"
+        # A gain's size counts from one.
+        is_gain = difference.kind == "torque gain"
+        entries = {
+            "run": run.name,
+            "j": difference.joint + 1,
+            "x": 1.0 + cause.size if is_gain else cause.size,
+            "unit": unit,
+            "distance": distance,
+            "weight": "lighter" if cause.size < 0.0 else "heavier",
+        }
+        what, remedy = _WORDS[difference.kind]
+        return what.format(**entries), remedy.format(**entries)
+
 
 def _simplest(faults: Sequence[Cause], odds: float) -> Cause:
-    """The fault that explains most; of those that explain the same one of the torques
-    comes before one of the positions. The others are its equivalents."""
+    """Return the fault that explains most.
+
+    Faults whose gains differ by less than the prior odds explain the same: a fault of
+    the torques comes before one of the positions, and the others become equivalents.
+    """
     largest = max(cause.gain for cause in faults)
     tied = [cause for cause in faults if cause.gain > largest - odds]
-    tied = sorted(
-        tied, key=lambda cause: not cause.difference.kind.startswith("torque")
-    )
-    words = tuple(
-        cause.difference.fault.what for cause in tied[1:] if cause.difference.fault
-    )
-    return replace(tied[0], equivalents=words)
+    of_torques = [x for x in tied if x.difference.kind.startswith("torque")]
+    of_others = [x for x in tied if not x.difference.kind.startswith("torque")]
+    first, *others = of_torques + of_others
+    words = tuple(x.difference.fault.what for x in others if x.difference.fault)
+    return replace(first, equivalents=words)
 
 
 def compare_runs(
     runs: Sequence[RunLog], worse: float = 1.0
 ) -> Iterator[tuple[int, Issue]]:
-    """Where the arm of a run is not that of the others.
+    """Yield where the arm of a run is not that of the other runs.
 
     Parameters
     ----------
     runs : sequence of RunLog
-        Their rows and repairs; of a single one nothing is said.
+        Their rows and repairs; of a single run nothing is yielded.
     worse : float
-        Only where one arm for all explains them so many times worse than one for each.
+        Least ratio of the residual under one arm for all runs to that under one arm
+        for each run [-].
 
-    Returns
-    -------
-    iterator of (int, Issue)
-        The number of the run, and what is different in it.
+    Yields
+    ------
+    (int, Issue)
+        The number of the run from 0, and what is different in it.
     """
     if len(runs) < 2:
         return
     comparison = RunComparison(runs)
-    if not comparison.differs(worse):
+    if not comparison.is_one_arm_worse(worse):
         return
-    cause = comparison.best_cause()
+    cause = comparison.find_best_cause()
     if cause is not None:
         yield cause.difference.run, comparison.issue(cause)
 
 
 def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """Two stretches of a log that are not one arm's, as two runs: a load picked up, or
-    two arms' logs in one file.
+    """Yield an issue where two stretches of one log are not of one arm: a load was
+    picked up, or the file holds the logs of two arms.
 
-    Each stretch has offsets of its own, so that of a step in a torque alone nothing is
-    left.
+    The two stretches are compared as two runs are. Each has torque offsets of its own,
+    so that a mere step in a torque is no difference.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the run.
+    repair : LogTransform
+        What is repaired in all runs.
+
+    Yields
+    ------
+    Issue
+        At the instant that parts the log.
     """
-    laws = tuple(e for e in repair.events if not isinstance(e.at, float))
+    # Drifts and steps (events at an instant or over the log) would hide the change.
+    laws = tuple(event for event in repair.events if not isinstance(event.at, float))
     repair = replace(repair, events=laws)
-    # Each of the two has parts of its own, that are left out.
+    # Each of the two stretches has PARTS parts of its own that are left out in turn.
     too_few = log.data.count < 4 * c.PARTS
-    if laws or too_few or log.spare <= 0.0:
+    if laws or too_few or log.spare_share <= 0.0:
         return
-    if log.score(repair).mean_share > c.UNRELATED:
+    if log.fit(repair).mean_unexplained_share > c.UNRELATED:
         return
     row = _likeliest_cut(log, repair)
     t = float(log.data.motion.t[row])
-    before = RunLog(log.some(slice(row)), repair, f"the part before t = {t:.4g} s")
+    before = RunLog(
+        log.select_rows(slice(row)),
+        repair,
+        f"the part before t = {t:.4g} s",
+    )
     after = RunLog(
-        log.some(slice(row, None)),
+        log.select_rows(slice(row, None)),
         repair,
         f"the part from t = {t:.4g} s on",
     )
-    # Within a log, friction changes as well.
+    # Within a log friction changes as well: the arms have to differ by more than
+    # those of two runs.
     for _, issue in compare_runs([before, after], c.TIMES**0.5):
         place = f"t = {t:.4g} s"
         if issue.figures["joints"]:
@@ -506,85 +625,121 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
 
 
 def _likeliest_cut(log: Likelihood, repair: LogTransform) -> int:
-    """The row that parts the log into two which an arm for each explains best; neither
-    is short."""
-    parts, n_own = log.parts(repair, 2 * c.PARTS)
-    cuts = range(3, len(parts) - 2)
-    sums = np.array(
-        [
-            [
-                parts[:cut].sum(axis=0),
-                parts[cut:].sum(axis=0),
-            ]
-            for cut in cuts
-        ]
-    )
-    left = NormalEquations.of(sums, n_own).fitted(log.moving)[1].sum(axis=1)
-    losses = np.log(left[:, log.moving]).sum(axis=1)
-    return cuts[int(np.argmin(losses))] * log.data.count // len(parts)
+    """Return the row at which to cut a log so that one arm for each of the two
+    stretches explains it best.
+
+    Cuts lie between sixteenths of the log; neither stretch is shorter than three.
+    """
+    grams, n_own = log.gram_matrices(repair, 2 * c.PARTS)  # (16, n, w, w)
+    n_parts = len(grams)
+    cuts = range(3, n_parts - 2)
+    # Gram matrices add: those of a stretch are the sum over its parts.
+    stretches = [[grams[:k].sum(axis=0), grams[k:].sum(axis=0)] for k in cuts]
+    equations = NormalEquations.of(np.array(stretches), n_own)
+    _, energy_left = equations.fitted(log.moving)  # (cuts, 2, n)
+    of_cuts = energy_left.sum(axis=1)
+    losses = np.log(of_cuts[:, log.moving]).sum(axis=1)
+    best = cuts[int(np.argmin(losses))]
+    return best * log.data.count // n_parts
 
 
 def _with_events(repair: LogTransform, events: Sequence[LogEvent]) -> LogTransform:
-    """With more events, none of them twice."""
-    return replace(repair, events=tuple(dict.fromkeys((*repair.events, *events))))
+    """Return a repair with more events, none of them twice."""
+    all_events = dict.fromkeys((*repair.events, *events))
+    return replace(repair, events=tuple(all_events))
 
 
 def _first(normal: Normal) -> Normal:
-    """The normal equations of the one part of a log (1, ...)."""
-    return normal[0][0], normal[1][0]
+    """Normal equations (s, s), (s,) from those of a log of a single part (1, s, s),
+    (1, s)."""
+    gram, cross = normal
+    return gram[0], cross[0]
 
 
-def _sum(normals: Sequence[Normal | None]) -> Normal | None:
-    """Those that there are, added; None where there is none."""
+def _sum_of_normal_equations(normals: Sequence[Normal | None]) -> Normal | None:
+    """Sum normal equations (s, s), (s,) of several runs, without those that are None;
+    None where all are."""
     known = [normal for normal in normals if normal is not None]
     if not known:
         return None
-    gram = np.sum([normal[0] for normal in known], axis=0)
-    return gram, np.sum([normal[1] for normal in known], axis=0)
+    gram = np.sum([gram for gram, _ in known], axis=0)
+    cross = np.sum([cross for _, cross in known], axis=0)
+    return gram, cross
 
 
-def _without_last(normal: Normal, s: int) -> Normal:
-    """Normal equations with all unknowns but the first s projected out."""
+def _project_out_last(normal: Normal, n_first: int) -> Normal:
+    """Project all unknowns but the first ``n_first`` out of normal equations.
+
+    It is the Schur complement of the last unknowns' block, of gram matrix and right
+    side.
+    """
     gram, cross = normal
+    s = n_first
     if len(cross) == s:
         return normal
+    last_block = gram[s:, s:]
     right = np.concatenate([gram[s:, :s], cross[s:, None]], axis=1)
-    taken = gram[:s, s:] @ solve(gram[s:, s:], right)
+    taken = gram[:s, s:] @ solve(last_block, right)
     return gram[:s, :s] - taken[:, :s], cross[:s] - taken[:, s]
 
 
-def _can_be(log: Likelihood, difference: Difference, x: float) -> bool:
-    """Whether a number that is different in a run is of a size that it can have: a gain
-    is positive, a zero within a part of a turn, a load less than the arm."""
+def _is_possible(log: Likelihood, difference: Difference, size: float) -> bool:
+    """Whether a number that differs in one run has a size that it can have.
+
+    size : a gain less one [-], a zero [rad, m] or a load [kg]. A gain is that of a
+    drive, a zero is less than half a radian or than the joint's reach, a load is
+    lighter than the arm.
+    """
     if difference.kind == "torque gain":
-        return 0.2 < 1.0 + x < 5.0
+        smallest, largest = _POSSIBLE_GAINS
+        return smallest < 1.0 + size < largest
     if difference.kind == "encoder offset":
         joint = difference.joint
-        turns = joint in log.revolute
-        return abs(x) < (0.5 if turns else log.problem.robot.link_reach()[joint])
+        if joint in log.revolute:
+            return abs(size) < _LARGEST_ZERO_SHIFT_RAD
+        return bool(abs(size) < log.problem.robot.link_reach()[joint])
     masses = log.problem.nominal_links[:, 0]
-    return bool(abs(x) < max(float(masses.sum()), 1.0))
+    heaviest = max(float(masses.sum()), 1.0)  # a kilogram where masses are unknown
+    return bool(abs(size) < heaviest)
 
 
-def _changes(
+def _list_numbers(
     log: Likelihood,
     repair: LogTransform,
     theta: Array,
 ) -> Iterator[tuple[str, int, Array]]:
-    """Kind, joint and columns (n, M, r) of what may be different in a run, beside an
-    arm's torque; theta : (s,) the arm's parameters."""
-    torque = log.raw(repair) @ theta
+    """Yield the numbers that may differ in one run: each joint's torque gain and
+    encoder zero, and the load on the last link.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the run.
+    repair : LogTransform
+        Its repair.
+    theta : (s,) array
+        Parameters of the arm of the other runs.
+
+    Yields
+    ------
+    (str, int, (n, M, r) array)
+        Kind of difference, joint from 0, and torque of the run's joints per unit of
+        the number: of a gain less one, of a zero [rad, m], of the ten parameters of the
+        load.
+    """
+    torque = log.raw(repair) @ theta  # (n, M), of the arm
     residual = log.unexplained(repair, theta)
-    for j in log.joints:
-        only_j = np.eye(log.n)[j][:, None]
-        yield "torque gain", j, (torque * only_j)[:, :, None]
+    for joint in log.joints:
+        is_joint = np.eye(log.n)[joint][:, None]
+        yield "torque gain", joint, (torque * is_joint)[:, :, None]
         shifted = repair.with_entries(
             "zero",
-            (j,),
-            repair.zero[j] + 0.01,
+            (joint,),
+            repair.zero[joint] + _ZERO_STEP,
         )
-        slope = (residual - log.unexplained(shifted, theta)) / 0.01
-        yield "encoder offset", j, slope[:, :, None]
+        slope = (residual - log.unexplained(shifted, theta)) / _ZERO_STEP
+        yield "encoder offset", joint, slope[:, :, None]
     if log.data.shared is not None:
-        last = log.columns(repair.of_arm)[:, :, log.data.shared.rigid_indices[-10:]]
-        yield "another load", log.n - 1, log.filter_gain(repair)[:, :, None] * last
+        of_last_link = log.data.shared.rigid_indices[-_PARAMETERS_PER_LINK:]
+        columns = log.columns(repair.arm_part)[:, :, of_last_link]
+        yield "another load", log.n - 1, log.torque_mask(repair)[:, :, None] * columns

@@ -16,7 +16,11 @@ from sdp_vs_penalty.robot.plausible_units import LinkSizes, odd_units
 
 
 def problem_units(problem: Problem) -> Iterator[Issue]:
-    """A warning where the links of the problem are of another unit than SI."""
+    """Yield a warning for each quantity of the problem's links that is in another unit
+    than SI: lengths in millimetres, masses in grams, inertias times 1e6.
+
+    Nothing is yielded where the links are guesses of ours.
+    """
     if np.all(problem.guessed_links):
         return
     robot = problem.robot
@@ -27,16 +31,11 @@ def problem_units(problem: Problem) -> Iterator[Issue]:
         mass = float(link[0])
         com = link[1:4] / nonzero_or_one(mass)
         about_frame = inertia_matrix(link[4:])
+        # Steiner's theorem.
         about_com = about_frame - mass * (com @ com * np.eye(3) - np.outer(com, com))
-        largest = float(np.linalg.eigvalsh(about_com)[-1])
-        sizes.append(
-            LinkSizes(
-                name,
-                mass,
-                float(np.linalg.norm(com)),
-                largest,
-            )
-        )
+        largest_inertia = float(np.linalg.eigvalsh(about_com)[-1])
+        distance = float(np.linalg.norm(com))
+        sizes.append(LinkSizes(name, mass, distance, largest_inertia))
     for unit in odd_units(sizes, max(steps)):
         yield Issue(
             kind="units of the problem",

@@ -33,9 +33,18 @@ from sdp_vs_penalty.signals.kernels import Decimator
 from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter, no_rows
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, split_at_gaps
 
+#: Time between the end of a log and the next one's begin, put together as one log.
+_SECONDS_BETWEEN_LOGS = 1.0
+
 
 def _bristles(motion: Motion, travels: Sequence[float]) -> list[Array]:
-    return [np.column_stack([dahl(q, d) for q in motion.q.T]) for d in travels]
+    """Return a column (N, n) of Dahl friction, of unit size, for each travel [rad or m]
+    over which the bristles bend before they slide."""
+    columns = []
+    for travel in travels:
+        of_joints = [dahl(q, travel) for q in motion.q.T]
+        columns.append(np.column_stack(of_joints))
+    return columns
 
 
 #: Laws of a joint that arms have and models lack, (N, n) columns by its motion: as
@@ -50,14 +59,15 @@ LAWS: dict[str, Callable[[Motion], list[Array]]] = {
 
 @dataclass(frozen=True)
 class RegressionData:
-    """At M instants of one log at which the arm moves.
+    """M rows of one log at which the arm moves, of n joints, low-passed.
 
-    motion : (M, n) low-passed states; torque : (n,) low-passed channels, a spline over
-    time; own_columns : (n, M, k) columns that each joint's own motion makes; laws : those of
-    LAWS, as many; heard : (M, n) 1 where a joint slides, 0 where its torque is not
-    asked; moving : (n,); shared : the effects whose columns joints share, independent :
-    which of these say all that the others do, however the arm is mounted; largest :
-    (n,) sizes that the channels reach; cutoff : of the low-pass [Hz].
+    shared : effects whose columns joints share (links, couplings); independent : which
+    of their columns span all of them, however the arm is mounted; motion : states
+    (M, n); torque : the n channels as splines over time; own_columns (n, M, k) : columns
+    that a joint's own motion makes (friction, rotor, offset); laws : by name the columns
+    (n, M, r) of LAWS; torque_mask (M, n) : 1 where a joint slides, 0 where its torque is
+    not used; moving (n,) : whether a joint moves; largest (n,) : largest absolute value
+    of each raw channel; cutoff : of the low-pass [Hz].
     """
 
     shared: Model | None
@@ -66,63 +76,70 @@ class RegressionData:
     torque: scipy.interpolate.CubicSpline
     own_columns: Array
     laws: dict[str, Array]
-    heard: Array
+    torque_mask: Array
     moving: NDArray[np.bool_]
     largest: Array
     cutoff: float
 
     @property
     def count(self) -> int:
+        """Number M of rows."""
         return len(self.motion.t)
 
-    def some(self, rows: slice) -> RegressionData:
-        """The same at some of the instants."""
-        motion = self.motion.part(rows)
-        own_columns = self.own_columns[:, rows]
-        laws = {name: x[:, rows] for name, x in self.laws.items()}
+    def select_rows(self, rows: slice) -> RegressionData:
+        """Return the data of a slice of the rows."""
+        laws = {name: columns[:, rows] for name, columns in self.laws.items()}
         return replace(
             self,
-            motion=motion,
-            own_columns=own_columns,
+            motion=self.motion.part(rows),
+            own_columns=self.own_columns[:, rows],
             laws=laws,
-            heard=self.heard[rows],
+            torque_mask=self.torque_mask[rows],
         )
 
     def with_laws(self, torque: Array) -> RegressionData:
-        """With LAWS, and friction that a torque (M, n) bears, among the own columns."""
+        """Return the data with more own columns: LAWS, and Coulomb friction that is
+        proportional to the size of a torque (M, n) [N m or N]."""
         load = np.abs(torque)
-        borne = [
-            (load * np.tanh(self.motion.dq / width)).T for width in COULOMB_WIDTHS[:2]
+        sharp_widths = COULOMB_WIDTHS[:2]
+        load_friction = [
+            (load * np.tanh(self.motion.dq / width)).T for width in sharp_widths
         ]
         columns = [
             self.own_columns,
-            np.stack(borne, axis=2),
+            np.stack(load_friction, axis=2),
             *self.laws.values(),
         ]
         return replace(self, own_columns=np.concatenate(columns, axis=2))
 
     @classmethod
-    def together(cls, logs: Sequence[RegressionData]) -> RegressionData:
-        """Rows of several logs, one after the other, as of one log.
+    def concatenate(cls, logs: Sequence[RegressionData]) -> RegressionData:
+        """Put the rows of several logs one after the other, as rows of one log.
 
         Parameters
         ----------
         logs : sequence of RegressionData
-            Of one problem.
+            Of one robot and one logger.
 
         Returns
         -------
         RegressionData
-            With ROWS rows at most. Each log's clock begins a second after the end of the
-            one before; each has a constant of its own, the zeros of its torques.
+            With about as many rows as one log: of L logs every L-th row. Each log's clock
+            begins a second after the end of the log before. Each log has an offset of
+            its torques of its own, as further own columns.
         """
-        thinned = [log.some(slice(None, None, len(logs))) for log in logs]
-        shifts = _shifts_one_after_the_other(thinned)
-        moved = [log.later(shift) for log, shift in zip(thinned, shifts, strict=True)]
+        n_logs = len(logs)
+        every = slice(None, None, n_logs)
+        thinned = [log.select_rows(every) for log in logs]
+        shifts = _seconds_to_follow_each_other(thinned)
+        moved = [
+            log.with_later_clock(shift)
+            for log, shift in zip(thinned, shifts, strict=True)
+        ]
         own_columns = []
-        for k, log in enumerate(moved):
-            zeros = _zeros_of_runs(log, k, len(logs))
-            own_columns.append(np.concatenate([log.own_columns, zeros], axis=2))
+        for number, log in enumerate(moved):
+            offsets = _offset_columns(log, number, n_logs)
+            own_columns.append(np.concatenate([log.own_columns, offsets], axis=2))
         laws = {}
         for name in logs[0].laws:
             laws[name] = np.concatenate([log.laws[name] for log in moved], axis=1)
@@ -132,14 +149,14 @@ class RegressionData:
             torque=_one_spline([log.torque for log in moved]),
             own_columns=np.concatenate(own_columns, axis=1),
             laws=laws,
-            heard=np.concatenate([log.heard * log.moving for log in moved]),
+            torque_mask=np.concatenate([log.torque_mask * log.moving for log in moved]),
             moving=np.any([log.moving for log in logs], axis=0),
             largest=np.max([log.largest for log in logs], axis=0),
             cutoff=min(log.cutoff for log in logs),
         )
 
-    def later(self, seconds: float) -> RegressionData:
-        """The same, so much later [s]."""
+    def with_later_clock(self, seconds: float) -> RegressionData:
+        """Return the data with the clock of motion and torque put forward [s]."""
         torque = scipy.interpolate.CubicSpline(
             self.torque.x + seconds, self.torque(self.torque.x)
         )
@@ -153,7 +170,21 @@ class RegressionData:
         run: Measurements,
         settings: Preprocessing,
     ) -> RegressionData:
-        """The rows of one run, filtered by ``settings``, which are resolved.
+        """Choose the rows of one run and filter them as an identification does.
+
+        Parameters
+        ----------
+        problem : Problem
+            Of the robot that was logged.
+        run : Measurements
+            A single run.
+        settings : Preprocessing
+            Filters, resolved: their cutoff frequencies are numbers.
+
+        Returns
+        -------
+        RegressionData
+            With ROWS rows at most.
 
         Raises
         ------
@@ -163,26 +194,27 @@ class RegressionData:
         """
 
         assert settings.torque_cutoff is not None
-        # As much of the band as the rows can hold, each row independent of the next.
-        band = ROWS / (2.0 * max(float(run.t[-1] - run.t[0]), 1e-9))
-        cutoff = min(settings.torque_cutoff, band)
+        # Rows are independent of each other up to half their rate (Nyquist).
+        seconds = max(float(run.t[-1] - run.t[0]), 1e-9)
+        half_rate_of_rows = ROWS / (2.0 * seconds)  # [Hz]
+        cutoff = min(settings.torque_cutoff, half_rate_of_rows)
         filters = RunFilter(run, replace(settings, torque_cutoff=cutoff))
         frictions, shared = split(problem.model())
         pieces = []
         times = []
         torques = []
         for part, rows in _chosen_rows(run, filters):
-            pieces.append(_piece(filters, part, rows, frictions))
+            pieces.append(_filter_stretch(filters, part, rows, frictions))
             half = filters.column.half
             grid = np.arange(half, part.count - half, filters.stride)
             times.append(part.clock(grid))
             torques.append(filters.torque(part, grid))
         motion = joined([states for states, _ in pieces])
-        # A joint moves if its channel is not dead.
+        # A joint whose torque channel is dead counts as one that does not move.
         moving = moving_joints(run) & (np.ptp(run.tau, axis=0) > 0.0)
         speeds = np.sqrt(np.mean(motion.dq**2, axis=0))
         slides = np.abs(motion.dq) > SLIDES * speeds
-        # Where all have stopped nothing is asked of any joint.
+        # Rows at which no joint slides say nothing.
         rows = np.flatnonzero(np.any(slides[:, moving], axis=1))
         if not len(rows):
             what = "no joint both moves and has a torque that changes"
@@ -201,7 +233,7 @@ class RegressionData:
             ),
             own_columns=own_columns,
             laws=laws,
-            heard=slides[rows].astype(float),
+            torque_mask=slides[rows].astype(float),
             moving=moving,
             largest=np.abs(run.tau).max(axis=0),
             cutoff=cutoff,
@@ -211,38 +243,47 @@ class RegressionData:
 def _one_spline(
     torques: Sequence[scipy.interpolate.CubicSpline],
 ) -> scipy.interpolate.CubicSpline:
-    """One spline through the knots of several, which follow each other."""
+    """Return one spline through the knots of several splines, whose times follow each
+    other."""
     times = np.concatenate([torque.x for torque in torques])
     values = np.concatenate([torque(torque.x) for torque in torques])
     return scipy.interpolate.CubicSpline(times, values)
 
 
-def _shifts_one_after_the_other(logs: Sequence[RegressionData]) -> list[float]:
-    """By how much [s] the clock of each log is moved, to begin a second after the log
-    before."""
+def _seconds_to_follow_each_other(logs: Sequence[RegressionData]) -> list[float]:
+    """List the time [s] to add to the clock of each log, so that it begins a second
+    after the end of the log before; the first begins at 0."""
     shifts = []
     begin = 0.0
     for log in logs:
         first = min(float(log.motion.t[0]), float(log.torque.x[0]))
         last = max(float(log.motion.t[-1]), float(log.torque.x[-1]))
         shifts.append(begin - first)
-        begin += last - first + 1.0
+        begin += last - first + _SECONDS_BETWEEN_LOGS
     return shifts
 
 
-def _zeros_of_runs(log: RegressionData, number: int, n_logs: int) -> Array:
-    """(n, M, n_logs - 1) a column for each log but the first: one in this log's."""
-    zeros = np.zeros((*log.own_columns.shape[:2], n_logs - 1))
-    if number:
-        zeros[:, :, number - 1] = 1.0
-    return zeros
+def _offset_columns(log: RegressionData, number: int, n_logs: int) -> Array:
+    """Return the columns (n, M, n_logs - 1) of the torque offsets of all logs but the
+    first, at the rows of log ``number``: 1 in its own column, 0 in the others.
+
+    The offset of the first log is an own column of every log.
+    """
+    columns = np.zeros((*log.own_columns.shape[:2], n_logs - 1))
+    if number > 0:
+        columns[:, :, number - 1] = 1.0
+    return columns
 
 
 def _chosen_rows(
     run: Measurements, filters: RunFilter
 ) -> list[tuple[Stretch, NDArray[np.int64]]]:
-    """Rows of each stretch without gaps in which the arm moves, ROWS in all, evenly
-    spread. Raises InputError where the filters leave none."""
+    """List the stretches without gaps, and of each the numbers of rows at which the arm
+    moves: ROWS rows in all, evenly spread.
+
+    Raises InputError where the filters leave no row: near the ends of a stretch they need
+    a margin.
+    """
     margin = filters.state.half + filters.column.half
     places = []
     for part in split_at_gaps(run):
@@ -260,35 +301,34 @@ def _chosen_rows(
     return chosen
 
 
-def _piece(
+def _filter_stretch(
     filters: RunFilter,
     part: Stretch,
     at: NDArray[np.int64],
     frictions: Sequence[JointEffect],
 ) -> tuple[Motion, Array]:
-    """States and own columns (n, M, k) at some rows of one stretch."""
+    """Return the low-passed states and own columns (n, M, k) of a stretch without gaps,
+    at its rows ``at`` (M,).
+
+    Columns are made of the motion at every ``stride``-th row, and then low-passed as the
+    torque is.
+    """
     half = filters.coarse.half
     reach = filters.stride * half
-    dense = filters.motion(
-        part,
-        at[0] - reach,
-        at[-1] + reach,
-    )
-    # Off the column grid by at most half a step: both sides of the relation alike would
-    # cost more.
+    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
+    # Rows of the dense grid nearest to ``at``: off by at most half a step, which motion
+    # and columns share.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
-    local = np.clip(
-        local,
-        half,
-        len(dense.t) - 1 - half,
-    )
+    local = np.clip(local, half, len(dense.t) - 1 - half)
     low_pass = Decimator(filters.coarse, local)
     columns = [(low_pass @ column).T for column in _own_columns(dense, frictions)]
     return dense.part(local), np.stack(columns, axis=2)
 
 
 def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array]:
-    """(N, n) each: a rotor, an offset, what resists the motion, and LAWS at last."""
+    """List the columns (N, n) that each joint's own motion makes, for parameters of
+    that joint alone: a rotor's inertia, a torque offset, viscous friction, the model's
+    frictions, Coulomb friction of several widths, gear bristles; LAWS come last."""
     columns = [
         motion.ddq,
         np.ones_like(motion.q),
@@ -305,21 +345,27 @@ def _own_columns(motion: Motion, frictions: Sequence[JointEffect]) -> list[Array
 
 
 def _without_laws(columns: Array, motion: Motion) -> tuple[Array, dict[str, Array]]:
-    """Own columns (n, M, k), and those of LAWS, which are the last of them."""
+    """Split own columns (n, M, k) into those without LAWS and, by name, those of LAWS,
+    which come last."""
     laws: dict[str, Array] = {}
     for name, law in reversed(LAWS.items()):
         n_columns = len(law(motion))
-        columns, laws[name] = np.split(
-            columns,
-            [-n_columns],
-            axis=2,
-        )
+        laws[name] = columns[:, :, -n_columns:]
+        columns = columns[:, :, :-n_columns]
     return columns, laws
 
 
 def split(model: Model) -> tuple[list[JointEffect], Model | None]:
-    """Frictions of every joint by its own motion; the model without all that has one
-    column on every joint, made by that joint's motion: the links, couplings."""
+    """Split a model into frictions of single joints and what joints share.
+
+    Returns
+    -------
+    list of JointEffect
+        Frictions that act on every joint by its own motion.
+    Model or None
+        The links and couplings: the model without effects that every joint has by its
+        own motion; None where nothing remains.
+    """
     all_joints = list(range(model.robot.n))
     of_joints = [
         effect
@@ -332,7 +378,7 @@ def split(model: Model) -> tuple[list[JointEffect], Model | None]:
 
 
 def on_robot(model: Model, robot: Robot) -> Model:
-    """The same effects of another robot."""
+    """Return a model with the same effects of another robot."""
     effects = [
         type(effect)(robot, effect.asked_joints, **effect.shape)
         for effect in model.effects
@@ -341,8 +387,12 @@ def on_robot(model: Model, robot: Robot) -> Model:
 
 
 def _independent(shared: Model | None) -> tuple[int, ...]:
-    """The columns that lead the base parameters under a gravity along none of the arm's
-    axes."""
+    """Return the numbers of s columns of the shared effects that span all of them: one
+    for each base parameter.
+
+    They are found for random states under a random direction of gravity, so that they
+    span the columns however the arm is mounted.
+    """
     if shared is None:
         return ()
     gravity = tuple(np.random.default_rng(0).normal(size=3).tolist())

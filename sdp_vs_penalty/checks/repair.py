@@ -30,26 +30,40 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class LogEvent:
-    """What one joint's torque has beside the arm's: a drift over the whole log, a step
-    at a time ``at`` [s], or a law of its own motion, by name."""
+    """A torque of one joint that is not the arm's.
+
+    at : None for a linear drift over the whole log; a time [s] for a step; the name of a
+    law of the joint's own motion ("a spring").
+    """
 
     joint: int
     at: float | str | None = None
 
     def shape(self, t: Array) -> Array:
-        """(N, 1) of which a drift or a step is a multiple, at instants t [s]."""
+        """Return the column (N, 1) of unit size at instants t (N,) [s]: a ramp from 0 to
+        1 for a drift, 0 before a step and 1 after it."""
         assert not isinstance(self.at, str)  # laws are columns of the data
-        ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
-        return np.asarray(ramp if self.at is None else (t > self.at) * 1.0)[:, None]
+        if self.at is None:
+            ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
+            return np.asarray(ramp)[:, None]
+        is_after = t > self.at
+        return np.asarray(is_after * 1.0)[:, None]
 
 
 @dataclass(frozen=True)
 class LogTransform:
-    """See the module; all tuples have an entry a joint. gravity : [m/s^2] in the base
-    frame; ``lacks``, the share of the arm's weight that each torque channel lacks, and
-    ``longer`` [m], how much farther a joint is from the one before than the problem
-    says: what a model has to assume, no change of the log; ``bend`` of a repaired file
-    stays as it is."""
+    """What is done to a log, and what its model has to assume; one entry a joint.
+
+    Done to the log, as in the module's equations: order, tau_order : the channel that
+    each joint takes; scale, zero : of positions, q = scale q_raw + zero [rad, m]; gain :
+    of torques; lead, lag [s] : how much later a torque is, and the time constant of its
+    low-pass; rate, reversed : of the clock.
+
+    Assumed by the model: gravity [m/s^2] in the base frame; lacks : share of the arm's
+    weight that each torque lacks; longer [m] : how much farther a joint is from the one
+    before than the problem says; bend : largest torque over an amplifier's limit;
+    events : torques that are not the arm's.
+    """
 
     order: Order
     scale: Numbers
@@ -72,31 +86,31 @@ class LogTransform:
         n: int,
         gravity: tuple[float, ...],
     ) -> LogTransform:
-        """The repair that changes nothing of n joints under a gravity [m/s^2]."""
-        same = tuple(range(n))
-        one = (1.0,) * n
-        zero = (0.0,) * n
+        """Return the repair that changes nothing of n joints under a gravity [m/s^2]."""
+        in_order = tuple(range(n))
+        ones = (1.0,) * n
+        zeros = (0.0,) * n
         return cls(
-            same,
-            one,
-            zero,
-            same,
-            one,
-            zero,
-            zero,
-            gravity,
-            zero,
-            zero,
-            zero,
+            order=in_order,
+            scale=ones,
+            zero=zeros,
+            tau_order=in_order,
+            gain=ones,
+            lead=zeros,
+            lag=zeros,
+            gravity=gravity,
+            lacks=zeros,
+            longer=zeros,
+            bend=zeros,
         )
 
     @property
     def n(self) -> int:
-        """How many joints."""
+        """Number of joints."""
         return len(self.order)
 
     def with_rate(self, rate: float) -> LogTransform:
-        """This repair with true time running at ``rate`` times the file's."""
+        """Return the repair with true time running at ``rate`` times the file's."""
         return replace(self, rate=rate)
 
     def with_entries(
@@ -105,21 +119,25 @@ class LogTransform:
         joints: Sequence[int],
         value: Any,
     ) -> LogTransform:
-        """Some joints' entries of one of the tuples."""
+        """Return the repair with ``value`` as the entry of some joints (from 0) of the
+        field ``name``: ``with_entries("gain", [2], 0.5)``."""
         entries: Any = tuple(
-            value if j in joints else x for j, x in enumerate(getattr(self, name))
+            value if joint in joints else present
+            for joint, present in enumerate(getattr(self, name))
         )
         return replace(self, **{name: entries})
 
-    def times(
+    def with_multiplied(
         self,
         name: str,
         joints: Sequence[int],
         factor: float,
     ) -> LogTransform:
-        """Some joints' entries multiplied by a factor."""
+        """Return the repair with the entries of some joints (from 0) of the field
+        ``name`` multiplied by a factor."""
         entries: Any = tuple(
-            factor * x if j in joints else x for j, x in enumerate(getattr(self, name))
+            factor * present if joint in joints else present
+            for joint, present in enumerate(getattr(self, name))
         )
         return replace(self, **{name: entries})
 
@@ -129,94 +147,113 @@ class LogTransform:
         b: int,
         *names: str,
     ) -> LogTransform:
-        """The channels that joints a and b take, exchanged: of ``order``, ``tau_order``
-        or both."""
-        places = [b if j == a else a if j == b else j for j in range(self.n)]
-        swapped: dict[str, Any] = {
-            x: tuple(getattr(self, x)[k] for k in places) for x in names
-        }
+        """Return the repair with the channels that joints a and b take exchanged.
+
+        names : which channels: "order" (positions), "tau_order" (torques), or both.
+        """
+        places = [*range(self.n)]
+        places[a] = b
+        places[b] = a
+        swapped: dict[str, Any] = {}
+        for name in names:
+            channels = getattr(self, name)
+            swapped[name] = tuple(channels[place] for place in places)
         return replace(self, **swapped)
 
     def with_event(self, event: LogEvent) -> LogTransform:
-        """With one more event; itself where it has it."""
-        return (
-            self
-            if event in self.events
-            else replace(self, events=(*self.events, event))
-        )
+        """Return the repair with one more event; itself where it has this event."""
+        if event in self.events:
+            return self
+        return replace(self, events=(*self.events, event))
 
-    def without(self, event: LogEvent) -> LogTransform:
-        """But for an event."""
-        return replace(self, events=tuple(e for e in self.events if e != event))
+    def without_event(self, event: LogEvent) -> LogTransform:
+        """Return the repair without an event."""
+        others = tuple(other for other in self.events if other != event)
+        return replace(self, events=others)
 
     @cached_property
     def without_laws(self) -> LogTransform:
-        """But for the laws of joints' own motions."""
+        """The repair without the laws of joints' own motions; itself where it has
+        none."""
         others = tuple(e for e in self.events if not isinstance(e.at, str))
         return self if others == self.events else replace(self, events=others)
 
-    def changed(self, name: str) -> list[tuple[tuple[int, ...], float]]:
-        """Joints whose entry of a tuple is not zero, and the entry: all where it is
-        one."""
+    def list_nonzero(self, name: str) -> list[tuple[tuple[int, ...], float]]:
+        """List the entries of the field ``name`` that are not 0, each with its joints.
+
+        Returns
+        -------
+        list of (tuple of int, float)
+            Joints from 0, and their entry: all joints together where they have the same
+            entry, and else one joint at a time.
+        """
         values = getattr(self, name)
         if len(set(values)) == 1:
-            return [(tuple(range(self.n)), values[0])] if values[0] else []
-        return [((j,), x) for j, x in enumerate(values) if x]
+            all_joints = tuple(range(self.n))
+            return [(all_joints, values[0])] if values[0] else []
+        return [((joint,), value) for joint, value in enumerate(values) if value]
 
     @cached_property
-    def of_motion(self) -> LogTransform:
-        """Without what is done to the torque's channels alone, and whichever way time
-        runs."""
-        return self.reset("tau_order", "gain", "lead", "lag", "bend", "reversed")
-
-    @cached_property
-    def of_arm(self) -> LogTransform:
-        """What of it the columns depend on that joints share, with all of the arm's
-        weight."""
-        return self.of_motion.reset("lacks", "events")
-
-    def reset(self, *names: str) -> LogTransform:
-        """With these entries as a log has them that is right; itself where it is, as
-        most hypotheses."""
-        unchanged = LogTransform.unchanged(self.n, self.gravity)
-        right: dict[str, Any] = {name: getattr(unchanged, name) for name in names}
-        same = all(getattr(self, name) == value for name, value in right.items())
-        return self if same else replace(self, **right)
-
-    def then(self, later: LogTransform) -> LogTransform:
-        """This repair of a log's channels and clock, and another one of what it makes.
-
-        Everything but order, scale, zero, gain, delays and clock is the later one's.
-        """
-        order = later.order
-        tau_order = later.tau_order
-        scale = tuple(later.scale[j] * self.scale[k] for j, k in enumerate(order))
-        zero = tuple(
-            later.scale[j] * self.zero[k] + later.zero[j] for j, k in enumerate(order)
+    def motion_part(self) -> LogTransform:
+        """The repair without what changes only the torque channels, or the direction of
+        time: what the rows of a fit depend on."""
+        return self.with_defaults(
+            "tau_order", "gain", "lead", "lag", "bend", "reversed"
         )
-        gain = tuple(later.gain[j] * self.gain[k] for j, k in enumerate(tau_order))
+
+    @cached_property
+    def arm_part(self) -> LogTransform:
+        """The repair without events and missing weight as well: what the columns of the
+        shared parameters depend on."""
+        return self.motion_part.with_defaults("lacks", "events")
+
+    def with_defaults(self, *names: str) -> LogTransform:
+        """Return the repair with the named fields as in a log without a fault; itself
+        where they are so already (so that caches find it)."""
+        unchanged = LogTransform.unchanged(self.n, self.gravity)
+        defaults: dict[str, Any] = {name: getattr(unchanged, name) for name in names}
+        if all(getattr(self, name) == value for name, value in defaults.items()):
+            return self
+        return replace(self, **defaults)
+
+    def followed_by(self, later: LogTransform) -> LogTransform:
+        """Return the one repair that does this one first and ``later`` to its outcome.
+
+        Order, scale, zero, gain, delay and clock are composed; everything else is the
+        later one's.
+        """
+        # Joint j of the outcome takes channel k of this repair.
+        of_position = [*enumerate(later.order)]
+        of_torque = [*enumerate(later.tau_order)]
+        zero = tuple(
+            later.scale[j] * self.zero[k] + later.zero[j] for j, k in of_position
+        )
         return replace(
             later,
-            order=tuple(self.order[k] for k in order),
-            scale=scale,
+            order=tuple(self.order[k] for k in later.order),
+            scale=tuple(later.scale[j] * self.scale[k] for j, k in of_position),
             zero=zero,
-            tau_order=tuple(self.tau_order[k] for k in tau_order),
-            gain=gain,
-            lead=tuple(later.lead[j] + self.lead[k] for j, k in enumerate(tau_order)),
+            tau_order=tuple(self.tau_order[k] for k in later.tau_order),
+            gain=tuple(later.gain[j] * self.gain[k] for j, k in of_torque),
+            lead=tuple(later.lead[j] + self.lead[k] for j, k in of_torque),
             rate=later.rate * self.rate,
             reversed=later.reversed != self.reversed,
         )
 
     def positions(self, q: Array) -> Array:
-        """(N, n) true positions from those of the log."""
+        """Return the true positions (N, n) from those of the log (N, n) [rad, m]."""
         logged = q[:, list(self.order)]
         return np.asarray(logged * np.array(self.scale) + np.array(self.zero))
 
     def apply(self, run: Measurements) -> Measurements:
-        """The log repaired; gravity, weight and events are the model's matter and are
-        left alone."""
+        """Return the log repaired: order, scale, zero, gain, delay and clock.
+
+        Gravity, missing weight, lengths, bends and events are what a model has to
+        assume: they change nothing of the log. Rows at the ends for which a delay
+        leaves no torque are dropped.
+        """
         unchanged = LogTransform.unchanged(self.n, self.gravity)
-        if self.reset("lacks", "longer", "bend", "events") == unchanged:
+        if self.with_defaults("lacks", "longer", "bend", "events") == unchanged:
             return run
         t = run.t
         is_inside = (t + max(self.lead) <= t[-1]) & (t + min(self.lead) >= t[0])
@@ -233,7 +270,8 @@ class LogTransform:
         return _in_reverse(repaired) if self.reversed else repaired
 
     def _torques(self, run: Measurements) -> Array:
-        """(N, n) torques in the true order, scaled and in time with the motion."""
+        """Return the torques (N, n) in the joints' order, scaled, and interpolated at
+        ``lead`` seconds after each row."""
         tau = run.tau[:, list(self.tau_order)]
         for j, lead in enumerate(self.lead):
             if lead:
@@ -246,7 +284,8 @@ class LogTransform:
 
 
 def _in_reverse(run: Measurements) -> Measurements:
-    """The last row first, in as much time."""
+    """Return the run backwards in time: the last row first, over the same span of time;
+    velocities change their sign."""
     back = run.rows(np.arange(len(run.t))[::-1])
     dq = None if back.dq is None else -back.dq
     return replace(

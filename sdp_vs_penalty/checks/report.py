@@ -22,11 +22,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, repr=False)
 class Report(Record):
-    """issues : of one run, the gravest first; repaired_all : the run with every repair made,
-    those that are only likely included; repaired_certain : with the certain ones only; unexplained
-    : share of the torques' energy that the arm's dynamics leave over, after mending,
-    None where there is nothing to fit; gravity : [m/s^2] that the torques speak of,
-    where the rows had samples to spare for the arm's parameters.
+    """What the check found in one run.
+
+    issues : the gravest first; repaired_all : the run with every repair, likely ones
+    included; repaired_certain : with the certain repairs alone; unexplained : share of
+    the torques' energy that the arm's dynamics leave, after repair; None where there is
+    nothing to fit; gravity : that the torques show [m/s^2]; None for a run with fewer
+    samples than one arm has parameters; original : the run as logged.
     """
 
     run: str
@@ -81,7 +83,7 @@ class Report(Record):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote: issues without their repairs, no repaired runs."""
+        """Read a report that :meth:`to_dict` wrote; repairs and repaired runs are lost."""
         percent = data["unexplained_percent"]
         nothing = Measurements(
             np.zeros(0),
@@ -115,9 +117,12 @@ class Report(Record):
         )
 
     def _summary(self) -> Summary:
+        """The verdict, and severity and sentence of each issue, for printing."""
         return self.verdict, [(f.severity, f.what) for f in self.issues]
 
     def _table(self) -> Table | None:
+        """A table of kind, place, certainty and remedy of each issue; None without
+        issues."""
         rows = [(f.kind, f.where, f.certainty, f.remedy) for f in self.issues]
         if not rows:
             return None
@@ -128,8 +133,20 @@ class Report(Record):
         )
 
     def changes(self, name: str, done: Sequence[Issue]) -> str:
-        """What a repaired copy of the file of this name differs in from it, and what is
-        left to do; done : the issues that were repaired."""
+        """Describe a repaired copy of a file: what was repaired, and what is left to do.
+
+        Parameters
+        ----------
+        name : str
+            Of the file.
+        done : sequence of Issue
+            The issues that were repaired.
+
+        Returns
+        -------
+        str
+            Lines of text.
+        """
         left = [f for f in self.errors_and_warnings if f not in done]
         title = (
             "Repaired copy of {}, in the order of repair:" if done else "Copy of {}:"
@@ -139,13 +156,15 @@ class Report(Record):
             f"- {f.kind} ({f.where}): {f.what} Done: {f.remedy}. ({f.certainty})"
             for f in done
         ]
-        lines += [] if done else ["- nothing was changed"]
-        lines += ["Not repaired:"] if left else []
+        if not done:
+            lines.append("- nothing was changed")
+        if left:
+            lines.append("Not repaired:")
         lines += [f"- {f.kind} ({f.where}): {f.what} To do: {f.remedy}." for f in left]
         return "\n".join(lines) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Return the report as plain JSON; repaired runs are not part of it."""
         return {
             "run": self.run,
             "meaningless": self.meaningless,

@@ -34,10 +34,11 @@ _SURE = (
 
 
 def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
-    """A warning where no inertia and friction of the arm make the torques."""
-    if fit.mean_share <= c.UNRELATED:
+    """Yield a warning where the arm's inertia, weight and friction leave a quarter or
+    more of the torques' energy, in the mean over the joints."""
+    if fit.mean_unexplained_share <= c.UNRELATED:
         return
-    percent = 100.0 * fit.mean_share
+    percent = 100.0 * fit.mean_unexplained_share
     yield explanation(
         kind="torque not explained",
         severity="warning",
@@ -53,36 +54,38 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
 
 
 def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """Warnings where more is left over than such an arm leaves.
+    """Yield warnings where the repaired log leaves more torque unexplained than such arms
+    do: in all joints, in single joints, or at a single moment.
 
-    Of joints and moments they speak where a log has samples to spare for the arm's
+    Joints and moments are judged only where the log has more samples than one arm has
     parameters.
     """
-    score = log.score(repair)
-    unrelated = [*unrelated_torque(score)]
+    fit = log.fit(repair)
+    unrelated = [*unrelated_torque(fit)]
     yield from unrelated
-    if unrelated or log.spare <= 0.0:
+    if unrelated or log.spare_share <= 0.0:
         return
-    yield from _unexplained_joints(log, repair, score)
-    yield from _event(log, repair, score)
+    yield from _unexplained_joints(log, repair, fit)
+    yield from _event(log, repair, fit)
 
 
 def _unexplained_joints(
     log: Likelihood,
     repair: LogTransform,
-    score: ArmFit,
+    fit: ArmFit,
 ) -> Iterator[Issue]:
-    """Joints of which the arm leaves far more than the joint's own model, or the worst
-    one where all together leave more than such arms do."""
+    """Yield a warning about the joints that contradict the others: the arm leaves far
+    more of their torque than a model of that joint alone. Without any, yield one about
+    the worst joint if all together leave more than such arms do."""
     joints = contradicting_joints(log, repair)
     what = "does not fit the arm that explains the other joints' torques"
     if not len(joints):
-        if not leaves_more_than_usual(log, score):
+        if not leaves_more_than_usual(log, fit):
             return
-        joints = np.array([np.argmax(np.where(log.moving, score.left, 0.0))])
-        percent_of_all = 100.0 * score.unexplained**0.5
+        joints = np.array([np.argmax(np.where(log.moving, fit.energy_left, 0.0))])
+        percent_of_all = 100.0 * fit.unexplained**0.5
         what = f"leaves more than such arms do ({percent_of_all:.2g} % of all torques)"
-    percent = 100.0 * np.sqrt(score.shares[joints])
+    percent = 100.0 * np.sqrt(fit.unexplained_shares[joints])
     left = ", ".join(f"{x:.2g} %" for x in percent)
     yield explanation(
         kind="unexplained torque",
@@ -98,44 +101,46 @@ def _unexplained_joints(
 
 
 def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
-    """Whether one arm leaves twice what such arms leave of all joints' torques."""
+    """Whether one arm leaves more than twice the usual root mean square of all joints'
+    torques; usual is 5 % for sensors on the link, 10 % for motor currents."""
     return fit.unexplained**0.5 > 2.0 * c.TYPICAL[log.problem.torque_side]
 
 
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
-    """Joints of which one arm leaves far more than the joint's own model does, with
-    every law of friction and position free in each."""
+    """Return the joints (from 0) that contradict the others: of their torque's energy one
+    arm leaves far more than a model of the joint alone does.
+
+    It has to be so with all laws of friction and position fitted as well.
+    """
     times, smallest = c.CONTRADICTS
-    score = log.score(repair)
-    is_worse = score.shares > np.maximum(times * log.alone(repair), smallest)
+    of_own_models = log.shares_left_by_own_models(repair)
+    shares = log.fit(repair).unexplained_shares
+    is_worse = shares > np.maximum(times * of_own_models, smallest)
     joints = np.flatnonzero(log.moving & is_worse)
     if not len(joints):
         return joints
-    rich = log.beside_physics
-    is_still_worse = rich.score(repair).shares > times * rich.alone(repair)
+    with_laws = log.with_all_laws
+    of_own_models = with_laws.shares_left_by_own_models(repair)
+    is_still_worse = with_laws.fit(repair).unexplained_shares > times * of_own_models
     return joints[is_still_worse[joints]]
 
 
 def _event(
     log: Likelihood,
     repair: LogTransform,
-    score: ArmFit,
+    fit: ArmFit,
 ) -> Iterator[Issue]:
-    """A moment at which the error is far larger than at any other: contact, a push. At
-    its ends the arm starts or comes to rest, which is stiction; a step is an issue of
-    its own kind.
+    """Yield a warning about the first joint with a moment at which the error is far
+    larger than at any other: a contact, a push.
+
+    Left out are the ends of the log, where the arm starts or comes to rest (stiction),
+    and steps of the torque, which are faults of their own.
     """
     t = log.data.motion.t
-    steps = [e.at for e in repair.events if isinstance(e.at, float)]
-    known = np.array(
-        [
-            t[0],
-            t[-1],
-            *steps,
-        ]
-    )
+    steps = [event.at for event in repair.events if isinstance(event.at, float)]
+    known = np.array([t[0], t[-1], *steps])
     for j in log.joints:
-        error = np.abs(score.residual[j])
+        error = np.abs(fit.residual[j])
         at = float(t[np.argmax(error)])
         largest = float(error.max())
         elsewhere = error[np.abs(t - at) > _WIDTH].max(initial=0.0)
@@ -160,12 +165,26 @@ def _event(
 
 
 def _without_moment(run: Measurements, at: float) -> Measurements:
+    """Return the run without the rows within half of _WIDTH of an instant [s]."""
     return run.rows(np.abs(run.t - at) > 0.5 * _WIDTH)
 
 
 def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
-    """Base parameters that the data do not determine; those of idle joints are named
-    elsewhere."""
+    """Yield an issue that lists the base parameters which the data do not determine.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the robot that was logged.
+    rows : FilteredRuns
+        The filtered rows of the run.
+
+    Yields
+    ------
+    Issue
+        At most one: a warning where a quarter of the base parameters or more is not
+        determined, else a note.
+    """
     model = problem.model()
     data = compress(rows, model)
     known = of_regression(
@@ -174,7 +193,8 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
         base_rows(problem, model),
         white=True,
     )
-    dark = [i.name.split(" ")[0] for i in known.base if i.verdict == NOT_SEEN]
+    # A base parameter is named after its first link parameter.
+    dark = [x.name.split(" ")[0] for x in known.base if x.verdict == NOT_SEEN]
     if dark:
         total = len(known.base)
         joint_of = {p.name: p.joint for p in model.parameters}

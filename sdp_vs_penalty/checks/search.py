@@ -28,11 +28,23 @@ from sdp_vs_penalty.robot.arrays import Array
 SHOWN_BY_A_POOR_MOTION = "degrees", "sign", "mounting", "events"
 
 
-class RepairSearch:
-    """Of the rows of all runs together.
+#: Additional prior odds (natural logarithm) against a size that is no round value.
+_ODDS_AGAINST_UNEVEN = 0.5 * c.ODDS
+#: A fall of the logarithm of the squared residual below this is no change of the fit.
+_SAME_FIT_FALL = 0.05
+#: A run speaks against a fault where it raises the logarithm of the squared residual on
+#: held-out parts by more than this, in the mean over the joints.
+_RISE_THAT_OBJECTS = 0.1
+#: Rounds of the bounded search for the best size, and its precision in tolerances [-].
+_ROUNDS_OF_SIZE_SEARCH = 14
+_PRECISION_OF_SIZE = 0.3
 
-    log : these rows; logs : of each run, in which what is found has to hold as well;
-    facts : what is known of each run already.
+
+class RepairSearch:
+    """Search for the repair of the largest posterior, one fault after the other.
+
+    log : rows of all runs together; logs : of each run, in which each fault has to hold
+    as well; facts : issues of each run that are known already.
     """
 
     def __init__(
@@ -43,25 +55,34 @@ class RepairSearch:
     ) -> None:
         self.log = log
         self.logs = logs or [log]
-        self.samples = log.samples(log.score(log.as_logged))
+        self.samples = log.count_independent_samples(log.fit(log.as_logged))
         issues = [issue for of_run in facts for issue in of_run]
         self.known = {issue.kind for issue in issues}
+        # A motion is poor whose directions are half as many as its joints, in all runs.
         ranks = [f.figures["rank"] for f in issues if f.kind == "lockstep motion"]
         in_all_runs = len(ranks) == len(self.logs)
         is_low = 2 * max(ranks, default=0) <= len(log.joints)
         self.is_poor = in_all_runs and is_low
-        self.elements = lru_cache(99)(self._elements)
+        self.list_faults = lru_cache(99)(self._list_faults)
         self.posterior = lru_cache(99)(self._posterior)
         #: Repairs, laws apart, that no law makes likely.
         self.hopeless: set[LogTransform] = set()
 
-    def _elements(self, repair: LogTransform) -> tuple[Fault, ...]:
-        return tuple(e for kind in FAULTS for e in kind.elements(self.log, repair))
+    def _list_faults(self, repair: LogTransform) -> tuple[Fault, ...]:
+        """List the faults of any kind that a repair corrects (:attr:`list_faults`
+        caches them)."""
+        faults: list[Fault] = []
+        for kind in FAULTS:
+            faults += kind.list_faults(self.log, repair)
+        return tuple(faults)
 
     @property
-    def faults(self) -> list[Transformation]:
-        """What is tried: joints in lockstep cannot tell an order; a motion of few
-        directions tells signs and the mounting alone."""
+    def kinds_of_fault(self) -> list[Transformation]:
+        """Kinds of fault that are tried.
+
+        Joints that move in lockstep do not show the order of channels; a poor motion
+        shows units, signs, the mounting and events alone.
+        """
         if self.is_poor:
             return [kind for kind in FAULTS if kind.name in SHOWN_BY_A_POOR_MOTION]
         barred = {"order"} if "lockstep motion" in self.known else set()
@@ -70,55 +91,78 @@ class RepairSearch:
     # -- the posterior
 
     def likelihood(self, score: ArmFit, repair: LogTransform) -> float:
-        """Log-likelihood less the repair's cost; round numbers come first."""
-        cost = sum(e.cost + 0.5 * c.ODDS * e.odd for e in self.elements(repair))
-        return -0.5 * self.samples * score.score - cost
+        """Return the log-likelihood of a repair plus the logarithm of its prior odds.
+
+        Each fault that the repair corrects has prior odds against it, larger for a size
+        that is no round value.
+        """
+        cost = sum(
+            e.log_odds_against + _ODDS_AGAINST_UNEVEN * e.has_uneven_size
+            for e in self.list_faults(repair)
+        )
+        return -0.5 * self.samples * score.log_unexplained - cost
 
     def _posterior(self, repair: LogTransform) -> float:
-        score = self.log.score(repair)
+        """Compute the log-posterior of a repair: likelihood, prior odds, and the
+        log-probability of physics (:attr:`posterior` caches it)."""
+        score = self.log.fit(repair)
         physics = self.log.physics(score, repair, self.samples)
         return self.likelihood(score, repair) + physics
 
     def _learn_samples(self, scores: Sequence[ArmFit]) -> None:
-        """The error of a wrong arm lasts longer than noise does: of that the best fit
-        knows most."""
-        known = [self.log.samples(score) for score in scores]
+        """Raise the number of independent samples to the largest of several fits.
+
+        The residual of a wrong repair is correlated over more rows than noise is, so
+        that the best fit has the most independent samples. Posteriors change with it.
+        """
+        known = [self.log.count_independent_samples(score) for score in scores]
         self.samples = max([self.samples, *known])
         self.posterior.cache_clear()
 
-    def new(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
-        """What it does beyond another one; where that is the same by name, what it does
-        otherwise."""
-        known = {e.name: e.what for e in self.elements(now)}
-        more = [e for e in self.elements(repair) if e.name not in known]
-        changed = [e for e in self.elements(repair) if e.what != known.get(e.name)]
-        return more or changed
+    def new_faults(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
+        """List the faults that a repair corrects and ``now`` does not; where there are
+        none, those of another size."""
+        words_by_name = {fault.name: fault.what for fault in self.list_faults(now)}
+        faults = self.list_faults(repair)
+        added = [fault for fault in faults if fault.name not in words_by_name]
+        changed = [
+            fault for fault in faults if fault.what != words_by_name.get(fault.name)
+        ]
+        return added or changed
 
     # -- adding one fault after the other
 
     def run(self) -> LogTransform:
-        """The net repair."""
+        """Add faults to the log as it is, the best first, until none is confirmed.
+
+        Returns
+        -------
+        LogTransform
+            The one repair of all faults, MOST of them at most.
+        """
         now = self.log.as_logged
         for _ in range(c.MOST):
             better = self.add_best_fault(now)
             if better is None:
                 break
             before = now
-            now = self.rounded(better)
+            now = self.round_sizes(better)
             if now.without_laws != before.without_laws:
                 self.hopeless.clear()
         return self.with_settled_signs(now)
 
     def add_best_fault(self, now: LogTransform) -> LogTransform | None:
-        """The best composition with one thing more, or None where none is believed."""
-        refined = [self.refined(repair, now) for repair in self.proposals(now)]
-        self._learn_samples([self.log.score(repair) for repair in refined])
+        """Return the likeliest repair with one more fault than ``now`` that held-out
+        parts confirm; None where there is none."""
+        refined = [self.refine(repair, now) for repair in self.proposals(now)]
+        self._learn_samples([self.log.fit(repair) for repair in refined])
         threshold = self.posterior(now) + c.ODDS
         likely = [r for r in refined if self.posterior(r) >= threshold]
 
         def rank(repair: LogTransform) -> int:
-            """What explains as much by a law, which arms have, comes before a fault."""
-            is_law = all(e.severity == "note" for e in self.new(repair, now))
+            """Sort key: the larger posterior first; a law, which arms have, comes before
+            a fault that explains as much."""
+            is_law = all(e.severity == "note" for e in self.new_faults(repair, now))
             return -round(self.posterior(repair) + c.ODDS * is_law)
 
         for repair in sorted(likely, key=rank):
@@ -146,17 +190,18 @@ class RepairSearch:
         # A grid's neighbours must not crowd out another fault.
         best_of_fault: dict[frozenset[object], LogTransform] = {}
         for repair in likeliest:
-            names = frozenset(fault.name for fault in self.elements(repair))
+            names = frozenset(fault.name for fault in self.list_faults(repair))
             best_of_fault.setdefault(names, repair)
         best = [*best_of_fault.values()]
         return list(dict.fromkeys(best[: c.MOST] + same_fit[: c.MOST]))
 
     def _one_fault_more(self, now: LogTransform) -> list[LogTransform]:
-        """What each kind of fault proposes beside a repair."""
-        score = self.log.score(now)
+        """List the repairs that all kinds of fault propose, with one more fault than
+        ``now`` corrects."""
+        score = self.log.fit(now)
         repairs: list[LogTransform] = []
-        for kind in self.faults:
-            repairs += kind.proposals(self.log, now, score)
+        for kind in self.kinds_of_fault:
+            repairs += kind.propose(self.log, now, score)
         return [
             repair
             for repair in dict.fromkeys(repairs)
@@ -168,38 +213,42 @@ class RepairSearch:
         repairs: Sequence[LogTransform],
         now: LogTransform,
     ) -> dict[LogTransform, float]:
-        """By how much each repair raises the log-likelihood, on a third of the rows; of
-        those alone that may reach the odds.
+        """Return by how much each repair raises the log-likelihood on a third of the
+        rows, without the repairs that cannot reach the odds against a fault.
 
-        A number's best value explains at most twice what a rough one does, and physics
-        gives back at most what it takes of ``now``.
+        A repair cannot reach them if twice its gain is too small: the best size explains
+        at most twice what a rough one does, and physics gives back at most what it takes
+        of ``now``.
         """
-        fits = self.log.screen.scores(repairs)
-        fit_now = self.log.screen.score(now)
-        self._learn_samples(sorted(fits, key=lambda fit: fit.score)[:1])
-        taken_by_physics = self.likelihood(self.log.score(now), now)
+        fits = self.log.on_third_of_rows.fit_all(repairs)
+        fit_now = self.log.on_third_of_rows.fit(now)
+        self._learn_samples(sorted(fits, key=lambda fit: fit.log_unexplained)[:1])
+        taken_by_physics = self.likelihood(self.log.fit(now), now)
         taken_by_physics -= self.posterior(now)
-        least = c.ODDS - taken_by_physics
+        smallest_gain = c.ODDS - taken_by_physics
         before = self.likelihood(fit_now, now)
         gains = {}
         for repair, fit in zip(repairs, fits, strict=True):
-            fall = 0.5 * self.samples * (fit_now.score - fit.score)
-            at_best_number = max(fall, 0.0)
+            fall = 0.5 * self.samples * (fit_now.log_unexplained - fit.log_unexplained)
+            further_gain_of_best_size = max(fall, 0.0)
             if fall < -c.HOPELESS:
                 self.hopeless.add(repair.without_laws)
             # Before the repair's cost, which takes longer to work out.
-            if fall + at_best_number <= least:
+            if fall + further_gain_of_best_size <= smallest_gain:
                 continue
             gain = self.likelihood(fit, repair) - before
-            if gain + at_best_number > least:
+            if gain + further_gain_of_best_size > smallest_gain:
                 gains[repair] = gain
         return gains
 
     # -- what is believed
 
     def is_confirmed(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether a repair predicts what the arm was not fitted to, better than physics
-        does, and its numbers are beyond what is usual.
+        """Whether held-out parts of the log confirm one more fault.
+
+        The repair has to lower their error clearly, and by more than laws of friction
+        and position that arms have; sizes have to be determined, and beyond what is
+        usual.
 
         Parameters
         ----------
@@ -213,15 +262,17 @@ class RepairSearch:
         bool
             Whether the fault is believed.
         """
-        new = self.new(repair, now)
-        if not all(self._is_determined(fault.number) for fault in new if fault.number):
+        new = self.new_faults(repair, now)
+        if not all(self._is_determined(fault.size) for fault in new if fault.size):
             return False
-        clearness = self.log.predicts(self._left_out(now), self._left_out(repair))
+        clearness = self.log.clearness_of_fall(
+            self._held_out_errors(now), self._held_out_errors(repair)
+        )
         threshold = self._least_clearness(new)
         if _same_fit(repair, now):
-            return clearness > -threshold and self._is_told_by_physics(repair, now)
+            return clearness > -threshold and self._is_decided_by_physics(repair, now)
         if not self.is_poor and all(fault.kind == "torque sign" for fault in new):
-            # Friction that drives its joint tells, whatever the fit.
+            # Friction that drives its joint shows a wrong sign, whatever the fit.
             return clearness > -0.5 * threshold
         if clearness <= threshold:
             return False
@@ -229,23 +280,26 @@ class RepairSearch:
         return is_law or self.beats_physics(self.log, repair, now)
 
     def _least_clearness(self, new: Sequence[Fault]) -> float:
-        """Standard errors by which new faults have to predict.
+        """Return by how many standard errors new faults have to lower the error on
+        held-out parts.
 
-        Of a number, whose interval tells as well, half as clear a prediction of several
-        joints is enough.
+        Half as many are enough for faults with a size, whose interval has to exclude 0
+        as well, if several joints move.
         """
-        are_numbers = all(fault.number for fault in new)
+        are_numbers = all(fault.size for fault in new)
         is_enough = are_numbers and len(self.log.joints) > 1
         return 0.5 * c.SIGMAS if is_enough else c.SIGMAS
 
-    def _is_told_by_physics(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether positive inertia and friction tell two repairs of the same fit apart."""
+    def _is_decided_by_physics(self, repair: LogTransform, now: LogTransform) -> bool:
+        """Whether physics (positive inertia, friction that takes power) prefers a repair
+        to ``now`` clearly, where both fit the same."""
         gain = self.posterior(repair) - self.posterior(now)
         return not self.is_poor and gain > c.LOUDEST_INERTIA
 
-    def _left_out(self, repair: LogTransform) -> Array:
-        """(PARTS, n) errors on the parts left out in turn."""
-        weights = self.log.score(repair).weights
+    def _held_out_errors(self, repair: LogTransform) -> Array:
+        """Return the errors (PARTS, n) on parts of the log left out in turn: squared
+        residual over the mean energy of a part."""
+        weights = self.log.fit(repair).weights
         return self.log.jackknife_errors(repair, weights)[1]
 
     def beats_physics(
@@ -255,13 +309,26 @@ class RepairSearch:
         now: LogTransform,
         strict: bool = False,
     ) -> bool:
-        """Whether a fault explains parts left out of a log better than physics does.
+        """Whether a fault explains held-out parts of a log better than physics does.
 
-        Every law that its joints may have is free to explain the same, with the fault
-        and without. The odds of the fault have to exceed those against any, and the
-        error of some joint has to fall by far.
+        Every law of friction and position that joints may have is fitted as well, with
+        the fault corrected and without.
 
-        strict : no joint may speak against the fault.
+        Parameters
+        ----------
+        log : Likelihood
+            The rows.
+        repair, now : LogTransform
+            With the fault corrected, and without.
+        strict : bool
+            Whether no single joint's error may rise clearly; else their geometric mean
+            must not.
+
+        Returns
+        -------
+        bool
+            Whether the odds of the fault exceed those against any fault, and the error
+            of some joint falls by far.
         """
         before = self._errors_beside_physics(log, now)
         after = self._errors_beside_physics(log, repair)
@@ -280,7 +347,7 @@ class RepairSearch:
         repair: LogTransform,
         now: LogTransform,
     ) -> bool:
-        """Whether a number that all torques have in common (a delay, a filter) explains
+        """Whether a fault with a size that all torques share (a delay, a filter) explains
         more than one joint.
 
         Parameters
@@ -299,8 +366,8 @@ class RepairSearch:
             True for any other fault, and for arms of one or two moving joints.
         """
         all_joints = tuple(range(self.log.n))
-        faults = self.new(repair, now)
-        is_shared = any(fault.number and fault.joints == all_joints for fault in faults)
+        faults = self.new_faults(repair, now)
+        is_shared = any(fault.size and fault.joints == all_joints for fault in faults)
         if not is_shared or len(falls) < 3:
             return True
         return bool(falls.sum() > falls.max())
@@ -330,45 +397,56 @@ class RepairSearch:
         return np.asarray((ratio > c.WORSE) & is_clear & is_costly)
 
     def _errors_beside_physics(self, log: Likelihood, repair: LogTransform) -> Array:
-        """(PARTS, K) energy that is left of each moving joint on parts left out, beside
-        all laws of friction and position."""
-        rich = log.beside_physics
-        weights = rich.score(repair).weights
-        return rich.jackknife_errors(repair, weights)[1][:, log.moving]
+        """Return the errors (PARTS, K) of the K moving joints on parts left out in turn,
+        with all laws of friction and position as own columns."""
+        log_with_laws = log.with_all_laws
+        weights = log_with_laws.fit(repair).weights
+        _, errors = log_with_laws.jackknife_errors(repair, weights)
+        return errors[:, log.moving]
 
     def _least_ratio(self, repair: LogTransform, now: LogTransform) -> float:
-        """By how much what is new has to divide what is left of some joint."""
-        new = self.new(repair, now)
+        """Return the factor by which new faults have to divide the energy that is left
+        of some joint on held-out parts.
+
+        It is larger for sizes, which adapt to whatever the model lacks.
+        """
+        new = self.new_faults(repair, now)
         # Friction with memory looks like a delay of its joint.
         is_late = any(e.kind in ("channel delay", "channel filter") for e in new)
         if self.is_poor or is_late:
             return c.MUCH
-        return c.WITH_A_NUMBER if any(e.odd for e in new) else c.ONE_OF_FEW
+        has_uneven_size = any(fault.has_uneven_size for fault in new)
+        return c.WITH_A_NUMBER if has_uneven_size else c.ONE_OF_FEW
 
-    def confirmed(self, net: LogTransform) -> LogTransform:
-        """Without what does not hold in every run: order, signs, units, gains, clock and
-        mounting are those of the logger."""
+    def drop_unconfirmed(self, net: LogTransform) -> LogTransform:
+        """Return the repair without the faults that do not hold in every run.
+
+        Order, signs, units, gains, clock and mounting belong to the logger, so that all
+        runs share them. Faults of the same fit, which physics alone decides, and notes
+        stay.
+        """
         several = self.logs if len(self.logs) > 1 else []
-        for fault in self.elements(net):
-            if fault.severity == "note" or _same_fit(net, fault.without):
+        for fault in self.list_faults(net):
+            if fault.severity == "note" or _same_fit(net, fault.repair_without):
                 continue
             stands = fault.kind == "torque sign" or self.beats_physics(
                 self.log,
                 net,
-                fault.without,
+                fault.repair_without,
                 strict=True,
             )
             if not stands or not all(
-                self._holds(log, net, fault.without) for log in several
+                self._holds(log, net, fault.repair_without) for log in several
             ):
                 net = self._without(net, fault)
         return net
 
     def _without(self, net: LogTransform, fault: Fault) -> LogTransform:
-        """The repair without a fault of that name, as it is now."""
-        for element in self.elements(net):
-            if element.name == fault.name:
-                return element.without
+        """Return the repair without the correction of a fault, by the fault's name: its
+        size may have changed meanwhile."""
+        for fault in self.list_faults(net):
+            if fault.name == fault.name:
+                return fault.repair_without
         return net
 
     def _holds(
@@ -377,81 +455,96 @@ class RepairSearch:
         net: LogTransform,
         without: LogTransform,
     ) -> bool:
-        """Whether a run does not speak against what is said of all: its error on parts
-        left out is no larger, where its joints move."""
+        """Whether a run does not speak against a fault of all runs: the repair ``net``
+        does not raise the error on its held-out parts above that ``without`` the fault.
+        """
         errors = [
-            log.jackknife_errors(repair, log.score(repair).weights)[1]
+            log.jackknife_errors(repair, log.fit(repair).weights)[1]
             for repair in (without, net)
         ]
         fall = np.mean(np.log(errors[0]) - np.log(errors[1]), axis=0)
-        return bool(np.mean(fall[log.moving]) > -0.1)
+        return bool(np.mean(fall[log.moving]) > -_RISE_THAT_OBJECTS)
 
     # -- numbers
 
     def _is_determined(self, number: FaultSize) -> bool:
-        """Beyond what is usual by more than its interval, which is closed: as far as
-        the best value is looked for, to either side, it explains less."""
-        spread = self.step(number)[1]
-        reach = c.SIGMAS * spread
-        if abs(number.value) <= number.tolerance + reach:
+        """Whether the data determine the size of a fault, and it is not usual.
+
+        The size exceeds the tolerance by SIGMAS standard deviations; its 95 % interval
+        is narrow; and sizes far to either side fit clearly worse.
+        """
+        spread = self.gauss_newton_step(number)[1]
+        margin = c.SIGMAS * spread
+        if abs(number.value) <= number.tolerance + margin:
             return False
         if 2.0 * spread > max(number.tolerance, number.widest):
             return False
-        far = max(number.search_radius, reach)
-        repairs = [number.at(number.value + x) for x in (0.0, -far, far)]
-        at_value, below, above = self.log.scores(repairs)
-        fall = min(below.score, above.score) - at_value.score
-        return self.samples * fall >= (0.5 * c.SIGMAS) ** 2
+        far = max(number.search_radius, margin)
+        repairs = [number.repair_with(number.value + x) for x in (0.0, -far, far)]
+        at_value, below, above = self.log.fit_all(repairs)
+        nearest = min(below.log_unexplained, above.log_unexplained)
+        rise = nearest - at_value.log_unexplained
+        # Twice the log-likelihood ratio is the square of a standard normal variable.
+        return self.samples * rise >= (0.5 * c.SIGMAS) ** 2
 
-    def step(self, number: FaultSize) -> tuple[float, float]:
-        """To first order, what a number lacks of its best value, and its standard
-        deviation."""
+    def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
+        """Return the change of a fault's size to its best value, to first order, and the
+        standard deviation of the size; both in the size's own unit."""
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
-        now = number.at(number.value)
+        now = number.repair_with(number.value)
         change, spread = self.log.first_order_steps(
             now,
-            [number.at],
+            [number.repair_with],
             value,
             h,
         )
         return float(change[0]), float(spread[0])
 
-    def numbers(
+    def sizes_by_name(
         self, repair: LogTransform
     ) -> dict[tuple[str, tuple[int, ...]], FaultSize]:
-        """The numbers of a repair, by the names of their elements."""
-        return {e.name: e.number for e in self.elements(repair) if e.number}
+        """Return the sizes of the faults that a repair corrects, by kind and joints."""
+        faults = self.list_faults(repair)
+        return {fault.name: fault.size for fault in faults if fault.size}
 
-    def refined(self, repair: LogTransform, now: LogTransform) -> LogTransform:
-        """With the best values of its numbers, of those first that ``now`` does not
-        have, and itself where these are none: looked for on few rows, then one step to
-        first order on all; round ones where arms differ as much."""
-        known = self.numbers(now)
-        names = self.numbers(repair)
+    def refine(self, repair: LogTransform, now: LogTransform) -> LogTransform:
+        """Return the repair with the best sizes of its faults.
+
+        Each size is searched for on few rows, followed by one Gauss-Newton step on all;
+        a round value is taken where it is within the tolerance. New sizes come first. A
+        repair without a size that ``now`` lacks stays as it is.
+        """
+        known = self.sizes_by_name(now)
+        names = self.sizes_by_name(repair)
         if names.keys() <= known.keys():
             return repair
         for name in sorted(names, key=lambda name: name in known):
-            number = self.numbers(repair)[name]
+            number = self.sizes_by_name(repair)[name]
             best = self._best_on_few_rows(number)
+            # The first-order step is trusted within the tolerance.
             far = 0.9 * number.tolerance
-            change = self.step(replace(number, value=best))[0]
+            change = self.gauss_newton_step(replace(number, value=best))[0]
             better = best + float(np.clip(change, -far, far))
-            near = replace(number, value=better).round_within(number.tolerance)
-            tried = [number.at(x) for x in near or (best, better)]
-            repair = max(tried, key=lambda r: self.likelihood(self.log.score(r), r))
+            near = replace(number, value=better).round_values_within(number.tolerance)
+            tried = [number.repair_with(x) for x in near or (best, better)]
+            repair = max(tried, key=lambda r: self.likelihood(self.log.fit(r), r))
         return repair
 
     def _best_on_few_rows(self, number: FaultSize) -> float:
-        """The number's value of the largest likelihood, or its own where none near is
-        better."""
+        """Return the size of the largest likelihood on a third of the rows, within the
+        search radius; the present one where none is better."""
 
         def score(x: float) -> float:
-            return self.log.screen.score(number.at(float(x))).score
+            repair = number.repair_with(float(x))
+            return self.log.on_third_of_rows.fit(repair).log_unexplained
 
         low = number.value - number.search_radius
         high = number.value + number.search_radius
-        settings = {"xatol": 0.3 * number.tolerance, "maxiter": 14}
+        settings = {
+            "xatol": _PRECISION_OF_SIZE * number.tolerance,
+            "maxiter": _ROUNDS_OF_SIZE_SEARCH,
+        }
         minimum = scipy.optimize.minimize_scalar(
             score,
             bounds=(low, high),
@@ -461,45 +554,47 @@ class RepairSearch:
         is_better = minimum.fun < score(number.value)
         return float(minimum.x) if is_better else number.value
 
-    def rounded(self, repair: LogTransform) -> LogTransform:
-        """A number that is believed becomes the round one from which it is not told as
-        it is from none: by more than arms differ, and its standard errors."""
-        names = [name for name, x in self.numbers(repair).items() if x.round_values]
+    def round_sizes(self, repair: LogTransform) -> LogTransform:
+        """Return the repair with each size replaced by the nearest round value, where
+        the two differ by no more than the tolerance and SIGMAS standard deviations."""
+        names = [
+            name for name, x in self.sizes_by_name(repair).items() if x.round_values
+        ]
         for name in names:
-            number = self.numbers(repair)[name]
-            reach = number.tolerance + c.SIGMAS * self.step(number)[1]
-            for x in number.round_within(reach):
-                repair = number.at(x)
+            number = self.sizes_by_name(repair)[name]
+            reach = number.tolerance + c.SIGMAS * self.gauss_newton_step(number)[1]
+            for x in number.round_values_within(reach):
+                repair = number.repair_with(x)
         return repair
 
     # -- words
 
-    def alone(self, net: LogTransform, element: Fault) -> LogTransform:
-        """The repair that does one thing of the net repair, and no other."""
-        for other in self.elements(net):
-            if other.name != element.name:
+    def keep_only(self, net: LogTransform, fault: Fault) -> LogTransform:
+        """Return the repair that corrects one fault of the net repair, and no other."""
+        for other in self.list_faults(net):
+            if other.name != fault.name:
                 net = self._without(net, other)
         return net
 
     def describe_faults(self, net: LogTransform) -> list[Issue]:
-        """An issue for each element of the net repair, with its interval and what it
-        explains."""
-        return [self.describe(fault, net) for fault in self.elements(net)]
+        """List an issue for each fault that the net repair corrects, with its interval
+        and by how much it lowers the residual."""
+        return [self.describe(fault, net) for fault in self.list_faults(net)]
 
     def describe(self, fault: Fault, net: LogTransform) -> Issue:
-        """One element of the net repair as an issue."""
-        odds = self.posterior(net) - self.posterior(fault.without)
+        """Return the issue that tells the user of one fault of the net repair."""
+        odds = self.posterior(net) - self.posterior(fault.repair_without)
         what = fault.what
         figures = {
             "joints": [j + 1 for j in fault.joints],
             **fault.figures,
             "log_odds": odds,
         }
-        if fault.number is not None:
-            reach = 2.0 * abs(self.step(fault.number)[1])
-            ends = [fault.number.value - reach, fault.number.value + reach]
+        if fault.size is not None:
+            reach = 2.0 * abs(self.gauss_newton_step(fault.size)[1])
+            ends = [fault.size.value - reach, fault.size.value + reach]
             figures["interval"] = ends
-            low, high = map(fault.number.text, ends)
+            low, high = map(fault.size.in_words, ends)
             what = f"{what.rstrip('.')} (95 %: {low} to {high})."
         equivalents = fault.equivalents
         if fault.kind == "torque sign":
@@ -514,7 +609,7 @@ class RepairSearch:
             what=what,
             certainty=f"likely: {self._reason(fault, net)}",
             remedy=fault.remedy,
-            repair=self.alone(net, fault).apply if fault.mends else None,
+            repair=self.keep_only(net, fault).apply if fault.is_repairable else None,
             figures=figures,
             gravity=_measured_gravity(net) if fault.is_of_gravity else None,
             apply=fault.apply,
@@ -522,11 +617,12 @@ class RepairSearch:
         )
 
     def _reason(self, fault: Fault, net: LogTransform) -> str:
-        """What speaks for a fault, in words."""
-        after = self.log.score(net).shares
-        change = np.log(self.log.score(fault.without).shares / after)
+        """Say in words what speaks for a fault: by how much the residual of the joint
+        that gains most falls, or physics where the fit is the same."""
+        after = self.log.fit(net).unexplained_shares
+        change = np.log(self.log.fit(fault.repair_without).unexplained_shares / after)
         j = int(np.argmax(change))
-        if change[j] < 0.05:  # the fit is the same: physics alone tells
+        if change[j] < _SAME_FIT_FALL:
             return (
                 "as recorded, friction would drive the motion, or inertia be negative"
             )
@@ -541,8 +637,11 @@ class RepairSearch:
         net: LogTransform,
         turned: Sequence[int],
     ) -> tuple[str, ...]:
-        """Sets of torques whose sign may as well be the wrong ones: one joint more, or
-        one less, to which neither physics nor the error on parts left out objects."""
+        """List in words the other sets of torques whose sign may as well be wrong.
+
+        They have one joint more than ``turned`` (from 0), or one less, and neither
+        physics nor the error on held-out parts objects.
+        """
         others = []
         for j in self.log.joints:
             joints = sorted({*turned} ^ {j})
@@ -562,18 +661,19 @@ class RepairSearch:
         return bool(np.all(torque >= 0.0))
 
     def with_settled_signs(self, net: LogTransform) -> LogTransform:
-        """Where some torques count the other way: one joint more, or one less, if
-        friction drives that joint otherwise and the fit on parts left out is no worse.
+        """Return the repair with the sign of a torque changed where physics demands it.
 
-        The likelihood alone does not tell the sign of a joint that hardly moves the
-        others.
+        Only where some torques have a wrong sign already: a further joint is turned, or
+        one turned back, if friction would drive it otherwise and the error on held-out
+        parts is no worse. The likelihood alone does not show the sign of a joint that
+        hardly moves the others.
         """
-        if not any(fault.kind == "torque sign" for fault in self.elements(net)):
+        if not any(fault.kind == "torque sign" for fault in self.list_faults(net)):
             return net
         for j in self.log.joints:
             objection, clearness = self._against_turning(net, j)
             if objection < -c.LOUDEST_INERTIA and clearness <= c.SIGMAS:
-                net = net.times("gain", (j,), -1.0)
+                net = net.with_multiplied("gain", (j,), -1.0)
         return net
 
     def _against_turning(
@@ -581,25 +681,36 @@ class RepairSearch:
         net: LogTransform,
         j: int,
     ) -> tuple[float, float]:
-        """What speaks against another sign of one torque: the log-odds of physics, and
-        the rise of the error on parts left out in standard errors."""
-        other = net.times("gain", (j,), -1.0)
-        fits = self.log.scores([net, other])
+        """Return what speaks against the other sign of joint j's torque.
+
+        Returns
+        -------
+        objection : float
+            Log-odds of physics (positive inertia, friction that takes power) for the
+            present sign.
+        clearness : float
+            Rise of the error on held-out parts under the other sign, in standard errors.
+        """
+        other = net.with_multiplied("gain", (j,), -1.0)
+        fits = self.log.fit_all([net, other])
         physics_now = self.log.physics(fits[0], net, self.samples)
         physics_turned = self.log.physics(fits[1], other, self.samples)
-        clearness = self.log.predicts(self._left_out(other), self._left_out(net))
+        clearness = self.log.clearness_of_fall(
+            self._held_out_errors(other), self._held_out_errors(net)
+        )
         return physics_now - physics_turned, clearness
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
-    """Gravity [m/s^2] that the torques hold, where a share of it is missing from all."""
+    """Return the gravity [m/s^2] whose weight the torques hold: that of the repair, less
+    a share that is missing from all torques."""
     share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
     return tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
 
 
 def _same_fit(a: LogTransform, b: LogTransform) -> bool:
     """Whether two repairs differ in signs alone: of torques, of gravity, of the
-    direction of time."""
+    direction of time. An arm with negative parameters then fits as well."""
 
     def unsigned(repair: LogTransform) -> LogTransform:
         gravity = max(repair.gravity, tuple(-g for g in repair.gravity))

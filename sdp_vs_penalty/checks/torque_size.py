@@ -23,17 +23,35 @@ from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.regression.normal_equations import solve
 from sdp_vs_penalty.robot.arrays import Array, at_least_tiny, nonzero_or_one
 
+#: Largest share of the joints that have a unit of their own; of more, all share it.
+_SINGLE_JOINTS = 0.3
 _BY_SIZE = "likely: judged by size alone"
 _CONVERT = "convert to N m (N for a prismatic joint): N cm times 0.01, mN m times 0.001"
 _CORRECT_MASSES = "if right, correct the problem's masses"
 
 
 def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """Torques of an impossible size: another unit, motor currents, the motor's side of
-    the gear, or what is left where a model was subtracted."""
+    """Yield a warning where the torques have an impossible size.
+
+    They may be in another unit, motor currents, torques on the motor's side of the gear,
+    or what is left where a controller's model was subtracted. Or the problem's masses
+    are wrong.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of all runs.
+    repair : LogTransform
+        What is repaired in them.
+
+    Yields
+    ------
+    Issue
+        At most one.
+    """
     shares = _shares_of_effort(log, repair)
     too_large = np.flatnonzero(shares > c.EFFORT[1])
-    if 0 < len(too_large) <= 0.3 * log.n:
+    if 0 < len(too_large) <= _SINGLE_JOINTS * log.n:
         times = formatting.words([f"{x:.3g}" for x in shares[too_large]])
         yield Issue.of(
             kind="torque unit",
@@ -56,7 +74,7 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
             what=f"the torques are {size.description}: {reason.why}.",
             certainty=reason.certainty,
             remedy=reason.remedy,
-            repair=_times(reason.factor) if reason.factor else None,
+            repair=_scaling(reason.factor) if reason.factor else None,
             where=reason.where,
             nature=EXPLANATION,
             times_nominal=size.times_nominal,
@@ -64,8 +82,8 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
 
 
 def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
-    """(n,) largest torque of each channel over its joint's effort limit; nan where the
-    joint has none."""
+    """Return the largest torque (n,) of each joint over its effort limit [-]; nan where
+    the joint has no limit."""
     limits = np.array([joint.effort for joint in log.problem.robot.joints], float)
     is_limit = (limits > 0.0) & np.isfinite(limits)
     largest = log.data.largest[list(repair.tau_order)] * np.abs(repair.gain)
@@ -74,9 +92,13 @@ def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
 
 @dataclass(frozen=True)
 class _Size:
-    """How large the torques are: over, as a share of the effort limits (-1 where there
-    are none); measured, over a nominal arm's, where its masses are known, and from
-    smallest to largest is possible."""
+    """How large the torques are, in two measures [-].
+
+    over : the largest torque over its joint's effort limit; -1 without limits. measured :
+    torque over that of an arm with the problem's nominal links; smallest, largest : the
+    possible range of ``measured``. is_mass_known : whether the masses are known; without
+    them ``measured`` is ``over``. description : in words.
+    """
 
     over: float
     measured: float
@@ -89,11 +111,12 @@ class _Size:
 
     @property
     def times_nominal(self) -> float | None:
+        """Torque over that of a nominal arm; None where its masses are unknown."""
         return self.measured if self.is_mass_known else None
 
     @property
     def is_far(self) -> bool:
-        """Whether they are more than joints are made for."""
+        """Whether the torques are far above the joints' effort limits."""
         return self.over > c.EFFORT[1]
 
     @classmethod
@@ -103,28 +126,34 @@ class _Size:
         repair: LogTransform,
         shares: Array,
     ) -> "_Size":
-        """Of a repaired log, from its shares (n,) of the effort limits."""
-        over = float(
-            np.max(
-                shares,
-                initial=-1.0,
-                where=shares > 0.0,
-            )
-        )
+        """Return the size of the torques of a repaired log; shares (n,) : largest torques
+        over the effort limits."""
+        over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
         problem = log.problem
         masses = float(problem.nominal_links[:, 0].sum())
         if masses <= 0.0 or np.all(problem.guessed_links):
             text = f"{over:.3g} times what the joints are made for"
-            return cls(over, over, 1e-2, 1.0, False, False, False, text)
+            return cls(
+                over=over,
+                measured=over,
+                smallest=1e-2,
+                largest=1.0,
+                is_large=False,
+                is_small=False,
+                is_mass_known=False,
+                description=text,
+            )
         low, high, weighs = _possible_masses(problem, masses)
-        arm = (log.filter_gain(repair).T * log.nominal(repair)).T[:, :, None]
+        arm = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
         measured = _norm(log.channels(repair).T) / _norm(arm)
         largest = high / masses * c.EFFORT[1]
         smallest = max(low, 0.1 * high) / masses / c.EFFORT[1]
         # Upright axes bear friction, and no weight: without it the torques have to be
         # too large as well.
         rows = log.rows(repair)
-        shared = _norm(rows.apart @ log.score(repair).theta) / _norm(rows.rest(arm))
+        shared = _norm(rows.projected @ log.fit(repair).theta) / _norm(
+            rows.project_out_own(arm)
+        )
         return cls(
             over=over,
             measured=measured,
@@ -138,7 +167,9 @@ class _Size:
 
 
 def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str]:
-    """Least and largest mass [kg] that the arm may have, and both in words."""
+    """Return the smallest and the largest mass [kg] that the arm may have, and both in
+    words: the problem's limits of the total mass, else half and twice the nominal mass.
+    """
     low, high = problem.total_mass
     if np.isfinite(high):
         return low, high, f"{low:g} to {high:g}"
@@ -147,7 +178,8 @@ def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str
 
 @dataclass(frozen=True)
 class _Reason:
-    """Why torques have their size; factor : by which they are to be multiplied."""
+    """Why torques have an impossible size, in the words of an issue; factor : by which
+    they have to be multiplied, if that is known."""
 
     kind: str
     why: str
@@ -162,7 +194,8 @@ def _reason_of_size(
     repair: LogTransform,
     size: _Size,
 ) -> _Reason | None:
-    """What makes the torques so large or so small; None where they may be right."""
+    """Return what makes the torques too large or too small; None where they may be
+    right."""
     is_odd = size.is_large or size.is_small
     if is_odd and c.EFFORT[0] <= size.over <= c.EFFORT[1]:
         return _Reason(
@@ -188,8 +221,8 @@ def _reason_of_size(
             " model was subtracted (external torque)",
             remedy,
         )
-    fit = log.score(repair)
-    if fit.mean_share > c.UNRELATED:
+    fit = log.fit(repair)
+    if fit.mean_unexplained_share > c.UNRELATED:
         return None  # that nothing explains them is said elsewhere
     if leaves_more_than_usual(log, fit):
         # A current is small, too, but the arm's dynamics explain it.
@@ -211,7 +244,8 @@ def _reason_of_size(
 
 
 def _in_another_unit(size: _Size) -> _Reason:
-    """Torques too large for N m: the unit by name where one fits."""
+    """Return the reason that torques too large for N m are in another unit, by its name
+    where one makes their size possible."""
     for factor, name in UNITS.items():
         fits = size.smallest <= size.measured * factor <= size.largest
         if size.is_far and factor < 0.1 and fits:
@@ -226,17 +260,26 @@ def _in_another_unit(size: _Size) -> _Reason:
 
 
 def _scaled(run: Measurements, factor: float) -> Measurements:
+    """Return the run with all torques multiplied by a factor."""
     return replace(run, tau=run.tau * factor)
 
 
-def _times(factor: float) -> partial[Measurements]:
+def _scaling(factor: float) -> partial[Measurements]:
+    """Return the repair of a run that multiplies all torques by a factor."""
     return partial(_scaled, factor=factor)
 
 
 def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
-    """Torques that a controller's model made, and no motor: the weight of an arm alone,
-    without inertia and friction. Nothing else can be asked of such torques."""
-    if log.data.shared is None or not any(log.as_logged.gravity) or log.spare <= 0.0:
+    """Yield a warning where the torques are those of a controller's gravity model: the
+    weight of an arm alone, without inertia and friction.
+
+    Nothing else can be learned from such torques.
+    """
+    if (
+        log.data.shared is None
+        or not any(log.as_logged.gravity)
+        or log.spare_share <= 0.0
+    ):
         return
     shares = _left_by_weight(log)
     if shares[log.moving].max() < c.MODEL_OF_WEIGHT:
@@ -255,28 +298,31 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
 
 
 def _left_by_weight(log: Likelihood) -> Array:
-    """(n,) share of each channel's energy that weight and an offset leave."""
-    score = log.score(log.as_logged)
-    is_heard = log.filter_gain(log.as_logged)[:, :, None]
-    weight = is_heard * log.shared(log.as_logged, 0.0, 0.0)
-    offsets = np.eye(log.n)[:, None, :] * is_heard
-    size = np.sqrt(np.maximum(score.total, 1e-280))[:, None]
+    """Return the share (n,) of each torque's energy that the arm's weight and an offset
+    of each joint leave, by one least-squares fit to all joints of equal weight."""
+    fit = log.fit(log.as_logged)
+    mask = log.torque_mask(log.as_logged)[:, :, None]
+    weight = mask * log.shared(log.as_logged, speed=0.0, push=0.0)  # (n, M, s)
+    offsets = np.eye(log.n)[:, None, :] * mask
+    # Each joint's torque is scaled to energy 1, so that residuals are shares.
+    size = np.sqrt(np.maximum(fit.energy, 1e-280))[:, None]
     columns = np.concatenate([weight, offsets], axis=2) / size[:, :, None]
     columns = columns.reshape(log.n * log.data.count, -1)
-    torque = (score.channels / size).reshape(-1)
+    torque = (fit.channels / size).reshape(-1)
     fitted = solve(columns.T @ columns, columns.T @ torque[:, None])[:, 0]
     left = torque - columns @ fitted
     return np.asarray(np.sum(left.reshape(log.n, -1) ** 2, axis=1))
 
 
 def _norm(torques: Array) -> float:
-    """By which others may be divided."""
+    """Return the Euclidean norm of torques of any shape, above 0, so that it may
+    divide."""
     return float(at_least_tiny(np.linalg.norm(torques)))
 
 
 def _resembles(torques: Array, nominal: Array) -> float:
-    """The largest squared correlation of a joint's torque (N, n) with the nominal
-    arm's."""
+    """Return the largest squared correlation, over the joints, of the torques (N, n)
+    with those of a nominal arm (N, n)."""
     x = torques - torques.mean(axis=0)
     y = nominal - nominal.mean(axis=0)
     common = np.sum(x * y, axis=0) ** 2

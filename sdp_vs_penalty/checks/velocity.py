@@ -32,21 +32,23 @@ _LARGEST_LAG = 50
 _ROWS_OF_LAG = 16384
 
 
-def velocity(g: RunSummary) -> Iterator[Issue]:
-    """The logged velocity against the derivative of the position.
+def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
+    """Yield issues where the logged velocity is not the derivative of the position.
 
-    One factor in every joint is that of the clock, or of the unit of velocity. A joint
-    of its own is a velocity of its own.
+    A factor that all joints share is that of the clock, or of the unit of velocity. A
+    joint whose factor is another one has a wrong velocity. A lag of two samples or more
+    is noted.
     """
-    if g.run.dq is None or len(g.run.t) < 2 * RUN:
+    if glance.run.dq is None or len(glance.run.t) < 2 * RUN:
         return
-    lag = velocity_lag(g)
+    # Ratios are those without the lag.
+    lag = velocity_lag(glance)
     dq = np.roll(
-        g.run.dq,
+        glance.run.dq,
         -round(lag or 0.0),
         axis=0,
     )
-    ratios = velocity_ratios(replace(g, run=replace(g.run, dq=dq)))
+    ratios = velocity_ratios(replace(glance, run=replace(glance.run, dq=dq)))
     known = np.flatnonzero(np.isfinite(ratios))
     if not len(known):
         return
@@ -59,12 +61,12 @@ def velocity(g: RunSummary) -> Iterator[Issue]:
     for j in known.tolist():
         yield from _of_one_joint(j, float(ratios[j]))
     if lag is not None and abs(lag) >= 2.0:
-        yield _late(g, lag)
+        yield _late(glance, lag)
 
 
 def _in_another_unit(ratio: float) -> Issue | None:
-    """A velocity in degrees or turns; None where no unit fits. Positions and clock are
-    right then."""
+    """Return the note that velocities are in degrees a second or turns a minute, by the
+    ratio to the derivative of the position; None where no unit fits."""
     for unit, factor in _UNITS.items():
         if abs(ratio / factor - 1.0) < 0.02:
             return Issue(
@@ -81,7 +83,11 @@ def _in_another_unit(ratio: float) -> Issue | None:
 
 
 def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
-    """A clock, or a velocity, that is off by the same factor in all joints."""
+    """Return the warning that the clock or the velocity is off by one factor.
+
+    ratio : velocity over the derivative of the position; n_alike, n_known : joints with
+    this ratio, and joints whose ratio is known.
+    """
     times = f"{max(ratio, 1.0 / ratio):.3g} times too"
     wrong = f"{times} fast" if ratio < 1.0 else f"{times} slow"
     return Issue(
@@ -101,12 +107,14 @@ def _against_the_clock(ratio: float, n_alike: int, n_known: int) -> Issue:
 
 
 def _stretched(run: Measurements, factor: float) -> Measurements:
-    """The run, so many times as long."""
+    """Return the run with its clock slowed: ``factor`` times as long, from the same
+    first instant."""
     return replace(run, t=run.t[0] + (run.t - run.t[0]) * factor)
 
 
 def _of_one_joint(j: int, ratio: float) -> Iterator[Issue]:
-    """A note about a joint (from 0) whose velocity is another one's."""
+    """Yield a note where the velocity of joint j (from 0) is not the derivative of its
+    position: it is negative, or off by a third or more."""
     if ratio > 0.0 and abs(np.log(ratio)) <= _OF_ONE_JOINT:
         return
     yield Issue.of(
@@ -121,50 +129,62 @@ def _of_one_joint(j: int, ratio: float) -> Iterator[Issue]:
     )
 
 
-def _late(g: RunSummary, lag: float) -> Issue:
-    """A note about velocities that come some samples after the positions' derivative,
-    as behind a filter."""
+def _late(glance: RunSummary, lag: float) -> Issue:
+    """Return the note that velocities lag behind the positions' derivative, as a filter
+    makes them.
+
+    lag : by how many samples; negative where they come before.
+    """
     later = "later" if lag > 0.0 else "earlier"
     return Issue(
         kind="velocity lag",
         severity="note",
         where="columns dq",
         what=f"the logged velocities come {abs(lag):.0f} samples"
-        f" ({1e3 * abs(lag) * g.step:.3g} ms) {later} than the derivative of the"
+        f" ({1e3 * abs(lag) * glance.usual_step:.3g} ms) {later} than the derivative of the"
         " positions: they are filtered, or from another source.",
         certainty=READ,
         remedy="no action needed: velocities are taken from the positions; whether"
         " torques come late as well, `check` tells from the dynamics",
-        figures={"samples": lag, "seconds": lag * g.step},
+        figures={"samples": lag, "seconds": lag * glance.usual_step},
     )
 
 
-def velocity_ratios(g: RunSummary) -> Array:
-    """(n,) logged velocity over the derivative of the position, by least squares on
-    means of a few rows; nan where the two are not proportional."""
-    width = int(max(4, len(g.run.t) // 2000))
-    count = len(g.steps) // width
-    steps = g.steps[: count * width].reshape(count, width)
+def velocity_ratios(glance: RunSummary) -> Array:
+    """Return the ratio (n,) of the logged velocity to the derivative of the position.
+
+    Both are averaged over windows of a few rows; time steps ten times as long as usual
+    are left out. The ratio is nan for joints at rest, and where the two are not
+    proportional.
+    """
+    width = int(max(4, len(glance.run.t) // 2000))  # rows: 2000 windows at most
+    count = len(glance.steps) // width
+    steps = glance.steps[: count * width].reshape(count, width)
     seconds = steps.sum(axis=1)
-    usual = np.all(steps < 10.0 * g.step, axis=1) & (seconds > 0.0)
-    out = np.full(g.run.n, np.nan)
-    for j in np.flatnonzero(g.moving).tolist():
-        travel = np.diff(g.run.q[:, j])[: count * width].reshape(count, width)
-        logged = _between_rows(g, j)[: count * width].reshape(count, width) * steps
+    usual = np.all(steps < 10.0 * glance.usual_step, axis=1) & (seconds > 0.0)
+    ratios = np.full(glance.run.n, np.nan)
+    for j in np.flatnonzero(glance.moving).tolist():
+        travel = np.diff(glance.run.q[:, j])[: count * width].reshape(count, width)
+        logged = _between_rows(glance, j)[: count * width].reshape(count, width) * steps
         rate = (travel.sum(axis=1) / seconds)[usual]
         speed = (logged.sum(axis=1) / seconds)[usual]
-        out[j] = _ratio(rate, speed)
-    return out
+        ratios[j] = _ratio(rate, speed)
+    return ratios
 
 
-def _between_rows(g: RunSummary, j: int) -> Array:
-    """(N - 1,) logged velocity of joint j halfway between rows."""
-    assert g.run.dq is not None
-    return np.asarray(0.5 * (g.run.dq[1:, j] + g.run.dq[:-1, j]))
+def _between_rows(glance: RunSummary, j: int) -> Array:
+    """Return the logged velocity (N - 1,) of joint j halfway between rows, the mean of
+    both."""
+    assert glance.run.dq is not None
+    return np.asarray(0.5 * (glance.run.dq[1:, j] + glance.run.dq[:-1, j]))
 
 
 def _ratio(rate: Array, speed: Array) -> float:
-    """Of two proportional signals (K,), whichever is the noisier; nan for others."""
+    """Return the ratio of ``speed`` to ``rate`` (K,), two proportional signals.
+
+    It is the ratio of their root mean squares, which noise in either biases alike (a
+    least-squares slope would trust one of them); nan where they are not proportional.
+    """
     xx = float(rate @ rate)
     yy = float(speed @ speed)
     xy = float(rate @ speed)
@@ -173,16 +193,22 @@ def _ratio(rate: Array, speed: Array) -> float:
     return float(np.sign(xy) * np.sqrt(yy / xx))
 
 
-def velocity_lag(g: RunSummary) -> float | None:
-    """By how many samples the logged velocity is behind the derivative of the position,
-    where the two correlate most; None where joints that move do not agree."""
-    even = (g.steps < TIMES * g.step)[:_ROWS_OF_LAG]
+def velocity_lag(glance: RunSummary) -> float | None:
+    """Return by how many samples the logged velocity lags behind the derivative of the
+    position.
+
+    It is the median over the moving joints of the lag at which the two correlate most;
+    None where the joints differ by more than a sample.
+    """
+    # Steps across gaps count 0.
+    even = (glance.steps < TIMES * glance.usual_step)[:_ROWS_OF_LAG]
     largest_lag = min(_LARGEST_LAG, len(even) // 4)
     tried = np.arange(-largest_lag, largest_lag + 1)
     lags = []
-    for j in np.flatnonzero(g.moving).tolist():
-        rate = even * np.diff(g.run.q[: len(even) + 1, j])
-        speed = even * _between_rows(g, j)[: len(even)]
+    for j in np.flatnonzero(glance.moving).tolist():
+        rate = even * np.diff(glance.run.q[: len(even) + 1, j])
+        speed = even * _between_rows(glance, j)[: len(even)]
+        # Cross-correlation by FFT; zeros behind the rows keep it from wrapping round.
         length = 2 * len(even)
         spectrum = np.fft.rfft(speed, length) * np.fft.rfft(rate, length).conj()
         match = np.fft.irfft(spectrum, length)[tried]

@@ -56,7 +56,7 @@ REASONS: Mapping[str, str] = {
     "more_left": "more error is left on its joints than it explains",
     "shared": "other findings share most of its torque: only their sum is known",
     "implausible": "its size is not plausible",
-    "looks_like": "something else looks so",
+    "looks_like": "another cause makes a similar torque",
     "few_splits": "fewer than two thirds of this run's splits show it",
     "curve": "a measured curve explains the joint better",
     "at_end": "it lies at the end of the range in which it was looked for",
@@ -164,8 +164,7 @@ class Finding(Rated):
     parameters : all of them by name; held_out_rmse_before, _after (n,) : cumulative
     along the ladder; text : how :func:`add` takes the effect; remarks : why the finding
     is weak, if it is; constants : the shape in words, with units; n_splits,
-    n_splits_showing : splits of one run that were compared, and those that are confident
-    of it.
+    n_splits_showing : splits of one run that were compared, and those that show it.
     """
 
     effect: str
@@ -189,7 +188,7 @@ class Finding(Rated):
 
     @property
     def splits_sentence(self) -> str:
-        """How many splits of one run are confident of it; "" where none were compared."""
+        """How many splits of one run show it; "" where none were compared."""
         if not self.n_splits:
             return ""
         return (

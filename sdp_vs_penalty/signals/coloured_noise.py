@@ -39,29 +39,30 @@ FALSE_LONE = 1e-2
 
 
 class Pieces(tuple[NDArray[np.intp], ...]):
-    """Index arrays of uninterrupted rows of a series, in order, and where an
-    autoregression predicts."""
+    """Uninterrupted pieces of a series, each an array of row numbers in order.
+
+    An autoregression of order ORDER predicts the rows that have ORDER rows before them
+    in their piece.
+    """
 
     @cached_property
     def predicted(self) -> NDArray[np.intp]:
-        """The rows that have a past of ORDER rows in their piece."""
-        return np.concatenate(
-            [
-                np.arange(0),
-                *(p[ORDER:] for p in self),
-            ]
-        )
+        """(P,) numbers of the rows that have ORDER rows before them in their piece."""
+        none = np.arange(0)
+        return np.concatenate([none, *(piece[ORDER:] for piece in self)])
 
     @cached_property
     def past(self) -> list[NDArray[np.intp]]:
-        """The rows 1, 2, ... ORDER before each of those."""
-        lags = range(1, ORDER + 1)
-        return [
-            np.concatenate([np.arange(0), *(p[ORDER - k : -k] for p in self)])
-            for k in lags
-        ]
+        """For each lag 1, 2 ... ORDER, the numbers (P,) of the rows so far before those
+        of ``predicted``."""
+        none = np.arange(0)
+        rows_of_lags = []
+        for lag in range(1, ORDER + 1):
+            of_pieces = (piece[ORDER - lag : -lag] for piece in self)
+            rows_of_lags.append(np.concatenate([none, *of_pieces]))
+        return rows_of_lags
 
-    #: The filter that was asked for last, and by what.
+    #: The last filter, with its coefficients and number of rows.
     _last: tuple[tuple[bytes, int], scipy.sparse.csr_array] | None = None
 
     def filter(
@@ -69,7 +70,8 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         ar: Array,
         count: int,
     ) -> scipy.sparse.csr_array:
-        """Sparse map that whitens a series: each row minus its prediction by an autoregression.
+        """Return the sparse matrix that whitens a series: each row minus its prediction
+        by an autoregression.
 
         Parameters
         ----------
@@ -86,12 +88,14 @@ class Pieces(tuple[NDArray[np.intp], ...]):
         key = ar.tobytes(), count
         if self._last is None or self._last[0] != key:
             rows = self.predicted
-            ends = np.zeros(count + 1, np.intp)
-            ends[rows + 1] = ORDER + 1
+            # Compressed sparse rows: ORDER + 1 entries in each predicted row, of the
+            # past rows in order and the row itself; none in the others.
+            n_entries = np.zeros(count + 1, np.intp)
+            n_entries[rows + 1] = ORDER + 1
             places = np.column_stack([*reversed(self.past), rows]).ravel()
             row_weights = np.append(-ar[::-1], 1.0)
             weights = np.tile(row_weights, len(rows))
-            parts = (weights, places, np.cumsum(ends))
+            parts = (weights, places, np.cumsum(n_entries))
             self._last = key, scipy.sparse.csr_array(parts, shape=(count, count))
         return self._last[1]
 
@@ -114,13 +118,14 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
     """
     count = len(pieces.predicted)
     if count < 4 * ORDER:
+        # Too few rows for coefficients: white noise of the samples' scatter.
         samples = np.concatenate([x[p] for p in pieces]) if pieces else x
         return (
             np.zeros(ORDER),
             max(float(samples.std()), 1e-12),
             max(len(samples) - 1.0, 1.0),
         )
-    matrix = np.column_stack([x[k] for k in pieces.past])
+    matrix = np.column_stack([x[rows] for rows in pieces.past])  # (P, ORDER)
     target = x[pieces.predicted]
     a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
     residual = target - matrix @ a
@@ -184,9 +189,10 @@ def local_excess(
 
 
 def _usual_limit(energies: Array) -> float:
-    """The largest energy of windows that swell and fade as the others do.
+    """Return the largest energy of a window that is still noise that swells and fades.
 
-    The logarithm of their energy is nearly normal.
+    The logarithm of the energies is nearly normal: the limit lies _FAR robust standard
+    deviations above their median.
     """
     logs = np.log(energies[energies > 0.0])
     middle = np.median(logs)
@@ -229,11 +235,11 @@ def lone_windows(
     stretches = _stretches(pieces, max(2, round(2.0 * SAME_PHASE * rate)))
     n_tests = 2 * len(LENGTHS) * tests
     for length in LENGTHS:
-        energy, slowly = _window_energy(white, pieces, slow, length)
-        for kind in (slowly, ~slowly):
-            energy_of_kind = np.where(kind, energy, -np.inf)
+        energy, is_slow = _window_energy(white, pieces, slow, length)
+        for is_of_kind in (is_slow, ~is_slow):
+            energy_of_kind = np.where(is_of_kind, energy, -np.inf)
             largest = np.array([energy_of_kind[rows].max() for rows in stretches])
-            known = np.sort(largest[np.isfinite(largest)])[::-1]
+            known = np.sort(largest[np.isfinite(largest)])[::-1]  # descending
             is_lone = energy_of_kind > _tail_limit(known, n_tests)
             for row in np.flatnonzero(is_lone):
                 first = row - length // 2
@@ -242,7 +248,7 @@ def lone_windows(
 
 
 def _stretches(pieces: Sequence[NDArray[np.intp]], size: int) -> list[NDArray[np.intp]]:
-    """Cut pieces into stretches of about so many rows."""
+    """Cut pieces (arrays of row numbers) into stretches of about ``size`` rows each."""
     out = []
     for piece in pieces:
         n_stretches = max(1, round(len(piece) / size))
@@ -256,32 +262,42 @@ def _window_energy(
     slow: Mask,
     length: int,
 ) -> tuple[Array, Mask]:
-    """Logarithm (M,) of the energy in the window around each row, minus infinity where
-    there is none; and whether the joint is slow in most of it (M,)."""
+    """Sum the squares of a whitened series in the window of ``length`` rows around each
+    row.
+
+    Returns
+    -------
+    energy : (M,) array
+        Natural logarithm of the sums; minus infinity in pieces shorter than a window.
+    is_slow : (M,) array of bool
+        Whether the joint is slow (``slow``, (M,)) in most of the window.
+    """
     moving_sum = partial(np.convolve, np.ones(length), mode="same")
     energy = np.full(len(white), -np.inf)
-    slowly = np.zeros(len(white), bool)
+    is_slow = np.zeros(len(white), bool)
     for piece in pieces:
         if len(piece) < length:
             continue
         with np.errstate(divide="ignore"):  # no energy: minus infinity
             energy[piece] = np.log(moving_sum(white[piece] ** 2))
-        slowly[piece] = moving_sum(slow[piece]) > 0.5
-    return energy, slowly
+        is_slow[piece] = moving_sum(slow[piece]) > 0.5
+    return energy, is_slow
 
 
 def _tail_limit(values: Array, tests: int) -> float:
-    """Above what a few of descending ``values`` stand out of the tail of the others;
-    infinite where none does.
+    """Return the limit above which a few of the descending ``values`` stand out of the
+    tail of the others; infinity where none does.
 
-    Logarithms of energies decay exponentially, as heavy tails do, with a mean excess h
-    over a threshold that k values show (Hill 1975). A new one exceeds the threshold by
-    x with probability (1 + x / (k h))^-k.
+    The values are logarithms of energies, whose tail decays exponentially, as heavy
+    tails do. The k values above a threshold have a mean excess h over it (Hill 1975); a
+    new value exceeds the threshold by x with probability (1 + x / (k h))^-k, which is
+    FALSE_LONE / (k tests) at the limit. The largest number of outliers that is possible
+    (RARE of all) is tried first, then fewer.
     """
     k = len(values) // 2
     if not k:
         return np.inf
-    far = k * ((k * tests / FALSE_LONE) ** (1.0 / k) - 1.0)
+    far = k * ((k * tests / FALSE_LONE) ** (1.0 / k) - 1.0)  # x / h
     n_most = min(int(RARE * len(values)), len(values) - k - 1)
     for n_out in range(n_most, 0, -1):
         threshold = float(values[n_out + k])

@@ -40,38 +40,29 @@ def read_again(measurements: Measurements) -> Measurements:
     Measurements
         The same runs with other positions.
     """
-    out = []
+    runs = []
     for run in measurements.runs():
-        columns = [_again(run.t, position) for position in run.q.T]
-        out.append(replace(run, q=np.column_stack(columns)))
-    return concatenate(out)
+        columns = [_with_other_steps(run.t, position) for position in run.q.T]
+        runs.append(replace(run, q=np.column_stack(columns)))
+    return concatenate(runs)
 
 
-def _again(t: Array, q: Array) -> Array:
-    """(N,) positions: on straight lines between the instants at which the encoder
-    counted, and from there counted anew."""
+def _with_other_steps(t: Array, q: Array) -> Array:
+    """Return the positions (N,) that an encoder with shifted steps would have read.
+
+    The true position is taken to lie on straight lines between the instants at which the
+    encoder counted, midway between its levels; from there it is rounded anew.
+    """
     step = lattice_step(q)
     change = np.flatnonzero(np.diff(q))
     if not step:
         return q
     middle_time = 0.5 * (t[change] + t[change + 1])
     middle_position = 0.5 * (q[change] + q[change + 1])
-    when = np.concatenate(
-        [
-            t[:1],
-            middle_time,
-            t[-1:],
-        ]
-    )
-    where = np.concatenate(
-        [
-            q[:1],
-            middle_position,
-            q[-1:],
-        ]
-    )
-    between = np.interp(t, when, where)
-    # Errors of encoders whose steps lie apart by such a share a of one are not
-    # correlated, as 1 - 6 a (1 - a) = 0.
-    apart = 0.5 - 12.0**-0.5
-    return np.asarray(step * (np.round(between / step + apart) - apart))
+    knot_times = np.concatenate([t[:1], middle_time, t[-1:]])
+    knot_positions = np.concatenate([q[:1], middle_position, q[-1:]])
+    true_position = np.interp(t, knot_times, knot_positions)
+    # Rounding errors of two encoders whose levels are shifted by a share a of a step are
+    # uncorrelated where 1 - 6 a (1 - a) = 0.
+    shift = 0.5 - 12.0**-0.5
+    return np.asarray(step * (np.round(true_position / step + shift) - shift))

@@ -34,8 +34,8 @@ from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps
 
 @dataclass(frozen=True)
 class Rows:
-    """Filtered, decimated rows of one run: motion (M, n), torque (M, n), columns joint
-    by joint."""
+    """M filtered, decimated rows of one run: states (M, n), torque (M, n) [N m or N], and
+    the regression's columns joint by joint."""
 
     motion: Motion
     torque: Array
@@ -44,9 +44,12 @@ class Rows:
 
 @dataclass(frozen=True)
 class FilteredChunk:
-    """Consecutive rows of a run before they have columns: the motion on the column grid
-    around them, the low-pass from there to the rows, the same of smooth columns, motion
-    and torque at the rows."""
+    """Consecutive filtered rows of a run, before a model makes columns of them.
+
+    column_motion : states on the fine grid on which columns are made; low_pass : from
+    that grid to the rows; smooth, smooth_low_pass : the same on a coarser grid, enough
+    for columns without jumps; rows, torque : states and torque (M, n) at the rows.
+    """
 
     column_motion: Motion
     low_pass: Decimator
@@ -62,34 +65,44 @@ Read = Callable[[], list[Block]]
 
 @dataclass
 class _ChunkCache:
-    """A piece, and the columns of the last model's effects on it: of each effect those
-    over which velocities signs turned. shelf : of a long run, the file in which the
-    piece lies, and the columns of smooth effects, which take the longest."""
+    """Cache of one chunk of a run, and of the columns of the last model's effects on it.
+
+    read : reads the chunk; shelf : of a long run, the file that holds the chunk and the
+    columns of smooth effects, which take the longest; None: all is in memory; columns :
+    effects, the model's widths of a turning sign with which they were made, and how to
+    read them.
+    """
 
     read: Callable[[], FilteredChunk]
     shelf: DiskCache | None
     columns: list[tuple[Effect, tuple[float, ...], Read]] = field(default_factory=list)
 
     def rows(self, model: Model) -> Rows:
-        """The piece in the columns of a model."""
-        piece = self.read()
+        """Return the rows of the chunk with the columns of a model, cached ones where
+        there are any."""
+        chunk = self.read()
         reads = self._reads(model)
-        known = {k: read() for k, read in reads.items()}
-        known |= _new_columns(piece, model, known)
-        self._keep(model, reads, known)
-        joined_columns = model.joined(known, len(piece.torque))
-        columns, torque = model.without_known(joined_columns, piece.torque)
-        return Rows(piece.rows, torque, columns)
+        blocks = {place: read() for place, read in reads.items()}
+        blocks |= _new_columns(chunk, model, blocks)
+        self._keep(model, reads, blocks)
+        joined_columns = model.joined(blocks, len(chunk.torque))
+        columns, torque = model.without_known(joined_columns, chunk.torque)
+        return Rows(chunk.rows, torque, columns)
 
     def _reads(self, model: Model) -> dict[int, Read]:
-        """What reads the columns that are kept, by the effect's place in the model."""
+        """Return the readers of cached columns, by the effect's place in the model.
+
+        Columns of an effect that turns with the sign of a velocity can be used again
+        only where the sign turns over the same width.
+        """
         width = model.sign_width
-        return {
-            k: read
-            for k, effect in enumerate(model.effects)
-            for one, turned, read in self.columns
-            if one.same_columns(effect) and (effect.signless or turned == width)
-        }
+        reads = {}
+        for place, effect in enumerate(model.effects):
+            for cached_effect, cached_width, read in self.columns:
+                has_same_width = effect.signless or cached_width == width
+                if cached_effect.same_columns(effect) and has_same_width:
+                    reads[place] = read
+        return reads
 
     def _keep(
         self,
@@ -97,7 +110,13 @@ class _ChunkCache:
         reads: Mapping[int, Read],
         known: Mapping[int, list[Block]],
     ) -> None:
-        """Keep the columns that do not depend on a current model."""
+        """Cache the columns of a model's effects, by place, in place of those of the last
+        model.
+
+        Left out are columns that depend on a current model's torque and, of a long run,
+        those that are quick to make again.
+        """
+        # In memory: a function that returns the list.
         put = partial(partial, list) if self.shelf is None else self.shelf.put
         self.columns = [
             (effect, model.sign_width, reads.get(k) or put(known[k]))
@@ -107,19 +126,25 @@ class _ChunkCache:
 
 
 def _new_columns(
-    piece: FilteredChunk,
+    chunk: FilteredChunk,
     model: Model,
     known: Mapping[int, list[Block]],
 ) -> dict[int, list[Block]]:
-    """The columns at the rows of the effects that are not known yet."""
-    smooth = None if model.needs_reference else piece.smooth
-    others = model.blocks(piece.column_motion, known, smooth)
+    """Make the low-passed columns, at the rows of a chunk, of a model's effects whose
+    columns are not ``known`` yet; by the effect's place in the model.
+
+    Smooth effects are made on the coarser grid, unless the model needs all columns on
+    one grid.
+    """
+    smooth = None if model.needs_reference else chunk.smooth
+    blocks = model.blocks(chunk.column_motion, known, smooth)
     if smooth is None:
-        return low_passed(piece.low_pass, others)
-    smooth_places = [k for k in others if model.effects[k].smooth]
-    of_smooth = {k: others.pop(k) for k in smooth_places}
-    out = low_passed(piece.smooth_low_pass, of_smooth)
-    return out | low_passed(piece.low_pass, others)
+        return low_passed(chunk.low_pass, blocks)
+    is_smooth = {place: model.effects[place].smooth for place in blocks}
+    on_coarse_grid = {k: block for k, block in blocks.items() if is_smooth[k]}
+    on_fine_grid = {k: block for k, block in blocks.items() if not is_smooth[k]}
+    filtered = low_passed(chunk.smooth_low_pass, on_coarse_grid)
+    return filtered | low_passed(chunk.low_pass, on_fine_grid)
 
 
 def low_passed(
@@ -144,13 +169,7 @@ def low_passed(
         return dict(blocks)
     ends = np.cumsum([len(x) for x in columns])
     filtered = low_pass @ np.vstack(columns).T
-    parts = iter(
-        np.split(
-            filtered,
-            ends[:-1],
-            axis=1,
-        )
-    )
+    parts = iter(np.split(filtered, ends[:-1], axis=1))
     return {
         k: [replace(b, columns=next(parts)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()
@@ -159,11 +178,11 @@ def low_passed(
 
 @dataclass(eq=False)
 class FilteredRun:
-    """One run behind its filters. settings : resolved; movement_override : which instants count
-    (default: those at which the run moves).
+    """One run behind its filters.
 
-    Raises InputError, when it is asked for rows, for a run that is shorter than the
-    filters need.
+    settings : resolved, so that cut-off frequencies are numbers; movement_override :
+    which instants count (default: those at which the run moves). Asked for rows, it
+    raises InputError for a run that is shorter than the filters need.
     """
 
     run: Measurements
@@ -176,7 +195,7 @@ class FilteredRun:
     )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Without rows: another process cuts them again."""
+        """Pickle for another process without the rows, which it filters anew."""
         return FilteredRun, (self.run, self.settings, self.movement_override)
 
     @cached_property
@@ -191,7 +210,8 @@ class FilteredRun:
 
     @cached_property
     def simulated(self) -> FilteredRun:
-        """The motion "qsim" that the run holds beside its own, at the same instants."""
+        """The filtered run of the simulated motion "qsim" that the run's file holds as
+        well, at the same instants."""
         commanded = dict(self.run.commanded)
         if "isim" in commanded:
             commanded["isum"] = commanded["isim"]
@@ -238,18 +258,17 @@ class FilteredRun:
         return Rows(joined(p.motion for p in pieces), torque, columns)
 
     def states(self) -> Iterator[Motion]:
-        """The states at the rows, piece by piece, without columns: enough to judge
-        data."""
+        """Yield the states at the rows, piece by piece, without columns."""
         return (chunk.read().rows for chunk in self._pieces(False))
 
     @property
     def step(self) -> int:
-        """Samples of the log from row to row."""
+        """Number of samples of the log from one row to the next."""
         return self.filters.step(OVERSAMPLING)
 
     @property
     def rows_per_sample(self) -> float:
-        """How many rows hold as much of white torque noise as one independent sample.
+        """Number of rows that are worth one independent sample, for white torque noise.
 
         A row has the variance sigma^2 sum h^2 of noise low-passed by h; within the pass
         band, where the columns are, the noise keeps its density, which at one row in
@@ -259,8 +278,10 @@ class FilteredRun:
         return float(1.0 / (self.step * (kernel @ kernel)))
 
     def _pieces(self, uncut: bool) -> list[_ChunkCache]:
-        """The run cut into pieces; ``uncut``: where effects remember, each stretch
-        sample by sample."""
+        """Return the caches of the run's chunks, filtered once.
+
+        uncut : for effects with memory: each stretch in one chunk, with every sample.
+        """
         if uncut not in self._kept:
             shelf = DiskCache() if self.run.q.size > SAMPLES else None
             put: Any = (lambda piece: lambda: piece) if shelf is None else shelf.put
@@ -270,7 +291,8 @@ class FilteredRun:
         return self._kept[uncut]
 
     def _cut(self, uncut: bool) -> Iterator[FilteredChunk]:
-        """Filter the run, piece by piece; InputError where no row is left."""
+        """Filter the run and yield its chunks; long stretches are cut at PART samples,
+        unless ``uncut``. Raises InputError where the filters leave no row."""
         filters = self.filters.every_sample if uncut else self.filters
         margin = filters.state.half + filters.column.half
         is_whole = uncut or self.run.q.size <= SAMPLES
@@ -294,10 +316,11 @@ def _chunk(
     at: NDArray[np.int64],
     keep: NDArray[np.bool_],
 ) -> FilteredChunk:
-    """Filter a stretch around the samples ``at``; of these the rows are the ones to
-    keep."""
+    """Filter a stretch without gaps around its samples ``at`` (K,); ``keep`` (K,) says
+    which of them become rows."""
     motion, smooth = filters.around(part, at)
     since = at[keep] - at[0]
+    # Places of the rows on the fine and the coarse column grid.
     local = since // filters.stride + filters.coarse.half
     coarse = since // filters.smooth_stride + filters.smooth.half
     states = Motion(
@@ -307,12 +330,12 @@ def _chunk(
         motion.ddq[local],
     )
     return FilteredChunk(
-        motion,
-        Decimator(filters.coarse, local),
-        smooth,
-        Decimator(filters.smooth, coarse),
-        states,
-        filters.torque(part, at[keep]),
+        column_motion=motion,
+        low_pass=Decimator(filters.coarse, local),
+        smooth=smooth,
+        smooth_low_pass=Decimator(filters.smooth, coarse),
+        rows=states,
+        torque=filters.torque(part, at[keep]),
     )
 
 
@@ -326,7 +349,7 @@ class FilteredRuns:
 
     @classmethod
     def of(cls, measurements: Measurements, settings: Preprocessing) -> FilteredRuns:
-        """Runs behind their filters.
+        """Put runs behind filters; nothing is computed yet.
 
         Parameters
         ----------

@@ -19,27 +19,39 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 class LowPass:
-    """A symmetric kernel (2 half + 1,) of a low-pass on a uniform grid."""
+    """A low-pass filter on a uniform grid: a symmetric kernel (2 half + 1,), to convolve
+    samples with."""
 
     def __init__(self, value: Array) -> None:
-        self.value, self.half = value, len(value) // 2
+        self.value = value
+        self.half = len(value) // 2
+
+
+#: Rows of one dense block of a decimator.
+_ROWS_PER_BLOCK = 16
 
 
 class Decimator:
-    """The matrix (M, N) of a low-pass at M ascending samples ``at``, as dense blocks of
-    few rows: they share most of their samples, which makes it several times as fast as
-    sparse rows."""
+    """The matrix (M, N) that low-passes N samples and takes M of the outputs.
+
+    Output m is the low-passed signal at sample ``at[m]``, in ascending order. The matrix
+    consists of dense blocks of a few rows: neighbouring rows share most of their samples,
+    which makes it several times as fast as sparse rows.
+    """
 
     def __init__(
         self,
         kernel: LowPass,
         at: NDArray[np.int64],
     ) -> None:
-        self.kernel, self.at, size = kernel, at, len(kernel.value)
+        self.kernel = kernel
+        self.at = at
+        size = len(kernel.value)
+        #: The samples that each block reads, and the block.
         self.blocks: list[tuple[slice, Array]] = []
         known: dict[bytes, Array] = {}  # evenly spaced rows share one block
-        for start in range(0, len(at), 16):
-            block_rows = at[start : start + 16]
+        for start in range(0, len(at), _ROWS_PER_BLOCK):
+            block_rows = at[start : start + _ROWS_PER_BLOCK]
             places = block_rows - block_rows[0]
             block = known.get(places.tobytes())
             if block is None:
@@ -53,7 +65,7 @@ class Decimator:
             self.blocks.append((slice(begin, begin + block.shape[1]), block))
 
     def __matmul__(self, x: Array) -> Array:
-        """Of x (N, ...) the rows (M, ...)."""
+        """Return the low-passed rows (M, ...) of signals x (N, ...)."""
         shape = x.shape[1:]
         flat = x.reshape(len(x), int(np.prod(shape)))
         parts = [block @ flat[samples] for samples, block in self.blocks]
@@ -65,7 +77,7 @@ class Decimator:
         start: int,
         stop: int,
     ) -> tuple[Decimator, slice]:
-        """The decimator of some of its rows.
+        """Return the decimator of some of the rows.
 
         Parameters
         ----------
@@ -84,6 +96,8 @@ class Decimator:
         return Decimator(self.kernel, at - first), slice(first, last + 1)
 
     def __abs__(self) -> Decimator:
+        """Return the decimator with the absolute values of the kernel, to bound what it
+        passes."""
         return Decimator(LowPass(np.abs(self.kernel.value)), self.at)
 
 
@@ -152,7 +166,8 @@ class Kernel(LowPass):
         return low + q[:1], first, second
 
     def sampled(self, stride: int) -> LowPass:
-        """The same low-pass filter on a coarser grid, with the same response below its rate.
+        """Return the same low-pass on a coarser grid, with the same response below half
+        of its rate.
 
         Parameters
         ----------
@@ -179,7 +194,8 @@ class Kernel(LowPass):
 
 
 def _sinc_derivatives(w: float, t: Array) -> tuple[Array, Array, Array]:
-    """sin(w t) / t, and its first and second derivative."""
+    """Return sin(w t) / t and its first and second derivative by t, each (N,), at
+    instants t (N,) [s]; w [rad/s]. At t = 0 they are w, 0 and -w^3 / 3."""
     safe = np.where(t == 0.0, 1.0, t)
     sine = np.sin(w * t)
     cosine = np.cos(w * t)
@@ -194,7 +210,8 @@ def _sinc_derivatives(w: float, t: Array) -> tuple[Array, Array, Array]:
 
 
 def _hann_derivatives(a: float, t: Array) -> tuple[Array, Array, Array]:
-    """Hann's window (1 + cos(a t)) / 2, and its first and second derivative."""
+    """Return Hann's window (1 + cos(a t)) / 2 and its first and second derivative by t,
+    each (N,), at instants t (N,) [s]; a = pi / half length [rad/s]."""
     cosine = np.cos(a * t)
     return 0.5 + 0.5 * cosine, -0.5 * a * np.sin(a * t), -0.5 * a**2 * cosine
 
@@ -232,7 +249,22 @@ def _moment_factor(
     orders: Sequence[int],
     moments: Sequence[float],
 ) -> np.polynomial.Polynomial:
-    """The even polynomial c(u) with sum kernel c(u) u^k = moment for each order k."""
+    """Return the even polynomial c(u) that gives a kernel prescribed moments.
+
+    For each order k and its moment m_k: sum over the samples of kernel c(u) u^k = m_k.
+
+    Parameters
+    ----------
+    kernel, u : (N,) array
+        Samples of the kernel, and their places.
+    orders, moments : sequence of K numbers
+        The conditions; the polynomial has the K powers 0, 2, ... 2 K - 2.
+
+    Returns
+    -------
+    Polynomial
+        c.
+    """
     powers = 2 * np.arange(len(orders))
     u = np.asarray(u, float)
     weights = np.asarray(kernel, float)[:, None]

@@ -26,11 +26,21 @@ FINEST = 10.0
 
 
 def sample_rate(run: Measurements) -> float:
-    """Samples a second: one over the median time step [Hz], of a long run that of
-    stretches that are spread over it.
+    """Return the sample rate of a run [Hz]: one over the median time step.
 
-    Stamps that come in bursts have a median step of nothing: the grid on which a run is
-    resampled never has more than ten points a sample, pauses apart.
+    Of a long run the steps of stretches spread over it are used. Where stamps come in
+    bursts the median step is nearly 0: the rate is at most FINEST times that of the mean
+    step, in which long pauses count as short ones.
+
+    Parameters
+    ----------
+    run : Measurements
+        A single run.
+
+    Returns
+    -------
+    float
+        Samples per second.
     """
     n_stretches = 1
     size = len(run.t)
@@ -47,13 +57,17 @@ def sample_rate(run: Measurements) -> float:
 
 
 def moving_joints(run: Measurements) -> NDArray[np.bool_]:
-    """(n,) which joints move at all, rather than flicker about one position.
+    """Return which joints (n,) move at all, rather than flicker about one position.
 
-    From row to row a noisy position changes as much as it ever does (the ratio is 0.7
-    for white noise, up to 1.5 for the idle joints of a real arm), a smooth motion far
-    less (over 100).
+    A joint moves if the standard deviation of its position is large, or large compared
+    with its changes from row to row. A noisy position changes as much from row to row as
+    it ever does (the ratio is 0.7 for white noise, up to 1.5 for the idle joints of a
+    real arm), a smooth motion far less (over 100).
     """
-    total = square = steps = np.zeros(run.n)
+    # Sums over the rows of displacements, their squares, and squared steps.
+    total = np.zeros(run.n)
+    square = np.zeros(run.n)
+    steps = np.zeros(run.n)
     for _, part in iter_chunks(run.q, overlap=1):
         q = np.ascontiguousarray(part.T)  # several times as fast as row by row
         displacement = q[:, :PART] - run.q[0][:, None]
@@ -102,8 +116,8 @@ class Movement:
 
 
 def _ways(run: Measurements) -> Iterator[Array]:
-    """How far each joint comes in the half second around each sample (N, n), chunk by
-    chunk."""
+    """Yield the absolute displacement of each joint over the half second around each
+    sample, (N, n) chunk by chunk."""
     for _, t in iter_chunks(run.t):
         end = interpolated(t + SAME_PHASE, run.t, run.q)
         start = interpolated(t - SAME_PHASE, run.t, run.q)
@@ -111,7 +125,7 @@ def _ways(run: Measurements) -> Iterator[Array]:
 
 
 def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """First row, and one past the last, of each run of True.
+    """Find the stretches of consecutive True flags.
 
     Parameters
     ----------
@@ -121,27 +135,25 @@ def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     Returns
     -------
     (K, 2) array of int
-        A row a run.
+        First index of each stretch, and the index behind its last.
 
     Examples
     --------
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """
-    padded = np.concatenate(
-        [
-            [0],
-            flags.astype(np.int8),
-            [0],
-        ]
-    )
+    padded = np.concatenate([[0], flags.astype(np.int8), [0]])
     return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """What lies between two gaps of a run's clock, resampled to t[0] + k dt where it is
-    asked for."""
+    """The part of a run between two gaps of its clock.
+
+    It is as logged (N samples), and can be resampled to the even grid t[0] + k dt.
+    temperature, qcmd, sum, qmot (N, n) : further channels, if logged: the commanded
+    position, the integral of the position over time, the position of the motor.
+    """
 
     t: Array
     q: Array
@@ -159,13 +171,14 @@ class Stretch:
         return int(span / self.dt) + 1
 
     def clock(self, k: NDArray[np.int64]) -> Array:
+        """Return the instants (K,) [s] of the grid's samples k (K,)."""
         return np.asarray(self.t[0] + self.dt * k)
 
     @cached_property
     def integrals(self) -> tuple[Array, Array]:
-        """(N, n) of qcmd and of q over time since the stretch began, at the samples as
-        logged."""
-
+        """Integrals (N, n) over time, from the begin of the stretch to each logged
+        sample, of the commanded position and of the position; the latter as logged,
+        where the run holds it."""
         integral = partial(
             scipy.integrate.cumulative_trapezoid,
             x=self.t,
@@ -181,36 +194,47 @@ class Stretch:
         start: int,
         stop: int,
     ) -> Array:
-        """q or tau at the grid's samples start to stop - 1, (stop - start, n)."""
-        return interpolated(
-            self.clock(np.arange(start, stop)),
-            self.t,
-            values,
-        )
+        """Return channels (N, n) of the stretch at the grid's samples ``start`` to
+        ``stop - 1``, linearly interpolated, (stop - start, n)."""
+        instants = self.clock(np.arange(start, stop))
+        return interpolated(instants, self.t, values)
 
 
 def interpolated(at: Array, t: Array, values: Array) -> Array:
-    """(len(at), n) values (N, n), known at instants t, at other ones in order, piece by
-    piece; each column contiguous, as they are worked on one by one."""
+    """Interpolate channels linearly.
+
+    Parameters
+    ----------
+    at : (M,) array
+        Instants to interpolate at, in ascending order [s].
+    t : (N,) array
+        Instants at which the channels are known [s].
+    values : (N, n) array
+        The channels.
+
+    Returns
+    -------
+    (M, n) array
+        Their values; each column is contiguous in memory. Beyond the ends they are those
+        of the ends.
+    """
     out = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):
         instants = at[start : start + PART]
-        # Of a long run only what lies around: interpolation copies what it is given.
+        # Pass only the samples around: interpolation copies its arguments.
         begin = int(np.searchsorted(t, instants[0], "right")) - 1
         end = int(np.searchsorted(t, instants[-1])) + 1
         samples = slice(max(begin, 0), end)
-        for row, known in zip(out, values[samples].T, strict=True):
-            row[start : start + PART] = np.interp(
-                instants,
-                t[samples],
-                known,
-            )
+        for row, channel in zip(out, values[samples].T, strict=True):
+            row[start : start + PART] = np.interp(instants, t[samples], channel)
     return out.T
 
 
 def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
-    """The uninterrupted parts of a run: a time step above 20 usual ones (at least 50
-    ms) is a gap."""
+    """Yield the uninterrupted stretches of a run of two samples or more.
+
+    A gap is a time step of more than 20 usual ones, and of more than 50 ms.
+    """
     dt = 1.0 / sample_rate(run)
     pause = max(20.0 * dt, _PAUSE)
     gaps = [
@@ -234,7 +258,7 @@ def split_at_gaps(run: Measurements) -> Iterator[Stretch]:
 
 
 def no_motion(run: Measurements) -> InputError:
-    """For a run in which no joint moves."""
+    """Return the error for a run in which no joint moves."""
     return InputError(
         "the robot does not move in this run",
         "record a motion",

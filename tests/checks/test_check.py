@@ -179,7 +179,7 @@ def test_few_rows_far_apart_are_not_asked_for_two_arms(small):
     """Each of two stretches needs rows for the parts that are left out of it in turn."""
     problem, run = small
     data = RegressionData.of(problem, run, problem.preprocessing.resolve(run))
-    log = Likelihood(problem, data).some(
+    log = Likelihood(problem, data).select_rows(
         slice(
             None,
             None,

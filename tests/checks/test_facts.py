@@ -8,10 +8,14 @@ from small_runs import small_run
 
 from sdp_vs_penalty import InputError, Measurements, check, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.channels import lockstep, lockstep_groups, torques
+from sdp_vs_penalty.checks.channels import (
+    find_bad_torque_channels,
+    find_lockstep_motion,
+    lockstep_groups,
+)
 from sdp_vs_penalty.checks.fixing import fix_runs
 from sdp_vs_penalty.checks.glance import RunSummary
-from sdp_vs_penalty.checks.velocity import velocity
+from sdp_vs_penalty.checks.velocity import find_wrong_velocities
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.robot import LinkSizes, odd_units
 
@@ -53,26 +57,30 @@ def test_coarse_stamps_are_spaced_evenly_and_no_row_is_lost(times, begin):
 def test_a_clock_that_velocity_contradicts_is_named_with_its_factor(factor):
     """Without dynamics: the velocity of every joint is off by the same factor."""
     wrong = replace(RUN, t=factor * RUN.t)
-    (issue,) = velocity(summary(wrong))
+    (issue,) = find_wrong_velocities(summary(wrong))
     assert issue.kind == "clock against velocity"
     assert issue.figures["factor"] == pytest.approx(1.0 / factor, rel=0.02)
     assert issue.severity == "warning"
 
 
 def test_a_velocity_that_is_the_derivative_says_nothing():
-    assert not [*velocity(summary(RUN))]
+    assert not [*find_wrong_velocities(summary(RUN))]
 
 
 def test_a_velocity_one_sample_late_says_nothing():
     assert RUN.dq is not None
-    assert not [*velocity(summary(replace(RUN, dq=np.roll(RUN.dq, 1, axis=0))))]
+    assert not [
+        *find_wrong_velocities(summary(replace(RUN, dq=np.roll(RUN.dq, 1, axis=0))))
+    ]
 
 
 @pytest.mark.parametrize("lag", [-4, 3, 12])
 def test_a_velocity_that_comes_late_is_a_note_with_its_lag(lag):
     """To a sample, and no other clock."""
     assert RUN.dq is not None
-    (issue,) = velocity(summary(replace(RUN, dq=np.roll(RUN.dq, lag, axis=0))))
+    (issue,) = find_wrong_velocities(
+        summary(replace(RUN, dq=np.roll(RUN.dq, lag, axis=0)))
+    )
     assert issue.kind == "velocity lag"
     assert issue.severity == "note"
     assert issue.figures["samples"] == pytest.approx(lag, abs=1.0)
@@ -83,7 +91,7 @@ def test_a_velocity_that_comes_late_is_a_note_with_its_lag(lag):
 )
 def test_a_velocity_in_another_unit_is_no_fault_of_the_clock(factor, unit):
     assert RUN.dq is not None
-    (issue,) = velocity(summary(replace(RUN, dq=factor * RUN.dq)))
+    (issue,) = find_wrong_velocities(summary(replace(RUN, dq=factor * RUN.dq)))
     assert issue.kind == "velocity unit"
     assert issue.severity == "note"
     assert unit in issue.what
@@ -144,10 +152,10 @@ def test_joints_in_proportion_are_named_with_the_rank_of_the_motion():
         np.column_stack([move, 0.4 * move]),
         np.ones((len(t), 2)),
     )
-    (issue,) = lockstep(summary(run))
+    (issue,) = find_lockstep_motion(summary(run))
     assert issue.figures["rank"] == 1
     assert issue.figures["groups"] == [[1, 2]]
-    assert not [*lockstep(summary(RUN))]
+    assert not [*find_lockstep_motion(summary(RUN))]
 
 
 def test_a_joint_is_in_one_group_of_joints_in_proportion():
@@ -363,7 +371,7 @@ def test_a_torque_that_touches_zero_smoothly_is_no_magnitude():
     """As one that a spring or the weight makes: it turns back without a corner."""
     tau = RUN.tau.copy()
     tau[:, 1] = 5.0 * (1.0 - np.cos(2.0 * RUN.t)) + 1e-4
-    issues = torques(summary(replace(RUN, tau=tau)))
+    issues = find_bad_torque_channels(summary(replace(RUN, tau=tau)))
     assert "torque magnitude" not in [issue.kind for issue in issues]
 
 
@@ -383,7 +391,7 @@ def test_a_corner_that_a_motion_repeats_is_one_corner():
             np.cos(0.5 * np.pi * t),
         ]
     )
-    issues = torques(summary(Measurements(t, q, tau)))
+    issues = find_bad_torque_channels(summary(Measurements(t, q, tau)))
     assert "torque magnitude" not in [issue.kind for issue in issues]
 
 
@@ -402,12 +410,12 @@ def test_a_coarse_torque_that_rests_near_zero_is_no_magnitude(n_levels):
         p=[0.9, 0.1],
     )
     tau[:, 1] = 0.15 * np.round(level + flicker)
-    issues = torques(summary(replace(RUN, tau=tau)))
+    issues = find_bad_torque_channels(summary(replace(RUN, tau=tau)))
     assert "torque magnitude" not in [issue.kind for issue in issues]
 
 
 def test_a_torque_without_its_sign_is_a_magnitude():
     tau = RUN.tau.copy()
     tau[:, 1] = np.abs(5.0 * np.cos(2.0 * RUN.t) + 1e-3)
-    issues = torques(summary(replace(RUN, tau=tau)))
+    issues = find_bad_torque_channels(summary(replace(RUN, tau=tau)))
     assert "torque magnitude" in [issue.kind for issue in issues]

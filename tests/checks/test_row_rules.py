@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from sdp_vs_penalty import Measurements, load_problem
 from sdp_vs_penalty.checks import Issue, mended
-from sdp_vs_penalty.checks.channels import torques
+from sdp_vs_penalty.checks.channels import find_bad_torque_channels
 from sdp_vs_penalty.checks.facts import RULES
 from sdp_vs_penalty.checks.glance import RunSummary
 
@@ -321,7 +321,7 @@ def test_a_channel_that_never_changes_at_a_joint_that_rests_is_no_error():
     q, tau = clean.q.copy(), clean.tau.copy()
     q[:, 1], tau[:, 1] = 0.3, 0.0
     still = replace(clean, q=q, tau=tau, dq=None)
-    (dead,) = torques(RunSummary(still, ROBOT, STANDSTILL))
+    (dead,) = find_bad_torque_channels(RunSummary(still, ROBOT, STANDSTILL))
     assert (dead.kind, dead.severity) == ("dead channel", "note")
 
 

@@ -8,6 +8,9 @@ import pytest
 
 from sdp_vs_penalty import Measurements, Problem
 from sdp_vs_penalty.checks import Issue, Report, check
+from sdp_vs_penalty.checks.likelihood import Likelihood
+from sdp_vs_penalty.checks.one_arm import RunComparison, RunLog
+from sdp_vs_penalty.checks.regression_data import RegressionData
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.simulation import experiment
 
@@ -217,6 +220,21 @@ def test_a_delay_in_one_of_three_runs_is_claimed_of_that_run(two_link, three_run
 
 def test_three_runs_of_one_arm_have_no_differences(two_link, three_runs):
     assert not [x for r in judged(two_link, *three_runs) for x in explanations(r)]
+
+
+def test_one_arm_is_as_much_worse_in_whatever_order_the_runs_come(two_link, runs):
+    """Also where a joint rests in one of them."""
+    still = replace(runs[0], q=runs[0].q * [1.0, 0.0], tau=1.3 * runs[0].tau, dq=None)
+    settings = two_link.preprocessing
+    logs = []
+    for run in (still, runs[1]):
+        data = RegressionData.of(two_link, run, settings.resolve(run))
+        log = Likelihood(two_link, data)
+        logs.append(RunLog(log, log.as_logged, run.names[0]))
+    assert [log.log.moving.tolist() for log in logs] == [[True, False], [True, True]]
+    ratio = RunComparison(logs).error_ratio
+    assert ratio > 1.001
+    assert RunComparison(logs[::-1]).error_ratio == pytest.approx(ratio)
 
 
 def test_of_a_clipped_channel_nothing_else_is_said(two_link, runs):

@@ -17,7 +17,7 @@ from sdp_vs_penalty import (
     identify,
     load_problem,
 )
-from sdp_vs_penalty.checks.faults import Gain
+from sdp_vs_penalty.checks.faults import Gain, Saturation
 from sdp_vs_penalty.checks.repair import LogTransform
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects.bristles import dahl
@@ -48,10 +48,25 @@ def test_a_gain_that_is_taken_away_again_costs_nothing():
     """However a processor rounds x / x."""
     none = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
     for x in np.random.default_rng(0).uniform(-2.0, 2.0, 200):
-        (gain,) = Gain().elements(
+        (gain,) = Gain().list_faults(
             SimpleNamespace(n=2), none.with_entries("gain", (1,), x)
         )
-        assert gain.without == none.with_entries("gain", (1,), np.sign(x))
+        assert gain.repair_without == none.with_entries("gain", (1,), np.sign(x))
+
+
+@pytest.mark.parametrize("gain", [1.0, -1.0, 1e-3])
+def test_an_amplifiers_limit_has_the_unit_of_the_torque(gain):
+    """The raw channel reaches 30, of a limit of 60 in its own unit."""
+    joints = LogTransform.unchanged(2, (0.0, 0.0, -9.81))
+    repair = joints.with_entries("bend", (1,), 0.5).with_entries("gain", (1,), gain)
+    log = SimpleNamespace(
+        n=2,
+        data=SimpleNamespace(largest=np.array([10.0, 30.0])),
+        problem=PROBLEM,
+    )
+    (fault,) = Saturation().list_faults(log, repair)
+    unit = PROBLEM.robot.torque_units[1]
+    assert f"limit of {60.0 * abs(gain):.3g} {unit}" in fault.what
 
 
 def test_a_gain_in_one_of_two_runs_is_named_with_the_run():

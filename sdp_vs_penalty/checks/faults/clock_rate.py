@@ -9,7 +9,8 @@ from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
-#: True time over the file's that is tried; the ends are round.
+#: Rates that are tried: true time over the file's [-]. The first and the last, a factor
+#: of two, count as round values.
 _RATES = (0.5, 0.75, 1.4, 2.0)
 
 
@@ -19,51 +20,50 @@ class Clock(Transformation):
 
     name = "clock_rate"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         yield replace(now, reversed=not now.reversed)
-        for factor in _RATES if any(now.gravity) else ():
+        if not any(now.gravity):
+            return  # without weight a time scale is a scale of all torques
+        for factor in _RATES:
             yield replace(now, rate=now.rate * factor)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy = "reverse q and tau in time"
-            without = repair.reset("reversed")
             yield Fault(
-                "time reversed",
-                "warning",
-                (),
-                what,
-                remedy,
-                without,
-                2.0 * c.ODDS,
+                kind="time reversed",
+                severity="warning",
+                joints=(),
+                what=what,
+                remedy=remedy,
+                removal=repair.with_defaults("reversed"),
+                log_odds_against=2.0 * c.ODDS,  # rarer than other faults
                 place="all rows",
             )
-        if (x := repair.rate) != 1.0:
-            word = "fast" if x < 1.0 else "slow"
+        rate = repair.rate
+        if rate != 1.0:
+            word = "fast" if rate < 1.0 else "slow"
+            factor = max(rate, 1.0 / rate)
             what = (
-                f"time runs {max(x, 1.0 / x):.3g} times too {word}: inertia does not"
-                " fit the weight."
+                f"time runs {factor:.3g} times too {word}: inertia does not fit the"
+                " weight."
             )
-            remedy = f"multiply t by {x:.3g} (find out the log's true rate)"
-            number = FaultSize.factor(
-                x,
-                repair.with_rate,
-                (min(_RATES), max(_RATES)),
-            )
+            remedy = f"multiply t by {rate:.3g} (find out the log's true rate)"
+            round_rates = (min(_RATES), max(_RATES))
             yield Fault(
-                "clock rate",
-                "warning",
-                (),
-                what,
-                remedy,
-                number,
+                kind="clock rate",
+                severity="warning",
+                joints=(),
+                what=what,
+                remedy=remedy,
+                removal=FaultSize.of_factor(rate, repair.with_rate, round_rates),
                 place="column t",
             )

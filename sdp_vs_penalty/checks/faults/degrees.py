@@ -6,10 +6,18 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
-from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import (
+    Fault,
+    Transformation,
+    odds_against_one_of,
+)
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+
+#: Scales of positions are 1, -1 (a sign) or pi / 180 (degrees) [-]: below this it is
+#: degrees.
+_BELOW_ANY_OTHER_SCALE = 0.1
 
 
 class Degrees(Transformation):
@@ -17,32 +25,32 @@ class Degrees(Transformation):
 
     name = "degrees"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
-        reach = np.abs(now.positions(log.data.motion.q)).max(axis=0)
-        far = [j for j in log.revolute if reach[j] > 2.0 * np.pi]
-        if not far:
+        largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
+        beyond_a_turn = [j for j in log.revolute if largest[j] > 2.0 * np.pi]
+        if not beyond_a_turn:
             return
-        factor = float(np.radians(1.0))
-        yield now.times("scale", log.revolute, factor)
-        for j in far if log.n > 1 else ():
-            yield now.times("scale", (j,), factor)
+        radians_per_degree = float(np.radians(1.0))
+        yield now.with_multiplied("scale", log.revolute, radians_per_degree)
+        if log.n == 1:
+            return  # the only joint is all joints
+        for j in beyond_a_turn:
+            yield now.with_multiplied("scale", (j,), radians_per_degree)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
-        joints = tuple(np.flatnonzero(np.abs(repair.scale) < 0.1).tolist())
+        is_in_degrees = np.abs(repair.scale) < _BELOW_ANY_OTHER_SCALE
+        joints = tuple(np.flatnonzero(is_in_degrees).tolist())
         if not joints:
             return
-        without = repair.times(
-            "scale",
-            joints,
-            float(np.degrees(1.0)),
-        )
+        degrees_per_radian = float(np.degrees(1.0))
+        without = repair.with_multiplied("scale", joints, degrees_per_radian)
         logged = without.positions(log.data.motion.q)[:, joints]
         is_all = joints == tuple(log.revolute)
         channels = ", ".join(f"q{j + 1}" for j in joints)
@@ -53,7 +61,9 @@ class Degrees(Transformation):
             what=f"the position of {joints_text(joints)} is in degrees: it reaches"
             f" {np.abs(logged).max():.4g}.",
             remedy=f"multiply {channels} (and dq) by pi / 180",
-            of=without,
-            cost=c.ODDS if is_all else len(joints) * choices(log.n),
+            removal=without,
+            log_odds_against=c.ODDS
+            if is_all
+            else len(joints) * odds_against_one_of(log.n),
             place=channels,
         )

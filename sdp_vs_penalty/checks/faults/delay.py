@@ -7,12 +7,20 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
-from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import (
+    Fault,
+    FaultSize,
+    Transformation,
+    odds_against_one_of,
+)
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
-#: Delays (``lead`` of a repair) and time constants (``lag``) that are tried [s].
-_LATE = {
+#: Search radius of a delay or a time constant [s]: the steps between those tried.
+_SEARCH_RADIUS_S = 0.06
+#: Times that are tried [s], by entry of a repair: by how much a torque is later than the
+#: motion (``lead``), and time constants of a causal low-pass (``lag``).
+_TIMES_TRIED = {
     "lead": (-0.12, -0.06, -0.025, -0.01, 0.01, 0.025, 0.06, 0.12),
     "lag": (0.01, 0.04, 0.1, 0.2),
 }
@@ -25,52 +33,55 @@ class Delay(Transformation):
 
     name = "delay"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
-        for name, times in _LATE.items():
-            for x in times:
-                yield now.with_entries(name, range(log.n), x)
+        for name, times in _TIMES_TRIED.items():
+            for seconds in times:
+                yield now.with_entries(name, range(log.n), seconds)
             if len(log.joints) == 1:
                 continue
+            # No logger brings one channel ahead of the others.
+            delays = [seconds for seconds in times if seconds > 0.0]
             for j in log.joints:
-                for x in times:
-                    if x > 0.0:
-                        yield now.with_entries(name, (j,), x)
+                for seconds in delays:
+                    yield now.with_entries(name, (j,), seconds)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
-        for joints, x in repair.changed("lead"):
-            yield _delay(log, repair, joints, x)
-        for joints, x in repair.changed("lag"):
-            yield _filter(log, repair, joints, x)
+        for joints, seconds in repair.list_nonzero("lead"):
+            yield _delay(log, repair, joints, seconds)
+        for joints, seconds in repair.list_nonzero("lag"):
+            yield _low_pass(log, repair, joints, seconds)
 
 
-def _milliseconds(x: float) -> str:
-    return f"{1e3 * x:.0f} ms"
+def _milliseconds(seconds: float) -> str:
+    """A time in words: "25 ms"."""
+    return f"{1e3 * seconds:.0f} ms"
 
 
-def _number(
+def _size(
     repair: LogTransform,
     name: str,
     joints: tuple[int, ...],
-    x: float,
+    seconds: float,
 ) -> FaultSize:
+    """The size of a delay (``lead``) or low-pass (``lag``) of some joints' torques [s]."""
     return FaultSize(
-        value=x,
-        at=partial(repair.with_entries, name, joints),
+        value=seconds,
+        repair_with=partial(repair.with_entries, name, joints),
         tolerance=c.USUAL_DELAY,
-        search_radius=0.06,
-        text=_milliseconds,
+        search_radius=_SEARCH_RADIUS_S,
+        in_words=_milliseconds,
     )
 
 
 def _place(log: Likelihood, joints: tuple[int, ...]) -> str:
-    """Where all channels are late: of one joint, its channel."""
+    """Where the fault is, in words; empty for one joint, which the issue names."""
     is_all = len(joints) == log.n > 1
     return "all torque channels" if is_all else ""
 
@@ -79,46 +90,53 @@ def _delay(
     log: Likelihood,
     repair: LogTransform,
     joints: tuple[int, ...],
-    x: float,
+    seconds: float,
 ) -> Fault:
-    """Torques of some joints so much later than the motion [s]."""
+    """The fault that some joints' torques, or all, are later than the motion.
+
+    seconds : by how much; negative where they are earlier.
+    """
     is_all = len(joints) == log.n
     channel = "the torques" if is_all else f"tau{joints[0] + 1}"
     others = "the positions have not" if is_all else "the other torques have not"
-    when = "later" if x > 0.0 else "earlier"
+    when = "later" if seconds > 0.0 else "earlier"
+    milliseconds = f"{1e3 * abs(seconds):.0f} ms"
     return Fault(
         kind="delay" if is_all else "channel delay",
         severity="warning",
         joints=joints,
-        what=f"{1e3 * abs(x):.0f} ms {when} than the motion: {channel}; {others} moved.",
+        what=f"{milliseconds} {when} than the motion: {channel}; {others} moved.",
         remedy=f"shift {channel} in time (and log all channels from one source)",
-        of=_number(repair, "lead", joints, x),
-        cost=choices(log.n // len(joints)),
+        removal=_size(repair, "lead", joints, seconds),
+        log_odds_against=odds_against_one_of(log.n // len(joints)),
         place=_place(log, joints),
     )
 
 
-def _filter(
+def _low_pass(
     log: Likelihood,
     repair: LogTransform,
     joints: tuple[int, ...],
-    x: float,
+    seconds: float,
 ) -> Fault:
-    """Torques of some joints behind a low-pass of that time constant [s]."""
+    """The fault that some joints' torques, or all, went through a causal low-pass.
+
+    seconds : its time constant.
+    """
     is_all = len(joints) == log.n
     channel = "the torques" if is_all else f"tau{joints[0] + 1}"
     others = "the positions have not" if is_all else "the other torques have not"
-    hertz = 1.0 / (2.0 * np.pi * max(x, 1e-6))
+    hertz = 1.0 / (2.0 * np.pi * max(seconds, 1e-6))  # corner frequency
     return Fault(
         kind="torque filter" if is_all else "channel filter",
         severity="warning",
         joints=joints,
-        what=f"a causal low-pass of {hertz:.2g} Hz ({_milliseconds(x)}) on {channel};"
+        what=f"a causal low-pass of {hertz:.2g} Hz ({_milliseconds(seconds)}) on {channel};"
         f" {others} one.",
         remedy=f"log {channel} unfiltered, or filter every channel alike and without"
         " lag",
-        of=_number(repair, "lag", joints, x),
-        cost=choices(log.n // len(joints)),
+        removal=_size(repair, "lag", joints, seconds),
+        log_odds_against=odds_against_one_of(log.n // len(joints)),
         place=_place(log, joints),
-        mends=False,
+        is_repairable=False,
     )

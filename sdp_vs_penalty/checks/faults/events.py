@@ -6,15 +6,19 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
-from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import (
+    Fault,
+    Transformation,
+    odds_against_one_of,
+)
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import LAWS
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform
 
-#: Share of the time on either side of a step that the joint has to move each way: else
-#: it is friction's.
-_WAYS = 0.15
+#: Smallest share of the rows before a step, and of those after it, in which the joint
+#: moves either way: of a joint that only turns back, friction makes a step.
+_SMALLEST_SHARE_EACH_WAY = 0.15
 
 
 class Beside(Transformation):
@@ -25,23 +29,23 @@ class Beside(Transformation):
 
     name = "events"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
-        yield from _laws(log, now, score)
-        t = log.data.motion.t
-        heard = log.filter_gain(now)[:, :, None]
-        drift = score.gained(heard * LogEvent(0).shape(t))
-        j = int(np.argmax(drift[:, 0] * log.moving))
-        if drift[j, 0] * log.moving[j] > 0.0:
+        yield from _laws(log, now, fit)
+        ramp = LogEvent(0).shape(log.data.motion.t)  # (M, 1), the same for any joint
+        mask = log.torque_mask(now)[:, :, None]
+        falls = fit.log_falls_by_columns(mask * ramp)[:, 0] * log.moving
+        j = int(np.argmax(falls))
+        if falls[j] > 0.0:
             yield now.with_event(LogEvent(j))
-        yield from _likeliest_step(log, now, score)
+        yield from _likeliest_step(log, now, fit)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
         for event in repair.events:
             if isinstance(event.at, str):
@@ -55,34 +59,44 @@ class Beside(Transformation):
 def _laws(
     log: Likelihood,
     now: LogTransform,
-    score: ArmFit,
+    fit: ArmFit,
 ) -> Iterator[LogTransform]:
-    """Of each joint that is poorly explained the law that explains most."""
+    """Yield, for each joint that the arm explains poorly, the law of its own motion that
+    lowers its squared residual most: a spring, drag, hysteresis.
+    """
     order = list(now.order)
     names = [*log.data.laws]
-    heard = log.filter_gain(now)[:, :, None]
-    gains = [
-        score.gained(heard * law[order]).max(axis=1) for law in log.data.laws.values()
-    ]
-    best = np.argmax(gains, axis=0)
-    for j in np.flatnonzero(score.poor).tolist():
+    mask = log.torque_mask(now)[:, :, None]
+    falls = []  # of each law (n,)
+    for columns in log.data.laws.values():
+        falls_of_columns = fit.log_falls_by_columns(mask * columns[order])
+        falls.append(falls_of_columns.max(axis=1))
+    best = np.argmax(falls, axis=0)  # (n,) number of a law
+    for j in np.flatnonzero(fit.is_poorly_explained).tolist():
         yield now.with_event(LogEvent(j, names[best[j]]))
 
 
 def _likeliest_step(
     log: Likelihood,
     now: LogTransform,
-    score: ArmFit,
+    fit: ArmFit,
 ) -> Iterator[LogTransform]:
-    """The step that explains most, of all joints and moments."""
+    """Yield the torque step that lowers a joint's squared residual most, of all joints
+    and moments.
+
+    A step is proposed only for a joint that moves both ways before it and after it:
+    otherwise Coulomb friction makes the same step.
+    """
     motion = log.data.motion
-    # Two rows each: the wrong moment explains nothing.
+    # One moment for two rows: a step two rows off explains nothing. Near the ends of
+    # the log a step is an offset.
     shares = np.linspace(0.12, 0.88, c.ROWS // 2)
     moments = (motion.t[0] + shares * np.ptp(motion.t)).tolist()
     first_rows = np.searchsorted(motion.t, moments, side="right")
     first_rows = np.minimum(first_rows, len(motion.t) - 1)
-    gains = score.gained_by_steps(log.filter_gain(now), first_rows)
-    gains = gains * log.moving[:, None]
+    falls = fit.log_falls_by_steps(log.torque_mask(now), first_rows)  # (n, moments)
+    falls = falls * log.moving[:, None]
+    # Share of the rows before and after each step in which a joint moves forth.
     goes_forth = motion.dq[:, list(now.order)].T > 0.0
     n_forth = np.cumsum(goes_forth, axis=1)[:, first_rows - 1]
     n_forth_in_all = goes_forth.sum(axis=1)[:, None]
@@ -90,39 +104,45 @@ def _likeliest_step(
     share_before = n_forth / np.maximum(first_rows, 1)
     share_after = (n_forth_in_all - n_forth) / n_after
     for share in (share_before, share_after):
-        gains = gains * (np.minimum(share, 1.0 - share) > _WAYS)
-    j, k = divmod(int(np.argmax(gains)), len(moments))
-    if gains[j, k] > 0.0:
+        falls = falls * (np.minimum(share, 1.0 - share) > _SMALLEST_SHARE_EACH_WAY)
+    j, k = divmod(int(np.argmax(falls)), len(moments))  # joint, moment
+    if falls[j, k] > 0.0:
         yield now.with_event(LogEvent(j, moments[k]))
 
 
 def _size(log: Likelihood, repair: LogTransform, event: LogEvent) -> float:
-    """[N m or N] how large a drift or step is, as far as the fit of its joint needs
-    it."""
+    """Return the size of a drift or step [N m or N].
+
+    It is the least-squares coefficient of the event's shape x in the torque y that the
+    arm leaves of the joint, (x . y) / (x . x), with the joint's own columns (friction,
+    offset) projected out of x.
+    """
     j = event.joint
-    score = log.score(repair)
-    without = log.rows(repair.without(event))
-    shape = event.shape(log.data.motion.t)
-    x = without.rest(log.filter_gain(repair)[:, :, None] * shape)[j, :, 0]
-    left = score.channels[j] - without.apart[j] @ score.theta
-    return float(x @ left / max(float(x @ x), 1e-300))
+    fit = log.fit(repair)
+    rows = log.rows(repair.without_event(event))
+    shape = log.torque_mask(repair)[:, :, None] * event.shape(log.data.motion.t)
+    x = rows.project_out_own(shape)[j, :, 0]
+    y = fit.channels[j] - rows.projected[j] @ fit.theta
+    return float(x @ y / max(float(x @ x), 1e-300))
 
 
 def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
+    """The note that a joint's torque holds a law of its motion which the model lacks."""
     return Fault(
         kind=f"law: {event.at}",
         severity="note",
         joints=(event.joint,),
-        what=f"the torque of {joints_text([event.joint])} holds a law that the model"
-        f" lacks, most like {event.at}.",
+        what=f"{joints_text([event.joint])} behaves as if it had {event.at}, which the"
+        " model lacks.",
         remedy="identify, and let `diagnose` name it",
-        of=repair.without(event),
-        cost=choices(log.n * len(LAWS)),
-        mends=False,
+        removal=repair.without_event(event),
+        log_odds_against=odds_against_one_of(log.n * len(LAWS)),
+        is_repairable=False,
     )
 
 
 def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
+    """The fault that a joint's torque drifts linearly over the log."""
     size = _size(log, repair, event)
     unit = log.problem.robot.torque_units[event.joint]
     return Fault(
@@ -132,9 +152,9 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         what=f"the torque of {joints_text([event.joint])} drifts by {size:+.3g} {unit}"
         " from the first row to the last.",
         remedy="let the sensor warm up and set its zero before the run",
-        of=repair.without(event),
-        cost=choices(log.n) + 2.0 * c.ODDS,
-        mends=False,
+        removal=repair.without_event(event),
+        log_odds_against=odds_against_one_of(log.n) + 2.0 * c.ODDS,
+        is_repairable=False,
         figures={"size": size},
     )
 
@@ -145,8 +165,11 @@ def _step(
     event: LogEvent,
     t: float,
 ) -> Fault:
-    """A step at t [s]; its prior counts the moments that a low-passed torque tells
-    apart."""
+    """The fault that a joint's torque steps at t [s] and stays there.
+
+    Its prior odds count the moments that a low-passed torque can distinguish.
+    """
+    n_moments = c.ROWS // c.PARTS
     size = _size(log, repair, event)
     name = joints_text([event.joint])
     unit = log.problem.robot.torque_units[event.joint]
@@ -157,9 +180,9 @@ def _step(
         what=f"the torque of {name} steps by {size:+.3g} {unit} at t = {t:.4g} s and"
         " stays there.",
         remedy="cut the run there, or find out what touched the arm",
-        of=repair.without(event),
-        cost=choices(log.n * c.ROWS // c.PARTS) + 2.0 * c.ODDS,
+        removal=repair.without_event(event),
+        log_odds_against=odds_against_one_of(log.n * n_moments) + 2.0 * c.ODDS,
         place=f"{name}, t = {t:.4g} s",
-        mends=False,
+        is_repairable=False,
         figures={"size": size, "t": t},
     )

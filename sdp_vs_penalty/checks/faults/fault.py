@@ -23,31 +23,42 @@ UNITS = {
 }
 
 
-def _length(log: Likelihood) -> float:
-    """What a radian is to an angle: a length of this arm's size [m]."""
-    return 0.3 * float(log.problem.robot.link_reach().sum())
+#: Share of an arm's reach that stands for a radian: about the length of one link.
+_SHARE_OF_REACH_PER_RADIAN = 0.3
 
 
-def _shifted(
+def _length_like_a_radian(log: Likelihood) -> float:
+    """Length [m] that matters to this arm's torques as a radian does: 0.3 of its reach.
+
+    Tolerances of angles, times this length, are those of prismatic joints and links.
+    """
+    return _SHARE_OF_REACH_PER_RADIAN * float(log.problem.robot.link_reach().sum())
+
+
+def _with_zero(
     log: Likelihood,
     now: LogTransform,
     j: int,
-    x: float,
+    offset: float,
 ) -> LogTransform:
-    """An angle in (-pi, pi]; a length as it is."""
-    wrapped = float(np.pi - (np.pi - x) % (2.0 * np.pi)) if j in log.revolute else x
-    return now.with_entries("zero", (j,), wrapped)
+    """Return ``now`` with another offset of joint j's encoder [rad, m]; angles are
+    wrapped to (-pi, pi]."""
+    if j in log.revolute:
+        offset = float(np.pi - (np.pi - offset) % (2.0 * np.pi))
+    return now.with_entries("zero", (j,), offset)
 
 
 def _degrees(angle: float) -> str:
+    """An angle [rad] in words: "1.5 degrees"."""
     return f"{np.degrees(angle):.4g} degrees"
 
 
 def _percent(share: float) -> str:
+    """A share in words: "80 %" for 0.8."""
     return f"{100.0 * share:.0f} %"
 
 
-#: By kind of issue, what `--apply` calls it, and the channel that it changes.
+#: By kind of issue, the word of `--apply`, and the channel that it changes.
 APPLY = {
     "positions in degrees": ("degrees", "q"),
     "position unit": ("degrees", "q"),
@@ -68,60 +79,82 @@ APPLY = {
 
 @dataclass(frozen=True)
 class FaultSize:
-    """One number of a repair, 0 where the log is right; ``at`` gives the repair with
-    another one.
+    """The size of a fault: one number of a repair, 0 where the log is right.
 
-    tolerance : what arms and loggers differ by themselves, in the number's own unit;
-    reach : how far to either side the best value is looked for; text : with unit; round_values
-    : round values, tried beside it.
+    value : the size, in the number's own unit (rad, m, s, a share, or the natural
+    logarithm of a factor); repair_with : gives the repair with another size; tolerance :
+    by how much arms and loggers differ anyway; search_radius : how far to either side of
+    ``value`` the best size is looked for; in_words : size with its unit; round_values :
+    round sizes, tried beside it (90 degrees, a factor of 1000); widest : widest 95 %
+    interval, to either side, with which a size is claimed.
     """
 
     value: float
-    at: At
+    repair_with: At
     tolerance: float
     search_radius: float
-    text: Callable[[float], str]
+    in_words: Callable[[float], str]
     round_values: tuple[float, ...] = ()
     widest: float = WIDEST
 
-    def round_within(self, reach: float) -> list[float]:
-        """The nearest round value, where it is nearer than that."""
+    def round_values_within(self, distance: float) -> list[float]:
+        """List the nearest round value, if it is nearer than ``distance``; else
+        nothing."""
         by_distance = sorted(self.round_values, key=lambda x: abs(x - self.value))
-        return [x for x in by_distance[:1] if abs(x - self.value) < reach]
+        return [x for x in by_distance[:1] if abs(x - self.value) < distance]
 
     @classmethod
-    def factor(
+    def of_factor(
         cls,
-        x: float,
-        at: At,
-        snaps: tuple[float, ...],
+        factor: float,
+        repair_with_factor: At,
+        round_factors: tuple[float, ...],
     ) -> "FaultSize":
-        """The natural logarithm of a factor x, which ``at`` and snaps count in."""
-        logs = tuple(float(np.log(s)) for s in snaps)
-        text = lambda v: f"a factor of {np.exp(v):.3g}"  # noqa: E731
+        """Return the size of a channel that is off by a factor: its natural logarithm.
+
+        Parameters
+        ----------
+        factor : float
+            By which the channel has to be multiplied [-].
+        repair_with_factor : callable
+            The repair with another factor.
+        round_factors : tuple of float
+            Factors that are likelier than others: 10, 1000.
+
+        Returns
+        -------
+        FaultSize
+            0 for a factor of one.
+        """
+
+        def repair_with_logarithm(log_factor: float) -> LogTransform:
+            return repair_with_factor(float(np.exp(log_factor)))
+
         return cls(
-            float(np.log(x)),
-            lambda v: at(float(np.exp(v))),
-            c.CALIBRATED_GAIN,
-            0.5,
-            text,
-            logs,
+            value=float(np.log(factor)),
+            repair_with=repair_with_logarithm,
+            tolerance=c.CALIBRATED_GAIN,
+            search_radius=0.5,  # factors from 0.6 to 1.6 times this one
+            in_words=lambda log_factor: f"a factor of {np.exp(log_factor):.3g}",
+            round_values=tuple(float(np.log(x)) for x in round_factors),
         )
 
 
-def choices(count: int) -> float:
-    """Natural logarithm of the odds against one of so many alike, none of them likelier
-    than another."""
+def odds_against_one_of(count: int) -> float:
+    """Natural logarithm of the prior odds against one of ``count`` equally likely
+    faults: those against any fault, times their number."""
     return c.ODDS + float(np.log(max(count, 1)))
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that a repair does, and what is said of it; ``of`` : the repair without
-    it, or its number.
+    """One fault of a log that a repair corrects, and what the user is told of it.
 
-    cost : natural logarithm of the odds against it; place : default: the joints; mends
-    : whether a repaired log can be written.
+    removal : how to leave the fault uncorrected: the repair without this correction, or
+    the fault's size, which is set to 0; log_odds_against : natural logarithm of the
+    prior odds against the fault; place : where it is, in words; empty: at its joints
+    (from 0); is_repairable : whether a repaired log can be written; figures : what JSON
+    says of it.
     """
 
     kind: str
@@ -129,62 +162,97 @@ class Fault:
     joints: tuple[int, ...]
     what: str
     remedy: str
-    of: LogTransform | FaultSize
-    cost: float = c.ODDS
+    removal: LogTransform | FaultSize
+    log_odds_against: float = c.ODDS
     place: str = ""
-    mends: bool = True
+    is_repairable: bool = True
     equivalents: tuple[str, ...] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def number(self) -> FaultSize | None:
-        return self.of if isinstance(self.of, FaultSize) else None
+    def size(self) -> FaultSize | None:
+        """The fault's size; None for a fault that is there or not (a sign, an order)."""
+        return self.removal if isinstance(self.removal, FaultSize) else None
 
     @property
-    def odd(self) -> bool:
-        """Whether it is a number that is not round."""
-        return (
-            isinstance(self.of, FaultSize)
-            and not np.isclose(self.of.value, self.of.round_values).any()
-        )
+    def has_uneven_size(self) -> bool:
+        """Whether the fault has a size that is no round value: 0.37 rad, and not 90
+        degrees."""
+        if self.size is None:
+            return False
+        return not np.isclose(self.size.value, self.size.round_values).any()
 
     @property
     def is_of_gravity(self) -> bool:
+        """Whether it is the direction, the size or the absence of gravity."""
         return self.kind.startswith("gravity")
 
     @property
-    def without(self) -> LogTransform:
-        return self.of.at(0.0) if isinstance(self.of, FaultSize) else self.of
+    def repair_without(self) -> LogTransform:
+        """The repair without the correction of this fault."""
+        if isinstance(self.removal, FaultSize):
+            return self.removal.repair_with(0.0)
+        return self.removal
 
     @property
     def apply(self) -> str:
-        """The word by which `check --fix --apply` tries it; empty where it cannot."""
+        """The word by which `check --fix --apply` tries the repair, as "sign:tau3";
+        empty where no log can be repaired."""
         verb, channel = APPLY.get(self.kind, ("", ""))
-        if not verb or not self.mends:
+        if not verb or not self.is_repairable:
             return ""
         numbered = "+".join(f"{channel}{j + 1}" for j in self.joints)
         return f"{verb}:{numbered or channel}"
 
     @property
     def name(self) -> tuple[str, tuple[int, ...]]:
+        """Kind and joints: two faults of one name differ in their size alone."""
         return self.kind, self.joints
 
 
 class Transformation(ABC):
-    """One kind of change of a log; name : how others speak of it."""
+    """One kind of fault of a log: which repairs the search may try, and what a repair
+    means in words. name : by which other modules refer to the kind."""
 
     name: ClassVar[str]
 
     @abstractmethod
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Repairs that differ from ``now``, whose score is given, by one more thing of
-        this kind."""
+        """Yield repairs that correct one more fault of this kind than ``now`` does.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows as ``now`` repairs them.
+
+        Yields
+        ------
+        LogTransform
+            Complete repairs, each of which the search fits an arm to.
+        """
 
     @abstractmethod
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """What a repair does of this kind."""
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+        """Yield the faults of this kind that a repair corrects.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that the repair is judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Yields
+        ------
+        Fault
+            With the words for the user.
+        """

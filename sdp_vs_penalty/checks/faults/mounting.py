@@ -24,6 +24,8 @@ _EARTH = max(map(abs, STANDARD_GRAVITY))
 _DIFFERENCE = 0.02
 #: Largest angle for which a first-order step is trusted [rad].
 _FIRST_ORDER = 0.5
+#: Share of gravity across an axis below which gravity is parallel to it [-].
+_PARALLEL = 0.05
 
 
 class Mounting(Transformation):
@@ -32,27 +34,28 @@ class Mounting(Transformation):
 
     name = "mounting"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         gravity = np.array(now.gravity)
         size = float(np.linalg.norm(gravity))
-        known = _earthly(size)
+        is_of_earth = _is_earths_gravity(size)
         if any(now.lacks):
-            return
+            return  # weight that is missing has no direction
         for axis in (*np.eye(3), *-np.eye(3)):
-            yield _under(now, (size if known else _EARTH) * axis)
-        if known:
+            yield _with_gravity(now, (size if is_of_earth else _EARTH) * axis)
+        if is_of_earth:
             # A Gauss-Newton step of two angles turns the assumed vector.
             perpendicular = np.linalg.svd(gravity[None, :])[2][1:]  # (2, 3)
             by_angle = [
-                _turned(now, gravity, gravity + size * x) for x in perpendicular
+                _repair_by_angle(now, gravity, gravity + size * direction)
+                for direction in perpendicular
             ]
-            angles, _ = log.screen.first_order_steps(
+            angles, _ = log.on_third_of_rows.first_order_steps(
                 now,
                 by_angle,
                 np.zeros(2),
@@ -60,9 +63,9 @@ class Mounting(Transformation):
             )
             angles = np.clip(angles, -_FIRST_ORDER, _FIRST_ORDER)
             turned = gravity + size * angles @ perpendicular
-            yield _under(now, size * turned / np.linalg.norm(turned))
+            yield _with_gravity(now, size * turned / np.linalg.norm(turned))
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
         assumed = np.array(log.problem.robot.gravity)
         g = np.array(repair.gravity)
@@ -75,17 +78,18 @@ class Mounting(Transformation):
         x, y, z = rounded
         kind = "gravity direction"
         remedy = f"identify with --gravity {x:g},{y:g},{z:g}"
-        of: LogTransform | FaultSize = _under(repair, assumed)
-        if not _earthly(size):
+        removal: LogTransform | FaultSize = _with_gravity(repair, assumed)
+        if not _is_earths_gravity(size):
             kind = "gravity of the problem"
             remedy = f"{remedy}, or correct the problem's gravity"
         elif np.count_nonzero(np.abs(g) > 1e-9) > 1:
-            of = FaultSize(
-                angle,
-                _turned(repair, assumed, g),
-                c.CALIBRATED,
-                0.5,
-                _degrees,
+            # Not along an axis of the base: the angle is a size.
+            removal = FaultSize(
+                value=angle,
+                repair_with=_repair_by_angle(repair, assumed, g),
+                tolerance=c.CALIBRATED,
+                search_radius=_FIRST_ORDER,
+                in_words=_degrees,
             )
         measured_text = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in g)
         assumed_text = ", ".join(f"{float(f'{v:.3f}') + 0.0:g}" for v in assumed)
@@ -93,8 +97,10 @@ class Mounting(Transformation):
             f"the weight in the torques points along ({measured_text}) m/s^2,"
             f" {np.degrees(angle):.0f} degrees away from the assumed ({assumed_text})."
         )
-        zero = _as_zero_of_joint_1(log, assumed, g)
-        equal = f" Exactly as good on this arm: {zero[0]}." if zero else ""
+        equivalents = _as_zero_of_joint_1(log, assumed, g)
+        equal = ""
+        if equivalents:
+            equal = f" Exactly as good on this arm: {equivalents[0]}."
         figures = {
             "angle_degrees": float(np.degrees(angle)),
             "vector": [x, y, z],
@@ -105,32 +111,40 @@ class Mounting(Transformation):
             joints=(),
             what=f"{what}{equal}",
             remedy=remedy,
-            of=of,
+            removal=removal,
             place="the base",
-            mends=False,
+            is_repairable=False,
             figures=figures,
-            equivalents=zero,
+            equivalents=equivalents,
         )
 
 
-def _earthly(size: float) -> bool:
+def _is_earths_gravity(size: float) -> bool:
+    """Whether a gravity [m/s^2] is Earth's, to within the calibration of drives."""
     return abs(size / _EARTH - 1.0) < c.CALIBRATED_GAIN
 
 
-def _turned(
+def _repair_by_angle(
     repair: LogTransform,
     assumed: Array,
     g: Array,
 ) -> Callable[[float], LogTransform]:
-    """The repair with gravity turned by an angle from the assumed vector towards g."""
+    """Return the repair as a function of an angle [rad], by which gravity is turned from
+    the assumed vector (3,) towards g (3,) [m/s^2]; the size stays the assumed one."""
     size = float(np.linalg.norm(assumed))
-    a = assumed / size
-    across = g - (g @ a) * a
+    along = assumed / size
+    across = g - (g @ along) * along
     across = across / np.linalg.norm(across)
-    return lambda v: _under(repair, size * (np.cos(v) * a + np.sin(v) * across))
+
+    def with_angle(angle: float) -> LogTransform:
+        direction = np.cos(angle) * along + np.sin(angle) * across
+        return _with_gravity(repair, size * direction)
+
+    return with_angle
 
 
-def _under(repair: LogTransform, g: Array) -> LogTransform:
+def _with_gravity(repair: LogTransform, g: Array) -> LogTransform:
+    """Return the repair under another gravity g (3,) [m/s^2] in the base frame."""
     return replace(repair, gravity=tuple(g.tolist()))
 
 
@@ -139,21 +153,24 @@ def _as_zero_of_joint_1(
     assumed: Array,
     g: Array,
 ) -> tuple[str, ...]:
-    """In words the zero of the first joint that makes the same torques as a gravity g
-    instead of the assumed one; empty where none does.
+    """Describe the offset of joint 1's encoder that makes the same torques as gravity g
+    (3,) instead of the assumed one (3,) [m/s^2]; return nothing where none does.
 
     The base is free to turn about the first joint's axis: an arm at q1 + x under a
-    gravity is the arm at q1 under that gravity turned by -x about the axis.
+    gravity is the arm at q1 under that gravity turned by -x about the axis. So the two
+    have to agree along the axis, and have a component across it.
     """
     if 0 not in log.revolute:
         return ()
     joint = log.problem.robot.joints[0]
     axis = joint.placement[:3, :3] @ np.asarray(joint.axis)
-    a = assumed - assumed @ axis * axis
-    b = g - g @ axis * axis
+    assumed_across = assumed - assumed @ axis * axis
+    g_across = g - g @ axis * axis
     size = float(np.linalg.norm(assumed))
-    along = abs((assumed - g) @ axis)
-    if along > c.CALIBRATED * size or np.linalg.norm(a) < 0.05 * size:
+    difference_along = abs((assumed - g) @ axis)
+    is_along_axis = np.linalg.norm(assumed_across) < _PARALLEL * size
+    if difference_along > c.CALIBRATED * size or is_along_axis:
         return ()
-    turned = float(np.arctan2(axis @ np.cross(a, b), a @ b))
+    sine = axis @ np.cross(assumed_across, g_across)
+    turned = float(np.arctan2(sine, assumed_across @ g_across))
     return (f"joint 1 counts from another zero (add {-turned:+.4g} rad to q1)",)

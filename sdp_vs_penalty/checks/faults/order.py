@@ -5,7 +5,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from sdp_vs_penalty.checks.arm_fit import ArmFit
-from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import (
+    Fault,
+    Transformation,
+    odds_against_one_of,
+)
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
@@ -16,20 +20,20 @@ class Exchange(Transformation):
 
     name = "order"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")
-            if score.poor[a] or score.poor[b]:
+            if fit.is_poorly_explained[a] or fit.is_poorly_explained[b]:
                 yield now.with_swap(a, b, "order")
                 yield now.with_swap(a, b, "order", "tau_order")
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
         if repair.order == repair.tau_order:
             yield from _swapped(log, repair, BOTH)
@@ -40,8 +44,11 @@ class Exchange(Transformation):
 
 @dataclass(frozen=True)
 class _Channels:
-    """Which channels are exchanged: their kind of issue, in words, their columns, and
-    the entries of a repair."""
+    """Channels that may be exchanged between joints.
+
+    kind : of the issue; words : the channels' name; columns : theirs in a file; entries :
+    those of a repair that hold their order.
+    """
 
     kind: str
     words: str
@@ -64,22 +71,28 @@ def _swapped(
     repair: LogTransform,
     channels: _Channels,
 ) -> Iterator[Fault]:
-    """Joints whose channels are not their own."""
+    """Yield the fault that joints have each other's channels; nothing where each has
+    its own.
+
+    An exchange of m joints is m - 1 swaps of two, and each swap costs the prior odds
+    against one of all pairs.
+    """
     order = getattr(repair, channels.entries[0])
     changed = tuple(j for j, k in enumerate(order) if j != k)
     if not changed:
         return
-    how = ""
+    which = ""
     if len(changed) > 2:
         places = [f"column {order[j] + 1} is joint {j + 1}'s" for j in changed]
-        how = f": {', '.join(places)}"
+        which = f": {', '.join(places)}"
     n_pairs = log.n * (log.n - 1) // 2
+    n_swaps = len(changed) - 1
     yield Fault(
         kind=channels.kind,
         severity="warning",
         joints=changed,
-        what=f"{channels.words} of {joints_text(changed)} are swapped{how}.",
+        what=f"{channels.words} of {joints_text(changed)} are swapped{which}.",
         remedy=f"rename the columns of {channels.columns}",
-        of=repair.reset(*channels.entries),
-        cost=(len(changed) - 1) * choices(n_pairs),
+        removal=repair.with_defaults(*channels.entries),
+        log_odds_against=n_swaps * odds_against_one_of(n_pairs),
     )

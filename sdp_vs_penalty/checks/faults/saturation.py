@@ -10,7 +10,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     FaultSize,
     Transformation,
     _percent,
-    choices,
+    odds_against_one_of,
 )
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -29,27 +29,33 @@ class Saturation(Transformation):
 
     name = "saturation"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         for j in log.joints:
-            for x in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
-                yield now.with_entries("bend", (j,), 1.0 - x)
+            # Torques that come to 90 and to 98 % of the limit.
+            for distance in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
+                yield now.with_entries("bend", (j,), 1.0 - distance)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
         for j in np.flatnonzero(repair.bend).tolist():
             yield _saturated(log, repair, j)
 
 
 def _saturated(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """The fault of joint j's channel, with the limit in the unit of the log."""
+    """The fault that joint j's torque bends towards its amplifier's limit.
+
+    The limit is that of the raw channel, multiplied by the channel's gain: so it has the
+    unit of the joint's torque also where the channel was logged in another.
+    """
     bend = repair.bend[j]
     largest_logged = log.data.largest[repair.tau_order[j]]
+    limit = abs(repair.gain[j]) * largest_logged / bend
     unit = log.problem.robot.torque_units[j]
 
     def with_bend(value: float) -> LogTransform:
@@ -64,15 +70,15 @@ def _saturated(log: Likelihood, repair: LogTransform, j: int) -> Fault:
         severity="warning",
         joints=(j,),
         what=f"the torque of {joints_text([j])} bends towards its amplifier's limit of"
-        f" {largest_logged / bend:.3g} {unit}.",
+        f" {limit:.3g} {unit}.",
         remedy="record again with a larger range, or slower",
-        of=FaultSize(
+        removal=FaultSize(
             value=bend,
-            at=with_bend,
+            repair_with=with_bend,
             tolerance=_STRAIGHT,
             search_radius=0.25,
-            text=lambda value: f"{_percent(value)} of the limit is reached",
+            in_words=lambda value: f"{_percent(value)} of the limit is reached",
         ),
-        cost=choices(log.n),
-        mends=False,
+        log_odds_against=odds_against_one_of(log.n),
+        is_repairable=False,
     )

@@ -8,12 +8,16 @@ import numpy as np
 
 from sdp_vs_penalty.checks import constants as c
 from sdp_vs_penalty.checks.arm_fit import ArmFit
-from sdp_vs_penalty.checks.faults.fault import Fault, Transformation, choices
+from sdp_vs_penalty.checks.faults.fault import (
+    Fault,
+    Transformation,
+    odds_against_one_of,
+)
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
 
-#: Of more joints not every pattern of signs is looked at.
+#: Largest number of joints for which every pattern of signs is tried (2^8).
 _MOST_JOINTS = 8
 
 
@@ -23,30 +27,30 @@ class Sign(Transformation):
 
     name = "sign"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
-        all_turned = now.times("gain", range(log.n), -1.0)
+        all_turned = now.with_multiplied("gain", range(log.n), -1.0)
         yield all_turned
         for j in range(log.n):
-            yield now.times("gain", (j,), -1.0)
+            yield now.with_multiplied("gain", (j,), -1.0)
         # The same fit, which physics alone tells apart.
         upside_down = tuple(-g for g in now.gravity)
         turned_upside_down = replace(all_turned, gravity=upside_down)
         yield turned_upside_down
         yield replace(all_turned, reversed=not now.reversed)
         yield replace(turned_upside_down, reversed=not now.reversed)
-        for j in np.flatnonzero(score.poor).tolist():
-            position = now.times("scale", (j,), -1.0)
+        for j in np.flatnonzero(fit.is_poorly_explained).tolist():
+            position = now.with_multiplied("scale", (j,), -1.0)
             yield position
-            yield position.times("gain", (j,), -1.0)
-        yield from _likeliest_patterns(log, now, score)
+            yield position.with_multiplied("gain", (j,), -1.0)
+        yield from _likeliest_patterns(log, now, fit)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
         is_q_turned = np.array(repair.scale) < 0.0
         is_tau_turned = np.array(repair.gain) < 0.0
@@ -61,26 +65,30 @@ class Sign(Transformation):
 
 
 def _position_sign(log: Likelihood, repair: LogTransform, j: int) -> Fault:
+    """The fault that joint j's position, and not its torque, has the wrong sign."""
     return Fault(
         kind="position sign",
         severity="warning",
         joints=(j,),
         what=f"the position of joint {j + 1} has the wrong sign.",
         remedy=f"flip the sign of q{j + 1} (and dq{j + 1})",
-        of=repair.times("scale", (j,), -1.0),
-        cost=choices(log.n),
+        removal=repair.with_multiplied("scale", (j,), -1.0),
+        log_odds_against=odds_against_one_of(log.n),
     )
 
 
 def _joint_sign(log: Likelihood, repair: LogTransform, j: int) -> Fault:
+    """The fault that joint j's position and torque both have the wrong sign."""
     return Fault(
         kind="joint sign",
         severity="warning",
         joints=(j,),
         what=f"joint {j + 1} counts the other way, position and torque alike.",
         remedy=f"flip the signs of q{j + 1}, dq{j + 1} and tau{j + 1}",
-        of=repair.times("scale", (j,), -1.0).times("gain", (j,), -1.0),
-        cost=choices(log.n),
+        removal=repair.with_multiplied("scale", (j,), -1.0).with_multiplied(
+            "gain", (j,), -1.0
+        ),
+        log_odds_against=odds_against_one_of(log.n),
     )
 
 
@@ -89,13 +97,18 @@ def _torque_sign(
     repair: LogTransform,
     turned: tuple[int, ...],
 ) -> Fault:
-    """Several torques at once: a convention that differs is one mistake, of any
-    pattern."""
+    """The fault that the torques of some joints have the wrong sign.
+
+    They are one fault, since a convention that differs is one mistake: its prior odds
+    are those of single mistakes or those of one pattern of 2^n, whichever are smaller.
+    """
     where = joints_text(turned)
-    cost = min(len(turned) * choices(log.n), c.ODDS + log.n * float(np.log(2.0)))
+    of_single_mistakes = len(turned) * odds_against_one_of(log.n)
+    of_one_pattern = c.ODDS + log.n * float(np.log(2.0))
+    log_odds = min(of_single_mistakes, of_one_pattern)
     if len(turned) == log.n:
         where = "every joint"
-        cost = c.ODDS
+        log_odds = c.ODDS
     channels = ", ".join(f"tau{j + 1}" for j in turned)
     return Fault(
         kind="torque sign",
@@ -103,36 +116,39 @@ def _torque_sign(
         joints=turned,
         what=f"the torque of {where} has the wrong sign.",
         remedy=f"flip the sign of {channels}",
-        of=repair.times("gain", turned, -1.0),
-        cost=cost,
+        removal=repair.with_multiplied("gain", turned, -1.0),
+        log_odds_against=log_odds,
     )
 
 
 def _likeliest_patterns(
     log: Likelihood,
     now: LogTransform,
-    score: ArmFit,
+    fit: ArmFit,
 ) -> list[LogTransform]:
-    """Several torques that count the other way at once, the likeliest few, friction that
-    takes power included: joint by joint none of them may look better.
+    """List the likeliest sets of two torques or more that have the wrong sign.
 
-    Looked for where friction drives a joint as the log stands.
+    They are ranked by posterior: the fit and the log-probability of physics (friction
+    takes power, inertia is positive). Turned one by one, none of the torques may look
+    better. The list is empty unless friction drives a joint in the log as it is.
     """
     joints = log.joints
-    if not 2 < len(joints) <= _MOST_JOINTS or not score.poor.any():
+    is_searchable = 2 < len(joints) <= _MOST_JOINTS
+    if not is_searchable or not fit.is_poorly_explained.any():
         return []
-    if log.physics(score, now, log.samples(score)) > -c.LOUDEST_INERTIA:
+    samples_now = log.count_independent_samples(fit)
+    if log.physics(fit, now, samples_now) > -c.LOUDEST_INERTIA:
         return []
     patterns = [
-        now.times("gain", turned, -1.0)
+        now.with_multiplied("gain", turned, -1.0)
         for size in range(2, len(joints))
         for turned in combinations(joints, size)
     ]
-    fits = log.screen.scores(patterns)
-    samples = log.samples(score)
-    posteriors = [
-        log.screen.physics(fit, pattern, samples) - 0.5 * samples * fit.score
-        for fit, pattern in zip(fits, patterns, strict=True)
-    ]
+    screen = log.on_third_of_rows
+    posteriors = []
+    for pattern, fit_of_pattern in zip(patterns, screen.fit_all(patterns), strict=True):
+        physics = screen.physics(fit_of_pattern, pattern, samples_now)
+        log_likelihood = -0.5 * samples_now * fit_of_pattern.log_unexplained
+        posteriors.append(log_likelihood + physics)
     order = np.argsort(posteriors)[::-1]
     return [patterns[k] for k in order[: c.MOST].tolist()]

@@ -12,7 +12,7 @@ from sdp_vs_penalty.checks.faults.fault import (
     FaultSize,
     Transformation,
     _percent,
-    choices,
+    odds_against_one_of,
 )
 from sdp_vs_penalty.checks.issue import joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -25,11 +25,11 @@ class Weight(Transformation):
 
     name = "weight"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         if not any(now.gravity):
@@ -41,20 +41,20 @@ class Weight(Transformation):
         # The weight that a wrist's last link holds is within the error of its
         # friction's law: of one channel alone it has to be half (8 s of the real Panda,
         # tests/test_docs.py::test_the_tutorial).
-        torque = log.data.torque(log.data.motion.t)
-        weight = log.nominal(now, 0.0)
+        torque = log.data.torque(log.data.motion.t)  # (M, n)
+        weight = log.nominal(now, speed=0.0)  # (M, n)
         is_half = _rms(weight) > 0.5 * _rms(torque)
         for j in np.flatnonzero(is_half).tolist():
             yield now.with_entries("lacks", (j,), 1.0)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
-        for joints, x in repair.changed("lacks"):
-            yield _gravity_removed(log, repair, joints, x)
+        for joints, share in repair.list_nonzero("lacks"):
+            yield _gravity_removed(log, repair, joints, share)
 
 
 def _rms(x: Array) -> Array:
-    """(n,) of columns (M, n)."""
+    """(n,) root mean square of each column of x (M, n)."""
     return np.asarray(np.sqrt(np.mean(x**2, axis=0)))
 
 
@@ -62,31 +62,32 @@ def _gravity_removed(
     log: Likelihood,
     repair: LogTransform,
     joints: tuple[int, ...],
-    x: float,
+    share: float,
 ) -> Fault:
-    """A share x of the weight missing from some torques."""
+    """The fault that a share of the arm's weight is missing from some torques, or
+    all."""
     torques = f"the torque of {joints_text(joints)}"
     remedy = "log the torques before gravity compensation"
     if len(joints) == log.n:
         torques = "the torques"
-        left = [float(round((1.0 - x) * g, 3)) + 0.0 for g in repair.gravity]
+        left = [float(round((1.0 - share) * g, 3)) + 0.0 for g in repair.gravity]
         vector = ",".join(f"{g:g}" for g in left)
         remedy = f"{remedy}, or identify with --gravity {vector}"
     number = FaultSize(
-        value=x,
-        at=partial(repair.with_entries, "lacks", joints),
+        value=share,
+        repair_with=partial(repair.with_entries, "lacks", joints),
         tolerance=c.CALIBRATED_GAIN,
         search_radius=0.4,
-        text=_percent,
+        in_words=_percent,
         round_values=(1.0,),
     )
     return Fault(
         kind="gravity removed",
         severity="warning",
         joints=joints,
-        what=f"{_percent(x)} of the weight is missing from {torques}.",
+        what=f"{_percent(share)} of the weight is missing from {torques}.",
         remedy=remedy,
-        of=number,
-        cost=choices(log.n // len(joints)),
-        mends=False,
+        removal=number,
+        log_odds_against=odds_against_one_of(log.n // len(joints)),
+        is_repairable=False,
     )

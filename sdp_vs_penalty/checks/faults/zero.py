@@ -13,9 +13,9 @@ from sdp_vs_penalty.checks.faults.fault import (
     FaultSize,
     Transformation,
     _degrees,
-    _length,
-    _shifted,
-    choices,
+    _length_like_a_radian,
+    _with_zero,
+    odds_against_one_of,
 )
 from sdp_vs_penalty.checks.likelihood import At, Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
@@ -29,35 +29,37 @@ class Place(Transformation):
 
     name = "zero"
 
-    def proposals(
+    def propose(
         self,
         log: Likelihood,
         now: LogTransform,
-        score: ArmFit,
+        fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Propose repairs that correct one more fault of this kind than ``now`` does."""
         places = [
             *_distances(log, now),
-            *_zeros(log, now, bool(score.poor.any())),
+            *_zeros(log, now, bool(fit.is_poorly_explained.any())),
         ]
         if not places:
             return
         values = np.array([place.value for place in places])
         units = np.array([place.unit for place in places])
-        ats = [place.at for place in places]
-        steps, spreads = log.screen.first_order_steps(
+        # Of all at once, the change of each that the fit asks for to first order.
+        steps, spreads = log.on_third_of_rows.first_order_steps(
             now,
-            ats,
+            [place.repair_with for place in places],
             values,
-            0.01 * units,
+            _DIFFERENCE * units,
         )
-        nearest = np.clip(steps, -0.7 * units, 0.7 * units).tolist()
-        # Of those without a finite spread nothing is seen.
+        largest = _FIRST_ORDER * units
+        nearest = np.clip(steps, -largest, largest).tolist()
+        # Without a finite standard deviation the motion does not show the number.
         for k in np.flatnonzero(np.isfinite(spreads)).tolist():
-            for change in (nearest[k], *places[k].turns):
-                yield places[k].at(places[k].value + change)
+            place = places[k]
+            for change in (nearest[k], *place.turns):
+                yield place.repair_with(place.value + change)
 
-    def elements(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
+    def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the faults of this kind that a repair corrects."""
         for j in np.flatnonzero(repair.longer).tolist():
             yield _link_length(log, repair, j)
@@ -65,107 +67,133 @@ class Place(Transformation):
             yield _encoder_offset(log, repair, j)
 
 
+#: Step of the difference quotient, and the largest change for which a first-order step
+#: is trusted, in units of a number (a radian, or a length that matters as much) [-].
+_DIFFERENCE = 0.01
+_FIRST_ORDER = 0.7
+#: Search radius of an angle [rad], and of a length in lengths of _length_like_a_radian.
+_SEARCH_RADIUS = 0.35
+#: Lengths are known better than angles by this factor [-].
+_LENGTH_OVER_ANGLE = 0.25
 #: Zeros of joints that are set a quarter of a turn off, or more [rad].
 QUARTERS = -np.pi / 2, np.pi / 2, np.pi
 
 
 @dataclass(frozen=True)
-class _Number:
-    """A number whose best value is looked for: its present value, the repair with
-    another one, what is large for it, and turns that are tried."""
+class _Candidate:
+    """A length or a zero that may be another one.
+
+    value : the present one [m, rad]; repair_with : the repair with another one; unit :
+    a radian, or a length that matters to torques as much [m]; turns : changes that are
+    tried beside the first-order one [rad].
+    """
 
     value: float
-    at: At
+    repair_with: At
     unit: float
     turns: tuple[float, ...] = ()
 
 
-def _distances(log: Likelihood, now: LogTransform) -> Iterator[_Number]:
-    """Of each joint from the one before, where they are apart."""
+def _distances(log: Likelihood, now: LogTransform) -> Iterator[_Candidate]:
+    """Yield the distance of each joint from the one before, where they are apart."""
     for j, joint in enumerate(log.problem.robot.joints):
         if j and joint.placement[:3, 3].any():
-            at = partial(now.with_entries, "longer", (j,))
-            yield _Number(now.longer[j], at, _length(log))
+            yield _Candidate(
+                value=now.longer[j],
+                repair_with=partial(now.with_entries, "longer", (j,)),
+                unit=_length_like_a_radian(log),
+            )
 
 
 def _zeros(
     log: Likelihood,
     now: LogTransform,
     is_poor: bool,
-) -> Iterator[_Number]:
-    """Of each joint that moves; the zero of a first joint that turns is the mounting
-    about its axis."""
+) -> Iterator[_Candidate]:
+    """Yield the encoder's zero of each joint that moves.
+
+    A revolute first joint is left out: its zero is the mounting about its axis.
+    Quarters of a turn are tried as well where the arm explains a joint poorly.
+    """
     for j in log.joints:
-        turns = j in log.revolute
-        if j == 0 and turns:
+        is_revolute = j in log.revolute
+        if j == 0 and is_revolute:
             continue
-        at = partial(_shifted, log, now, j)
-        unit = 1.0 if turns else _length(log)
-        yield _Number(
-            now.zero[j],
-            at,
-            unit,
-            QUARTERS if turns and is_poor else (),
+        yield _Candidate(
+            value=now.zero[j],
+            repair_with=partial(_with_zero, log, now, j),
+            unit=1.0 if is_revolute else _length_like_a_radian(log),
+            turns=QUARTERS if is_revolute and is_poor else (),
         )
 
 
 def _link_length(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """Joint j farther from the one before, or nearer to it."""
-    length = _length(log)
-    metres = "{:.4g} m".format
-    x = repair.longer[j]
-    where = "farther from" if x > 0.0 else "nearer to"
-    number = FaultSize(
-        value=x,
-        at=partial(repair.with_entries, "longer", (j,)),
-        tolerance=0.25 * c.CALIBRATED * length,
-        search_radius=0.35 * length,
-        text=metres,
+    """The fault that joint j is farther from the joint before, or nearer to it, than
+    the kinematics say."""
+    length = _length_like_a_radian(log)
+    longer = repair.longer[j]  # [m]
+    where = "farther from" if longer > 0.0 else "nearer to"
+    size = FaultSize(
+        value=longer,
+        repair_with=partial(repair.with_entries, "longer", (j,)),
+        tolerance=_LENGTH_OVER_ANGLE * c.CALIBRATED * length,
+        search_radius=_SEARCH_RADIUS * length,
+        in_words=_metres,
     )
     return Fault(
         kind="link length",
         severity="warning",
         joints=(j,),
-        what=f"joint {j + 1} is {metres(abs(x))} {where} joint {j} than in the robot's"
+        what=f"joint {j + 1} is {_metres(abs(longer))} {where} joint {j} than in the robot's"
         " kinematics.",
         remedy="correct the kinematics, or choose the problem of the robot that was"
         " logged",
-        of=number,
-        cost=choices(log.n),
-        mends=False,
+        removal=size,
+        log_odds_against=odds_against_one_of(log.n),
+        is_repairable=False,
     )
 
 
 def _encoder_offset(log: Likelihood, repair: LogTransform, j: int) -> Fault:
-    """Joint j counts from another zero."""
-    x = repair.zero[j]
-    turns = j in log.revolute
-    length = _length(log)
-    number = FaultSize(
-        value=x,
-        at=partial(_shifted, log, repair, j),
-        tolerance=(1.0 if turns else 0.25 * length) * c.CALIBRATED,
-        search_radius=0.35 if turns else 0.35 * length,
-        text=_angle_away if turns else _length_away,
-        round_values=(*QUARTERS, -np.pi) if turns else (),
+    """The fault that joint j's encoder counts from another zero than the kinematics.
+
+    The repair adds an offset to the position; the zero is away by minus that offset.
+    """
+    offset = repair.zero[j]  # [rad, m]
+    is_revolute = j in log.revolute
+    length = _length_like_a_radian(log)
+    size = FaultSize(
+        value=offset,
+        repair_with=partial(_with_zero, log, repair, j),
+        tolerance=(1.0 if is_revolute else _LENGTH_OVER_ANGLE * length) * c.CALIBRATED,
+        search_radius=_SEARCH_RADIUS if is_revolute else _SEARCH_RADIUS * length,
+        in_words=_minus_degrees if is_revolute else _minus_metres,
+        round_values=(*QUARTERS, -np.pi) if is_revolute else (),
     )
     unit = log.problem.robot.position_units[j]
     return Fault(
         kind="encoder offset",
         severity="warning",
         joints=(j,),
-        what=f"the zero of joint {j + 1} is {number.text(x)} away from the robot's"
+        what=f"the zero of joint {j + 1} is {size.in_words(offset)} away from the robot's"
         " kinematics.",
-        remedy=f"add {x:+.5g} {unit} to q{j + 1}",
-        of=number,
-        cost=choices(log.n),
-        figures={"shifts": [x]},
+        remedy=f"add {offset:+.5g} {unit} to q{j + 1}",
+        removal=size,
+        log_odds_against=odds_against_one_of(log.n),
+        figures={"shifts": [offset]},
     )
 
 
-def _angle_away(x: float) -> str:
-    return _degrees(-x)
+def _metres(length: float) -> str:
+    """A length [m] in words."""
+    return f"{length:.4g} m"
 
 
-def _length_away(x: float) -> str:
-    return f"{-x:.4g} m"
+def _minus_degrees(offset: float) -> str:
+    """By how much a zero is away whose encoder lacks an offset [rad], in words."""
+    return _degrees(-offset)
+
+
+def _minus_metres(offset: float) -> str:
+    """By how much a zero is away whose encoder lacks an offset [m], in words."""
+    return _metres(-offset)
