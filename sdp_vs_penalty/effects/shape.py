@@ -126,12 +126,8 @@ class ShapeConstant:
         Returns
         -------
         str
-<<<<<<< HEAD
             A word, or a number with six digits. An instant that six digits would move by
             more than a millisecond (seconds since 1970) has all its digits.
-=======
-            A number, or a word where the constant has words.
->>>>>>> origin/main
         """
         if self.words:
             return self.words[self.choices.index(value)]
