@@ -33,9 +33,11 @@ def tag(
     (``aria_label``, ``for_``); one that is False is left out.
     """
     element = TextElement(tag=name, text=text).classes(style)
+    props = {}
     for key, value in attributes.items():
         if value is not False:
-            element.props[key.rstrip("_").replace("_", "-")] = value
+            props[key.rstrip("_").replace("_", "-")] = value
+    element.props.update(props)
     return element
 
 
