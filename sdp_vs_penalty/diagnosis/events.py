@@ -29,7 +29,7 @@ from sdp_vs_penalty.signals.coloured_noise import (
 )
 from sdp_vs_penalty.signals.constants import SAME_PHASE
 from sdp_vs_penalty.signals.noise import differences
-from sdp_vs_penalty.signals.repetition import Repeat, consecutive
+from sdp_vs_penalty.signals.repetition import consecutive
 from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW
 
@@ -116,7 +116,6 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     rows = data.rows
     noise = data.noise
     unrepeated = _unrepeated_rows(data, residual)
-    comes_back = _rows_that_come_back(noise.repeats, len(rows.t))
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
         # The noise may be larger than was thought; its median does not see an event.
@@ -131,21 +130,12 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             torque = residual[:, j] * (white[:, j] != 0.0)
             lone |= _lone_rows(data, torque, j, slow)
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
-            is_outlier &= lone | (comes_back & ~slow)
+            is_outlier &= lone
             suspect = suspect & (lone | ~slow)
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
         out[:, j] |= suspect
     return out & ~_repeated_outliers(data, out)
-
-
-def _rows_that_come_back(repeats: Sequence[Repeat], count: int) -> Mask:
-    """(M,) whether the motion of a row comes back."""
-    out = np.zeros(count, bool)
-    for repeat in repeats:
-        out[repeat.rows] = True
-        out[repeat.there] = True
-    return out
 
 
 def _lone_rows(

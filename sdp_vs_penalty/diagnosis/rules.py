@@ -12,21 +12,18 @@ class Rules:
     """Which rules apply.
 
     joints_alike : beside findings half of the odds are for effects that act on another
-    joint already; merge_one_effect : terms of one effect give way to one that acts on all
-    of their joints; free_constants : the constants of the model's own effects may move
+    joint already; free_constants : the constants of the model's own effects may move
     with a candidate; law_misfits : what a term's law gets wrong is a nuisance;
     mounting_tolerances : so is what any arm is mounted wrong; simplest : of candidates
     that do about as well the simplest is named; exchange : a term may give way to
     another; coarsening : no law is right beyond what some 3000 rows can tell;
     curve_laws : a curve may be a law of the dictionary; curves_of_two : a curve may
     depend on two variables; second_veto : confident findings are judged once more on
-    data left out, without the weak ones; without_events : findings are judged again
-    without the rows of events; hums_first : lines of the torque's spectrum stand beside
-    whatever is judged.
+    data left out, without the weak ones; hums_first : lines of the torque's spectrum
+    stand beside whatever is judged.
     """
 
     joints_alike: bool = True
-    merge_one_effect: bool = True
     free_constants: bool = True
     law_misfits: bool = True
     mounting_tolerances: bool = True
@@ -36,7 +33,6 @@ class Rules:
     curve_laws: bool = True
     curves_of_two: bool = True
     second_veto: bool = True
-    without_events: bool = True
     hums_first: bool = True
 
     @classmethod
