@@ -12,7 +12,7 @@ import numpy as np
 from sdp_vs_penalty.diagnosis.library import Candidate, Key
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.white_rows import whitened, with_estimate
+from sdp_vs_penalty.diagnosis.white_rows import whiten_with_noise, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -153,7 +153,7 @@ def beside_model(
     in_reference = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
     effects_in_reference = [(t.form.effect, b) for t, b in in_reference]
     rows = with_estimate(data.rows, estimate, effects_in_reference)
-    data = whitened(rows, data.noise, estimate, data.frozen)
+    data = whiten_with_noise(rows, data.noise, estimate, data.frozen)
     out = Search(data, search.library, search.rules, like=search)
     out.nuisances.frequencies = search.nuisances.frequencies  # hums stay what they are
     out.in_reference = {t.key for t, _ in in_reference}

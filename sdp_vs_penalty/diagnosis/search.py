@@ -411,7 +411,7 @@ class Search:
         for term in terms:
             others = [t for t in terms if t is not term]
             judged = self.beside(term, others)
-            candidates = self._candidates_instead(judged, others)
+            candidates = self._candidates_to_replace(judged, others)
             exchanged = self._exchange(judged, candidates, others)
             if exchanged is not None:
                 return exchanged
@@ -420,7 +420,7 @@ class Search:
         self.terms = with_rivals
         return None
 
-    def _candidates_instead(
+    def _candidates_to_replace(
         self,
         term: ScoredEffect,
         others: Sequence[ScoredEffect],
@@ -456,7 +456,7 @@ class Search:
         plus 4 %) or within the margin while it is simpler, or while the effect only
         refines it.
         """
-        other = self._best_instead(term, candidates)
+        other = self._best_replacement(term, candidates)
         if other is None:
             return None
         J = term.evidence
@@ -470,10 +470,10 @@ class Search:
         is_as_good = J - margin < J_other
         replaces = is_better or (is_as_good and is_preferred)
         if replaces and self.rules.exchange:
-            return self._if_it_stays(other, others)
+            return self._with_candidate_if_it_stays(other, others)
         return None
 
-    def _best_instead(
+    def _best_replacement(
         self,
         term: ScoredEffect,
         candidates: Sequence[ScoredEffect],
@@ -489,7 +489,7 @@ class Search:
             return None
         return replacement
 
-    def _if_it_stays(
+    def _with_candidate_if_it_stays(
         self,
         other: ScoredEffect,
         others: Sequence[ScoredEffect],
@@ -590,7 +590,7 @@ def simplicity(form: Candidate) -> tuple[int, int, bool]:
     whether the effect refines a plainer one.
     """
     return (
-        form.n_coefficients + form.constants,
+        form.n_coefficients + form.n_constants,
         len(form.effect.joints),
         bool(form.effect.refines),
     )
