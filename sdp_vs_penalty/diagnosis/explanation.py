@@ -151,7 +151,7 @@ def drop_harmful(
 
 
 def judge_without_events(
-    explanation: Explanation, left: Remainder
+    explanation: Explanation, unexplained: Remainder
 ) -> tuple[Explanation, Remainder]:
     """Judge the findings again without the rows of events, if that leaves less
     unexplained.
@@ -162,7 +162,7 @@ def judge_without_events(
     ----------
     explanation
         The findings beside the model.
-    left
+    unexplained
         What they leave unexplained, with the rows of events.
 
     Returns
@@ -171,16 +171,18 @@ def judge_without_events(
         Both without the events, or unchanged.
     """
     rules = explanation.search.rules
-    if not (left.joints_unexplained and left.outlier_rows.any()):
-        return explanation, left
+    if not (unexplained.joints_unexplained and unexplained.outlier_rows.any()):
+        return explanation, unexplained
     if not rules.without_events:
-        return explanation, left
-    search = beside_model(explanation.search, explanation.estimate, left.outlier_rows)
+        return explanation, unexplained
+    search = beside_model(
+        explanation.search, explanation.estimate, unexplained.outlier_rows
+    )
     search = search.drop_disfavoured(search.terms)
-    without = unexplained_error(search, left.outlier_rows)
-    if len(without.joints_unexplained) < len(left.joints_unexplained):
+    without = unexplained_error(search, unexplained.outlier_rows)
+    if len(without.joints_unexplained) < len(unexplained.joints_unexplained):
         return replace(explanation, search=search), without
-    return explanation, left
+    return explanation, unexplained
 
 
 @dataclass(frozen=True)

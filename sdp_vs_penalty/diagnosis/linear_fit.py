@@ -220,15 +220,15 @@ class WhiteFit:
         W = self.whitener
         along = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
         explained = A @ (W @ (W.T @ along)) / self.level[:, None, None]
-        left = -explained
+        remaining = -explained
         for j, z in scaled.items():
-            left[j, : len(z)] += z
-        return np.asarray(left)
+            remaining[j, : len(z)] += z
+        return np.asarray(remaining)
 
     def energy(self, term: ScoredEffect) -> float:
         """Return the weighted squares of what the fit leaves of an effect's torque."""
-        left = self.residual_of(self.scaled(term.columns)) @ term.beta
-        return float(np.sum(left**2))
+        remaining = self.residual_of(self.scaled(term.columns)) @ term.beta
+        return float(np.sum(remaining**2))
 
 
 class WhiteFitter:
@@ -341,10 +341,10 @@ class WhiteFitter:
             return fit
         if form.key not in fit.fits_without:
             replaced = fit.design.columns_of_model[form.key]
-            left = tuple(i for i in fit.columns_kept if i not in replaced)
+            columns_left = tuple(i for i in fit.columns_kept if i not in replaced)
             fit.fits_without[form.key] = self._fitted(
                 fit.design,
-                left,
+                columns_left,
                 fit.level,
                 rounds=1,
             )
@@ -456,9 +456,9 @@ class WhiteFitter:
             The most iterations, each of which raises the likelihood (six were needed at
             most on three arms); one leaves the levels as they are.
         """
-        kept = np.array(columns, int)
-        G = design.gram.take(kept, 1).take(kept, 2)
-        pull = design.pull[:, kept]
+        columns_kept = np.array(columns, int)
+        G = design.gram.take(columns_kept, 1).take(columns_kept, 2)
+        pull = design.pull[:, columns_kept]
         flat_gram = G.reshape(len(G), -1)
         squares_of_torque = np.sum(design.y**2, axis=1)
         degrees = self.data.count + design.n_prior_rows
@@ -486,10 +486,10 @@ class WhiteFitter:
         root = inverse.T
         # Zero for columns of the design that take no part.
         p = design.A.shape[2]
-        W = np.zeros((p, len(kept)))
-        W[kept] = root
+        W = np.zeros((p, len(columns_kept)))
+        W[columns_kept] = root
         all_theta = np.zeros(p)
-        all_theta[kept] = theta
+        all_theta[columns_kept] = theta
         residual = (design.y - design.A @ all_theta) / last[:, None]
         rank_of_joint = flat_gram @ (root @ root.T).ravel() / last**2
         return WhiteFit(

@@ -430,8 +430,8 @@ class CurveColumns:
             coefficients = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
             T = fit.residual_of({joint: z})
-            left = fit.residual - T @ coefficients
-            v = score.rows_worth_one(T, left, inverse, freedom)
+            residual = fit.residual - T @ coefficients
+            v = score.rows_worth_one(T, residual, inverse, freedom)
         return cls(
             fit=fit,
             joint=joint,

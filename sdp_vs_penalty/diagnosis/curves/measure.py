@@ -162,14 +162,16 @@ def measure_curves(
         beside_all = None
         if joint in left:
             beside_all = _best_curve(search, search.terms, joint, variables)
-        alone = None
+        curve_alone = None
         if of_joint and (beside_all is not None or joint in parts):
-            alone = _best_curve(search, others, joint, variables)
+            curve_alone = _best_curve(search, others, joint, variables)
         worth = sum(t.evidence for t in search.score_jointly(of_joint, others))
         chosen = beside_all
         replaced: tuple[ScoredEffect, ...] = ()
-        if alone is not None and is_curve_preferred(worth, of_joint, alone, beside_all):
-            chosen = alone
+        if curve_alone is not None and is_curve_preferred(
+            worth, of_joint, curve_alone, beside_all
+        ):
+            chosen = curve_alone
             replaced = tuple(of_joint)
         if chosen is not None:
             _, spline, law = chosen
@@ -437,5 +439,5 @@ def _tabulate(
 def unmeasured(basis: Basis, points: Array) -> Array:
     """Return the points (P', v) of a basis's grid that are not among ``points`` (P, v)."""
     have = {tuple(p) for p in points.tolist()}
-    left = [p for p in basis.points.tolist() if tuple(p) not in have]
-    return np.reshape(left, (-1, points.shape[1]))
+    missing = [p for p in basis.points.tolist() if tuple(p) not in have]
+    return np.reshape(missing, (-1, points.shape[1]))
