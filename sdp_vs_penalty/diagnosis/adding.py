@@ -157,6 +157,7 @@ def _read_effects(
 
 def _refuse_duplicates(estimate: Estimate, new: Sequence[Effect]) -> None:
     """Raise InputError where a model has one of these effects already."""
+    # A model refuses an effect that comes twice.
     Model(estimate.robot, (*estimate.model.effects, *new))
 
 

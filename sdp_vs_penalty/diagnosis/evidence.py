@@ -292,11 +292,12 @@ class EvidenceScorer(WhiteFitter):
 
     @staticmethod
     def freedom(beside: _Beside) -> float:
-        """Return the effective number of parameters, k + s.
+        """Return the effective number of parameters of a candidate, k + s.
 
-        k is the trace of (T'T + prior)^-1 T'T over coefficients that a sign constraint
-        does not hold at zero: a coefficient that the prior determines counts for
-        nothing. s is the number of continuous shape constants.
+        k is the trace of (T'T + prior)^-1 T'T, where T are the candidate's columns
+        beside the fit: a coefficient counts 1 if the rows determine it and 0 if only
+        the prior does. Coefficients that a sign constraint holds at zero do not count.
+        s is the number of continuous shape constants.
         """
         free = np.flatnonzero((beside.beta != 0.0) | ~beside.nonnegative)
         part = np.ix_(free, free)

@@ -109,11 +109,11 @@ class Design:
 
     A (n joints, M + prior rows, p) : columns of unit length, the model's first; y (n, M
     + prior rows) : torque, 0 in prior rows; gram (n, p, p), pull (n, p) : A'A and A'y;
-    columns_of_model : numbers of the model's columns, by key of an effect with a shape constant
-    that might be re-estimated, all others under None; at : numbers of each term's
-    columns, by its text; keys : key of the effect that a column belongs to; extra (n,)
-    : how many prior rows each joint counts. A prior row says that a nuisance's
-    coefficient is zero, up to its standard deviation.
+    columns_of_model : numbers of the model's columns, by key of an effect with a shape
+    constant that might be re-estimated, all others under None; at : numbers of each
+    term's columns, by its text; keys : key of the effect that a column belongs to;
+    extra (n,) : how many prior rows each joint counts. A prior row says that a
+    nuisance's coefficient is zero, up to its standard deviation.
     """
 
     A: Array
@@ -132,11 +132,12 @@ class Design:
         return all(t.text in self.columns_by_text for t in terms)
 
     def products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Return, by joint of a batch, A'Z (p, F k) and Z'y (F k,) of the batch's
-        columns Z.
+        """Return the products of the design's columns A with a batch's columns Z, by
+        its joints.
 
-        The products with the model's columns, the first r of A, are shared by all
-        designs. Those with the terms' columns are computed once for each batch.
+        They are A'Z (p, F k) and Z'y (F k,) for the F candidates of k columns each.
+        Products with the model's columns, the first r of A, are shared by all designs;
+        those with the terms' columns are computed once for each batch.
         """
         if batch not in self.products:
             M = batch.whitened_columns.shape[1]
@@ -151,6 +152,7 @@ class Design:
             ):
                 products = np.zeros((self.A.shape[2], Z.shape[1]))
                 products[:r] = of_basis
+                # Only terms that act on this joint have columns other than zero.
                 of_terms = self.A[j, :M, r:]
                 acts = of_terms.any(axis=0)
                 products[r:][acts] = of_terms[:, acts].T @ Z
@@ -168,8 +170,9 @@ class WhiteFit:
     by which its rows are divided; whitener W (p, r) : A W / level is orthonormal; theta
     (p,) : coefficients; residual (n, M) : weighted; rss (n,) : unweighted squared
     errors; degrees (n,) : rows less the joint's share of the rank; floor : lowest
-    variance of a joint; fits_without, derivatives_left : results computed once, by key of a model's own
-    effect: the fit without it, and what the fit leaves of its constants' derivatives.
+    variance of a joint; fits_without, derivatives_left : results computed once, by key
+    of a model's own effect: the fit without it, and what the fit leaves of its
+    constants' derivatives.
     """
 
     design: Design
