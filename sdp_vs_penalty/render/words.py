@@ -472,6 +472,8 @@ def picture_title(
     text = f"Error of joint {joint} against {against}"
     if before is after:
         return f"{text}: {before.name}."
+    if (before.name, after.name) == ("before", "after"):
+        return f"{text}, before and after."
     return f"{text}: {before.name} (before), {after.name} (after)."
 
 
