@@ -78,13 +78,14 @@ def is_still(q: Array) -> NDArray[np.bool_]:
     NDArray
         (N, n) flags.
     """
-    out = np.zeros(q.shape[::-1], bool)
-    if len(q) < 16:
-        return out.T
+    still = np.zeros(q.shape[::-1], bool)  # (n, N)
+    if len(q) < 16:  # too short to tell noise from motion
+        return still.T
     step = resolution(q)[:, None]
     half = 1
     joints = np.arange(q.shape[1])
     positions = np.ascontiguousarray(q.T)
+    # Windows of 2 half + 1 samples, each half again as long as the last.
     while half < 0.1 * len(q) and len(joints):
         quiet = _spread(positions, half) <= 2.0 * step[joints]
         some = quiet.any(axis=1)  # the others are not quiet for longer either
@@ -92,33 +93,26 @@ def is_still(q: Array) -> NDArray[np.bool_]:
         positions = positions[some]
         # In three times the time a moving joint comes 9 times as far where it turns
         # round, and 27 times where its velocity passes through zero. Farther: it stood.
-        is_far = _way(positions, 3 * half) > 3**3 * step[joints]
+        is_far = _displacement(positions, 3 * half) > 3**3 * step[joints]
         stood = (quiet[some] & is_far).astype(np.uint8)
         near = np.pad(stood, ((0, 0), (half, half)))
-        out[joints] |= sliding(np.maximum, near, 2 * half + 1) > 0
+        still[joints] |= sliding(np.maximum, near, 2 * half + 1) > 0
         half = max(half + 1, 3 * half // 2)
-    return out.T
+    return still.T
 
 
 def _spread(positions: Array, half: int) -> Array:
-    """How far positions (n, N) spread within ``half`` samples of each (n, N)."""
-    near = np.pad(
-        positions,
-        ((0, 0), (half, half)),
-        mode="symmetric",
-    )
+    """Return the range (largest minus smallest) of positions (n, N) within ``half``
+    samples of each one, (n, N)."""
+    near = np.pad(positions, ((0, 0), (half, half)), mode="symmetric")
     width = 2 * half + 1
     return sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
 
 
-def _way(positions: Array, steps: int) -> Array:
-    """How far positions (n, N) are from those so many samples before or after, the
-    farther one (n, N)."""
-    ends = np.pad(
-        positions,
-        ((0, 0), (steps, steps)),
-        mode="edge",
-    )
+def _displacement(positions: Array, steps: int) -> Array:
+    """Return the distance (n, N) of positions (n, N) from those ``steps`` samples before
+    or after, whichever is larger."""
+    ends = np.pad(positions, ((0, 0), (steps, steps)), mode="edge")
     before = np.abs(ends[:, : -2 * steps] - positions)
     after = np.abs(ends[:, 2 * steps :] - positions)
     return np.maximum(before, after)
