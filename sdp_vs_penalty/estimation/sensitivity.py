@@ -461,6 +461,7 @@ class _Descent:
         fit: _ConstantFit,
         begin: tuple[Effect, ...],
     ) -> None:
+        """Start at the constants of the effects ``begin``."""
         self.fit = fit
         self.begin = begin
         self.theta = fit.start

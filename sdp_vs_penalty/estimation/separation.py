@@ -340,6 +340,12 @@ class _MotionSearch:
         duration: float,
         free: Callable[[Array], bool] | None,
     ) -> None:
+        """Prepare a search within _SHARE (95 %) of the limits.
+
+        ``effort`` (n,): torque limits [N m, N]; ``duration``: length of the motion [s];
+        ``free``: whether the arm is free of self-collision in all of some poses (N, n),
+        None: not checked.
+        """
         self.hypotheses = hypotheses
         self.effort = effort
         self.duration = duration

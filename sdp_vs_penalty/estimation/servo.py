@@ -65,6 +65,7 @@ class _Terms(Effect):
     equation = explanation = reference = ""
 
     def __init__(self, robot: Robot, T: float) -> None:
+        """Take the robot and the delay T [s] of the command."""
         super().__init__(robot)
         self.T = T
 

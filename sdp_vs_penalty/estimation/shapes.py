@@ -363,6 +363,7 @@ class _Grid(Effect):
     equation = explanation = reference = ""
 
     def __init__(self, effects: Sequence[Effect]) -> None:
+        """Take one effect for each value of a constant, all on the same joint."""
         super().__init__(effects[0].robot, effects[0].joints)
         self.effects = effects
 

@@ -14,22 +14,22 @@ DEFAULT_METHOD = "lmi-sdp"
 
 @cache
 def estimator_types() -> dict[str, type[Estimator]]:
-    """Every estimator by name."""
+    """Return every estimator class by name."""
     return classes(__name__, __path__, Estimator)
 
 
 def make_estimator(method: str | Estimator) -> Estimator:
-    """The estimator of a name, with its default settings.
+    """Return the estimator with a name, with its default settings.
 
     Parameters
     ----------
     method : str or Estimator
-        A name, or the estimator itself.
+        Name of a method, or an estimator, which is returned as it is.
 
     Returns
     -------
     Estimator
-        Raises InputError for a name that is none.
+        Raises InputError for an unknown name.
     """
     if isinstance(method, Estimator):
         return method
@@ -40,19 +40,19 @@ def make_estimator(method: str | Estimator) -> Estimator:
 
 
 def with_solver(method: str, solver_name: str | None) -> Estimator | str:
-    """The method, its solver exchanged.
+    """Return a method with another solver.
 
     Parameters
     ----------
     method : str
-        A name.
+        Name of the method.
     solver_name : str or None
-        None: as it is.
+        Name of a solver; None: the method's own.
 
     Returns
     -------
     Estimator or str
-        Raises InputError where the method solves no SDP.
+        Raises InputError if the method solves no SDP.
     """
     if solver_name is None:
         return method

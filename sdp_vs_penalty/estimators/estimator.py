@@ -74,26 +74,31 @@ class Task:
 
     @property
     def prior_links(self) -> Array:
-        """(n, 10) what links are where the data say nothing of them."""
+        """(n, 10) standard parameters of the links about which the prior is centred."""
         return self.nominal[self.links] if self.prior is None else self.prior
 
     @cached_property
     def links(self) -> NDArray[np.intp]:
-        """(n, 10) indices of each link's parameters in theta; (0, 10) without a rigid
-        body."""
+        """(n, 10) indices of each link's parameters in theta; (0, 10) without rigid
+        links.
+        """
         return self.model.rigid_indices.reshape(-1, 10)
 
     @property
     def pseudo_inertias(self) -> tuple[Constraint, ...]:
-        """That each link is a body, link by link: what a prior's log det is of. A body
-        that an effect adds (a payload) is none of them."""
+        """Pseudo-inertia constraints of the robot's links, whose log det the prior
+        contains.
+
+        The pseudo-inertia of a body that an effect adds (a payload) is left out.
+        """
         bodies = (c for c in self.constraints.convex if c.family == "pseudo-inertia")
         return tuple(c for c in bodies if c.indices[0] in self.links[:, 0])
 
     @cached_property
     def base(self) -> Array:
-        """(b, p) map to base parameters: the links' own symbols, then all other
-        parameters."""
+        """(b, p) map from theta to base parameters: those of the links, then all other
+        parameters.
+        """
         rigid = self.model.rigid_indices
         unit = np.eye(len(self.bound))
         if not len(rigid):
@@ -108,15 +113,16 @@ class Task:
 
     @cached_property
     def ols(self) -> Array:
-        """The unconstrained least-squares theta nearest to the nominal one."""
+        """(p,) unconstrained least-squares theta that is nearest to the nominal one."""
         return min_norm_lstsq(self.data.R, self.data.rho, self.nominal)
 
     @cached_property
     def base_distance(self) -> LeastSquares:
-        """|pi(theta) - pi_hat|^2 in the Euclidean norm of the symbols, pi_hat the OLS estimate.
+        """Least-squares problem |pi(theta) - pi_hat|^2, with pi_hat the OLS base
+        parameters.
 
-        The first of two steps: what the paper's retrieval and Sousa and Cortesao's
-        beta' minimise.
+        Units are those of the base parameters. The two-step methods minimise it: the
+        paper's retrieval, and Sousa and Cortesao's beta'.
         """
         target = self.base @ self.ols
         return LeastSquares(
@@ -160,8 +166,9 @@ class Estimator(ABC):
 
     @property
     def undetermined_by(self) -> str:
-        """What decides where the data do not: the "prior", or the "bounds", of which
-        some vertex."""
+        """What decides parameters that the data do not: the "prior", or else the
+        "bounds".
+        """
         return "bounds"
 
     @abstractmethod
@@ -209,25 +216,25 @@ def make_task(
     progress: Progress = no_progress,
     like: Task | None = None,
 ) -> Task:
-    """What an estimator needs to know, from a problem and compressed measurements.
+    """Build the input of an estimator from a problem and compressed measurements.
 
     Parameters
     ----------
     problem : Problem
         Robot, bounds and nominal links.
     model : Model
-        What makes torque.
+        Effects that make torque.
     regression : Regression
-        The compressed rows of the model.
+        Compressed rows in the model's columns.
     weighting : str
-        "noise": joints by the residuals of a first least-squares pass; "none".
+        "noise": weight joints by the residuals of a first least-squares fit; "none".
     seed : int
-        Of everything random.
+        Seed of random methods.
     progress : callable
-        Hears what is at work.
+        Receives a line of text at each stage.
     like : Task, optional
-        Of the same problem and model on other data: what does not depend on data is
-        taken from it.
+        Task of the same problem and model on other data; what does not depend on the
+        data is taken from it.
 
     Returns
     -------
@@ -238,9 +245,8 @@ def make_task(
     if like is None:
         nominal = problem.nominal(model)
         bound = problem.parameter_bound(model)
-        masses = model.with_known(nominal)[
-            links[:, :1]
-        ]  # a link of a known mass is scaled to it
+        # A link whose mass is known is scaled to it.
+        masses = model.with_known(nominal)[links[:, :1]]
         nominal[links] *= masses / nominal[links[:, :1]]
         nominal = model.with_known(nominal)
         constraints = problem.constraints(model)
@@ -263,15 +269,15 @@ def make_task(
         )
     guessed = problem.guessed_links
     return Task(
-        model,
-        data,
-        constraints,
-        bound,
-        nominal,
-        problem.box,
-        problem.independent,
-        seed,
-        progress,
+        model=model,
+        data=data,
+        constraints=constraints,
+        bound=bound,
+        nominal=nominal,
+        box=problem.box,
+        independent=problem.independent,
+        seed=seed,
+        progress=progress,
         joint_scale=joint_scale(regression, model, first),
         bodies=bodies,
         prior=_scaled_prior(data, nominal, links, guessed),
@@ -281,7 +287,10 @@ def make_task(
 
 
 def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]:
-    """That each link's mass, at ``links`` (n, 10) of theta, lies inside of its body."""
+    """Return one constraint a link: its mass lies inside of its body's ellipsoid.
+
+    ``links`` (n, 10) are the indices of the links' parameters in theta.
+    """
     pairs = zip(links, problem.link_bodies, strict=False)
     return tuple(
         build.density_in_ellipsoid("body", f"link {k}", indices, body.quadric)
@@ -325,14 +334,15 @@ def _scaled_prior(
     places: NDArray[np.intp],
     guessed: NDArray[np.bool_],
 ) -> Array:
-    """(n, 10) nominal links, guessed masses times the one factor with which they fit
-    the torque best: least squares in it and the joints' own parameters, the other links
-    as stated.
+    """Return (n, 10) nominal links, with guessed masses scaled to the measured torque.
 
-    places (n, 10) : of the links in nominal (p,); guessed (n,) : of which nobody states
-    the mass. More torque than drawn proves more mass. Less does not prove less, which
-    may lie nearer to the axes: a guess stands unless it is ``FAR_MASS`` times too
-    heavy.
+    One common factor is found by least squares, with the joints' own parameters free
+    and the other links as stated. A factor above 1 is used: the torque proves more
+    mass. A smaller one proves nothing, since mass may lie nearer to the axes, so that
+    it is used only below 1 / FAR_MASS.
+
+    ``places`` (n, 10) are the links' indices in nominal (p,), ``guessed`` (n,) marks
+    links whose mass no file states.
     """
     links = nominal[places]
     if not len(links) or not np.any(guessed):
@@ -344,7 +354,9 @@ def _scaled_prior(
     columns = np.column_stack([guess, R[:, other_columns]])
     factor = min_norm_lstsq(columns, data.rho - stated)[0]
     out = links.copy()
-    out[guessed] *= factor if factor > 1.0 or 0.0 < factor < 1.0 / FAR_MASS else 1.0
+    is_far_too_heavy = 0.0 < factor < 1.0 / FAR_MASS
+    if factor > 1.0 or is_far_too_heavy:
+        out[guessed] *= factor
     return out
 
 
@@ -353,60 +365,58 @@ def joint_scale(
     model: Model,
     theta: np.ndarray,
 ) -> np.ndarray:
-    """Scale |tau_j| / |Y_jk| of each joint parameter: its value if it made all the torque.
+    """Return the scale |tau_j| / |Y_jk| of each joint parameter k.
+
+    It is the value with which the parameter alone would make the torque of its joint.
 
     Parameters
     ----------
     regression : Regression
-        Columns Y and torque tau.
+        Compressed columns Y and torque tau.
     model : Model
-        The torque model.
+        Model of these columns.
     theta : (p,) array
-        Result of a first pass. A drive's torque counts where it is larger than the measured
-        torque.
+        First least-squares fit. The torque of servos counts if it is larger than the
+        measured one (which is zero in a log without torque).
 
     Returns
     -------
     (p,) array
-        Scales; infinite for parameters of links and parameters without a column.
+        Scales; infinite for parameters of links and of servos, and without a column.
     """
     scale = np.full(regression.p, np.inf)
     gains = np.where(model.drives, theta, 0.0)
     for factor in regression.per_joint:
-        norms = np.linalg.norm(factor.triangle[:, :-1], axis=0)
-        drive = factor.triangle[:, :-1] @ gains[factor.indices]
-        torque = float(
-            max(np.linalg.norm(factor.triangle[:, -1]), np.linalg.norm(drive))
-        )
+        columns = factor.triangle[:, :-1]
+        norms = np.linalg.norm(columns, axis=0)
+        measured = np.linalg.norm(factor.triangle[:, -1])
+        of_servos = np.linalg.norm(columns @ gains[factor.indices])
+        torque = float(max(measured, of_servos))
         counts = (norms > 0.0) & ~np.isin(factor.indices, model.rigid_indices)
-        counts &= ~model.drives[
-            factor.indices
-        ]  # they cancel: each is many times as large as the sum
+        # Servos' terms cancel: each is many times as large as their sum.
+        counts &= ~model.drives[factor.indices]
         if torque > 0.0:
-            where = factor.indices[counts]
-            scale[where] = np.minimum(scale[where], torque / norms[counts])
+            counted = factor.indices[counts]
+            scale[counted] = np.minimum(scale[counted], torque / norms[counts])
     return scale
 
 
 def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
-    """(n,) weights sigma / sigma_j from residuals of a first pass, sigma their root
-    mean square.
+    """Return weights sigma / sigma_j that give all joints the same noise.
 
     Parameters
     ----------
     regression : Regression
-        The compressed rows.
+        Compressed rows.
     theta : (p,) array
-        Of the first pass [SI].
+        First least-squares fit [SI].
 
     Returns
     -------
     (n,) array
-        What each joint's rows are multiplied by.
+        Factor of each joint's rows; sigma is the root mean square of all sigma_j.
 
-    Notes
-    -----
-    A joint whose residual is below 1e-6 of its torque counts as that exact, so that
+    Notes ----- A residual below 1e-6 of a joint's torque counts as that much, so that
     noise-free data are not weighted by rounding.
     """
     rows = np.maximum(regression.joint_rows(), 1)
@@ -421,20 +431,20 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
 
 
 def with_joint_prior(task: Task, weight: float) -> Task:
-    """The task with a pull of the joints' own parameters to zero.
+    """Return the task with a prior that pulls the joints' own parameters to zero.
 
     Parameters
     ----------
     task : Task
-        As it is.
+        Task without the prior.
     weight : float
-        What a parameter costs that alone would make all of its joint's torque
-        (:attr:`Task.joint_scale`) [rows]; 0: nothing.
+        Cost, in residual variances of one row, of a parameter that alone makes its
+        joint's torque (:attr:`Task.joint_scale`); 0: no prior.
 
     Returns
     -------
     Task
-        With the pull in its data.
+        With the prior as further rows of its data.
     """
     if task.joint_scale is None or weight == 0.0:
         return task
@@ -445,37 +455,38 @@ def with_joint_prior(task: Task, weight: float) -> Task:
 
 
 def sample_variance(task: Task) -> float:
-    """Residual variance of one filtered torque row in unconstrained least squares.
+    """Return the residual variance of one filtered row in unconstrained least squares.
 
     Parameters
     ----------
     task : Task
-        The data.
+        Task with its data.
 
     Returns
     -------
     float
-        [(N m)^2], joints weighted as in the task.
+        Variance [(N m)^2], with the joints' weights of the task.
     """
     return task.data.loss(task.ols) / max(task.data.rows, 1)
 
 
 def white_variance(data: LeastSquares, oversampling: float) -> float:
-    """Variance of the residual of least squares, were it white.
+    """Return the variance of an independent row if the least-squares residual is white.
 
     Parameters
     ----------
     data : LeastSquares
-        The rows.
+        Compressed rows.
     oversampling : float
         Rows per independent sample.
 
     Returns
     -------
     float
-        Of one independent row.
+        Variance [(N m)^2].
     """
     U = span(data.R)
-    left = data.rho - U @ (U.T @ data.rho)
+    residual = data.rho - U @ (U.T @ data.rho)
     degrees = max(data.rows - oversampling * U.shape[1], 1.0)
-    return (float(left @ left) + data.residual_norm**2) / degrees * oversampling
+    squared_error = float(residual @ residual) + data.residual_norm**2
+    return squared_error / degrees * oversampling

@@ -94,12 +94,16 @@ class LmiSdp(Estimator):
     accuracy: float = 1e-10
 
     def fit(self, task: Task) -> Fit:
+        """Solve the torque SDP of a task."""
         objective, constraints = self.posed(task)
         return PosedSdp(task, objective, constraints, self.solver).fit(
             objective, self.accuracy
         )
 
     def fit_each(self, tasks: Sequence[Task]) -> list[Fit]:
+        """Solve the torque SDPs of tasks that share all but their data; cones are built
+        once.
+        """
         fits = list[Fit]()
         posed = None
         for task in tasks:
@@ -114,20 +118,23 @@ class LmiSdp(Estimator):
 
     @property
     def undetermined_by(self) -> str:
+        """What decides parameters that the data do not: "prior" with an entropic pull,
+        or "bounds".
+        """
         return "prior" if self.entropy > 0.0 else "bounds"
 
     def posed(self, task: Task) -> tuple[Objective, ConstraintSet]:
-        """The objective and the constraints of the SDP.
+        """Return objective and constraints of the SDP.
 
         Parameters
         ----------
         task : Task
-            The task.
+            The identification problem.
 
         Returns
         -------
         tuple
-            Objective and ConstraintSet.
+            Objective (loss and priors) and ConstraintSet (bounds, thickness, bodies).
         """
         constraints = task.constraints.plus(task.minimum_thickness(self.thickness))
         if self.body:
@@ -135,26 +142,30 @@ class LmiSdp(Estimator):
         return self._objective(task), constraints
 
     def _objective(self, task: Task) -> Objective:
-        """What is minimised."""
+        """Return the objective: loss, prior of joint parameters, total mass, entropic
+        pull.
+
+        The total mass is observed with the relative standard deviation
+        ``total_spread``, with the weight of ``entropy`` rows.
+        """
         data = with_joint_prior(task, self.joint_prior).data
         if self.total_spread > 0.0 and self.entropy > 0.0 and task.total:
+            # (sum of masses - total) / (spread total) has the variance one.
             masses = np.zeros((1, data.R.shape[1]))
             masses[0, task.links[:, 0]] = 1.0 / (self.total_spread * task.total)
-            weight = self.entropy * sample_variance(task)
             data = data.with_observations(
-                masses,
-                np.array([1.0 / self.total_spread]),
-                weight,
+                rows=masses,
+                values=np.array([1.0 / self.total_spread]),
+                weight=self.entropy * sample_variance(task),
             )
-        pull = None
+        prior = None
         if self.entropy > 0.0 and len(task.links):
-            nominal = inertia.pseudo_inertia(task.prior_links)
-            pull = Entropy(
-                self.entropy * sample_variance(task),
-                task.pseudo_inertias,
-                nominal,
+            prior = Entropy(
+                weight=self.entropy * sample_variance(task),
+                links=task.pseudo_inertias,
+                nominal=inertia.pseudo_inertia(task.prior_links),
             )
-        return Objective(data, pull)
+        return Objective(data, prior)
 
 
 @dataclass(frozen=True)
@@ -213,6 +224,9 @@ class LmiSdpTwoStep(Estimator):
     def fit(self, task: Task) -> Fit:
         # beta' and beta* are subject to physics. Families that only bound the feasible
         # set stay: without them it is open to infinity.
+        """Solve the chain beta', beta*, beta*e and return the last fit, with all in its
+        details.
+        """
         families = (
             "pseudo-inertia",
             "sign",
@@ -242,7 +256,7 @@ class LmiSdpTwoStep(Estimator):
         objective: Objective,
         feasible: ConstraintSet,
     ) -> Fit:
-        """One step of the chain."""
+        """Solve one SDP of the chain."""
         posed = PosedSdp(task, objective, feasible, self.solver)
         return posed.fit(objective, self.accuracy)
 
@@ -264,6 +278,11 @@ class PosedSdp:
         constraints: ConstraintSet,
         solver: str | None = None,
     ) -> None:
+        """Find an interior point, and prepare the cones for our own interior-point
+        method.
+
+        ``solver`` None: our own method where its cones are small enough (order four).
+        """
         self.task = task
         self.constraints = constraints
         self.solver = solver or REFERENCE
@@ -278,19 +297,19 @@ class PosedSdp:
                 )
 
     def with_data(self, task: Task, objective: Objective) -> Self:
-        """The same constraints with other data and another prior.
+        """Return the same constraints with other data and another prior.
 
         Parameters
         ----------
         task : Task
-            A task that shares the constraints.
+            Task with the same constraints.
         objective : Objective
             Its objective.
 
         Returns
         -------
         PosedSdp
-            The posed problem; nothing is built anew.
+            The problem; interior point and cones are shared.
         """
         posed = copy(self)
         posed.task = task
@@ -306,27 +325,28 @@ class PosedSdp:
     ) -> Fit:
         """Solve the SDP until our own certificate is tight.
 
-        Every answer of the solver is certified. Where the gap is above ``TIGHT``, the problem is
-        solved again, relative to the answer, with each cone scaled by a point inside of it.
+        Our own interior-point method is tried first. Unless its certified gap is at
+        most TIGHT, a conic solver solves the problem, several times with better
+        scaling.
 
         Parameters
         ----------
         objective : Objective
-            What is minimised, with the same prior.
+            Objective with the same prior.
         accuracy : float
-            Relative accuracy that the solver is asked for.
+            Relative accuracy for the solver.
         near : Fit or None
-            The fit to similar data, for a warm start: it saves about half of the steps.
+            Fit to similar data as a warm start; it saves about half of the steps.
 
         Returns
         -------
         Fit
-            The optimum with its certificate.
+            Optimum with its certificate.
 
         Raises
         ------
         InputError
-            Where no point near an optimum is found.
+            If no point near an optimum is found.
         """
         data = objective.least_squares
         solved = None
@@ -341,51 +361,56 @@ class PosedSdp:
             )
         if self.cones is not None and solved is not None:
             multipliers, slopes = self.cones.multipliers(solved.multipliers)
+            status = f"relative gap {solved.error:.1e} ({solved.iterations})"
             fit = Fit(
-                repair(self.constraints, solved.theta, self.interior),
-                objective,
-                self.constraints,
-                multipliers,
-                slopes,
-                self.interior,
-                self.task.bound,
-                {
-                    "solver": OWN,
-                    "solver_said": [
-                        f"relative gap {solved.error:.1e} ({solved.iterations})"
-                    ],
-                },
-                solved.central,
+                theta=repair(self.constraints, solved.theta, self.interior),
+                objective=objective,
+                constraints=self.constraints,
+                multipliers=multipliers,
+                entropy_slopes=slopes,
+                interior=self.interior,
+                bound=self.task.bound,
+                details={"solver": OWN, "solver_said": [status]},
+                central=solved.central,
             )
             if fit.gap <= TIGHT:
                 return fit
         return _solved(self, objective, accuracy)
 
     def _start(self, data: LeastSquares) -> Array:
-        """What only has a sign (friction, rotor inertia) starts where it makes a tenth
-        of the torque: next to zero its multiplier would be the first to block a step.
+        """Return a start (p,) in which friction, rotor inertia and the like make a
+        tenth of the torque.
+
+        Next to their bound of zero their multipliers would be the first to block a
+        step.
         """
         start = self.interior.copy()
         norms = np.linalg.norm(data.R, axis=0)
         lower = np.array([q.lower for q in self.task.model.parameters])
-        signed = np.isfinite(lower) & (norms > 0.0)
-        signed[self.task.model.rigid_indices] = False
-        size = 0.1 * np.sqrt(data.tau_squared) / np.where(signed, norms, 1.0)
-        start[signed] = (lower + np.minimum(size, 0.5 * self.task.bound))[signed]
+        has_sign = np.isfinite(lower) & (norms > 0.0)
+        has_sign[self.task.model.rigid_indices] = False
+        size = 0.1 * np.sqrt(data.tau_squared) / np.where(has_sign, norms, 1.0)
+        above_lower = lower + np.minimum(size, 0.5 * self.task.bound)
+        start[has_sign] = above_lower[has_sign]
         return start
 
 
 def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
-    """The tightest answer of all attempts of a conic solver."""
+    """Solve the SDP by a conic solver several times; return the fit with the smallest
+    gap.
+
+    Each attempt is centred at the best answer so far, and scales the cones at a point
+    between it and the interior point. Raises InputError if no answer is usable.
+    """
     task = posed.task
     constraints = posed.constraints
     interior = posed.interior
     sent = essential(constraints, objective)
     data = objective.least_squares
     best: Fit | None = None
-    # The loss at the optimum that the first attempt expects at least.
-    answered = False
+    is_answered = False  # whether the solver itself called one of its points a solution
     claims_made = list[str]()
+    # Lower estimate of the loss at the optimum: the unit of the objective.
     smallest_scale = 1e-6 * data.tau_squared
     for share, fine in ATTEMPTS:
         centre = interior if best is None else best.theta
@@ -415,7 +440,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
                 " such as lmi-sdp-thickness",
             ) from error
         claims_made.append(f"{solution.status} ({solution.iterations})")
-        answered |= solution.claims in ("optimal", "inaccurate")
+        is_answered |= solution.claims in ("optimal", "inaccurate")
         if not np.all(np.isfinite(solution.x)):
             continue
         theta = repair(constraints, problem.theta(solution), interior)
@@ -423,20 +448,21 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
         slopes = problem.entropy_slopes(solution)
         details = {"solver": posed.solver, "solver_said": claims_made}
         fit = Fit(
-            theta,
-            objective,
-            constraints,
-            multipliers,
-            slopes,
-            interior,
-            task.bound,
-            details,
+            theta=theta,
+            objective=objective,
+            constraints=constraints,
+            multipliers=multipliers,
+            entropy_slopes=slopes,
+            interior=interior,
+            bound=task.bound,
+            details=details,
         )
-        if fit.gap < (np.inf if best is None else best.gap):
+        smallest_gap = np.inf if best is None else best.gap
+        if fit.gap < smallest_gap:
             best = fit
         if fit.gap <= TIGHT:
             break
-    if best is None or not (answered or best.gap <= FAR_GAP):
+    if best is None or not (is_answered or best.gap <= FAR_GAP):
         raise InputError(
             f"solver {posed.solver} gave up on a problem that has an interior point"
             f" ({', '.join(claims_made)})",
@@ -446,35 +472,37 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
 
 
 def essential(constraints: ConstraintSet, objective: Objective) -> list[Constraint]:
-    """The convex constraints without those that others or the data imply.
+    """Return the convex constraints without those that others or the data imply.
 
     Parameters
     ----------
     constraints : ConstraintSet
-        All of them.
+        All constraints.
     objective : Objective
-        Whose data say how far each parameter can reach.
+        Its data say how far each parameter can reach.
 
     Returns
     -------
     list of Constraint
-        Which a solver is given.
+        Constraints for a solver.
 
-    Notes
-    -----
-    The range of a parameter is out of reach where the way there makes more torque than
-    was measured, whatever the others do. Redundant rows leave the dual undetermined,
-    which costs a solver digits; feasibility and certificate use the full set.
+    Notes ----- The range of a parameter is implied if reaching its end makes more
+    torque than was measured, whatever the other parameters do. Redundant rows leave the
+    dual undetermined, which costs a solver digits; feasibility and certificate use all
+    constraints.
     """
     torque = objective.least_squares.own_torque
     largest = np.sqrt(objective.least_squares.tau_squared)
 
-    def near(c: Constraint) -> bool:
+    def can_be_reached(c: Constraint) -> bool:
+        """Return whether the end of a range needs no more torque than was measured."""
         # From the rows themselves, so that it holds in any system of units.
         reach = float(np.min(c.constant / np.abs(c.coefficients).max(axis=0)))
         return bool(np.any(reach * torque[c.indices] <= largest))
 
-    return [c for c in constraints.essential if c.family != "range" or near(c)]
+    return [
+        c for c in constraints.essential if c.family != "range" or can_be_reached(c)
+    ]
 
 
 def interior_point(
@@ -482,31 +510,32 @@ def interior_point(
     constraints: ConstraintSet,
     solver_name: str = "clarabel",
 ) -> Array:
-    """A theta strictly inside all convex constraints: the nominal one, or that of
-    largest margin.
+    """Return a theta strictly inside all convex constraints.
+
+    It is the nominal theta if that is well inside, else the point of largest margin.
 
     Parameters
     ----------
     task : Task
-        The nominal robot and the bounds of theta.
+        Nominal links, and bounds of theta.
     constraints : ConstraintSet
-        What theta is to be inside of.
+        Constraints on theta.
     solver_name : str
-        Which finds the largest margin.
+        Solver that finds the largest margin.
 
     Returns
     -------
     (p,) array
-        Strictly inside.
+        theta.
 
     Raises
     ------
     Infeasible
-        Names the families that exclude each other or leave no room.
+        Names the families of constraints that exclude each other or leave no room.
     InputError
-        Where the solver finds neither a point nor an optimum.
+        If the solver finds neither a point nor a proof that there is none.
     """
-    # A share of its bound: strictly inside in any system of units.
+    # A millionth of the bound above a lower end: strictly inside in any system of units.
     lower = np.array([p.lower for p in task.model.parameters])
     nominal = np.where(
         np.isinf(lower),
@@ -514,8 +543,8 @@ def interior_point(
         lower + 1e-6 * task.bound,
     )
     nominal[task.links] = task.nominal[task.links]
-    # Seen from one on the boundary, such as an earlier estimate, cones are stretched a
-    # million times.
+    # A nominal point near the boundary, such as an earlier estimate, is no use: scaled
+    # there, cones are stretched a million times.
     if constraints.depth(nominal) >= 1e-3:
         return nominal
     optimum = None
@@ -528,9 +557,8 @@ def interior_point(
         if not np.all(np.isfinite(np.concatenate([solution.x, solution.z]))):
             continue
         theta = max((problem.theta(solution), nominal), key=constraints.depth)
-        if constraints.depth(theta) > safe_depth(
-            len(theta)
-        ):  # beyond what rounding decides
+        rounding = safe_depth(len(theta))
+        if constraints.depth(theta) > rounding:
             return theta
         # The dual of the largest margin may prove that nothing satisfies all.
         multipliers = constraints.stack_multipliers(problem.multipliers(solution))
@@ -564,32 +592,34 @@ def interior_point(
 
 
 def conflicting(constraints: Sequence[Constraint], shares: Array) -> list[str]:
-    """Families of constraints that prove that no parameters satisfy all of them.
+    """Name the families of constraints that together prove infeasibility.
 
     Parameters
     ----------
     constraints : sequence of Constraint
-        The constraints.
+        All constraints.
     shares : (m,) array
-        Share of each constraint in the proof (Farkas multipliers).
+        Share of each constraint in the proof (from its Farkas multiplier); constraints
+        below a thousandth of the largest share are left out.
 
     Returns
     -------
     list of str
-        Such as "mass (links 1, 2; robot)".
+        Such as "mass (links 1, 2; robot)", the largest share first.
     """
+    # Shares by family, then by name of the constraint.
     families: dict[str, dict[str, float]] = {}
     for constraint, share in zip(constraints, shares, strict=True):
         if share > 1e-3 * shares.max():
             families.setdefault(constraint.family, {})[constraint.name] = float(share)
     out = []
     for family in sorted(families, key=lambda family: -sum(families[family].values())):
-        links = [
-            k.removeprefix("link ") for k in families[family] if k.startswith("link ")
-        ]
-        sentence = (
-            [f"link{'s' if len(links) > 1 else ''} {', '.join(links)}"] if links else []
-        )
-        sentence += [name for name in families[family] if not name.startswith("link ")]
-        out.append(f"{family} ({'; '.join(sentence)})")
+        names = list(families[family])
+        links = [k.removeprefix("link ") for k in names if k.startswith("link ")]
+        words = []
+        if links:
+            plural = "s" if len(links) > 1 else ""
+            words.append(f"link{plural} {', '.join(links)}")
+        words += [name for name in names if not name.startswith("link ")]
+        out.append(f"{family} ({'; '.join(words)})")
     return out

@@ -33,23 +33,25 @@ class Ols(Estimator):
     joint_prior: float = 0.0
 
     def fit(self, task: Task) -> Fit:
+        """Return the least-squares theta nearest to the nominal one; no constraint is
+        imposed.
+        """
         task = with_joint_prior(task, self.joint_prior)
         return Fit(task.ols, Objective(task.data), task.constraints)
 
 
 def condition_number(task: Task) -> float:
-    """Ratio of the extreme singular values of the base parameters' compressed regressor
-    W = R B^+.
+    """Return the condition number of the base parameters' regressor W = R B^+.
 
     Parameters
     ----------
     task : Task
-        The data R and the map B to the base parameters.
+        Compressed data R and the map B to the base parameters.
 
     Returns
     -------
     float
-        Infinite where the data leave a direction open.
+        Ratio of the extreme singular values; infinite if a direction is not excited.
     """
     regressor = task.data.R @ np.linalg.pinv(task.base)
     singular = np.linalg.svd(regressor, compute_uv=False)
@@ -59,29 +61,26 @@ def condition_number(task: Task) -> float:
 
 
 def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
-    """Base parameters and their standard deviations.
+    """Return the least-squares base parameters and their standard deviations.
 
     Parameters
     ----------
     task : Task
-        The data.
+        Task with its data.
     oversampling : float
         Filtered rows per independent sample.
 
     Returns
     -------
     pi_hat : (b,) array
-        Of least squares.
+        Base parameters [SI].
     deviations : (b,) array
-        Infinite where not excited.
+        Standard deviations; infinite where not excited.
 
-    Notes
-    -----
-    C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019, eq. 14), N
-    the number of independent rows: filtered rows repeat each other ``oversampling``
-    times, so that N is rows / oversampling and (W^T W) counts each of them that often.
-    The residual is taken as white within the filters' band; where a model error
-    dominates it, the true error is larger.
+    Notes ----- C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019,
+    eq. 14), N the number of independent rows: rows / oversampling, while W^T W counts
+    all rows. The residual is taken as white within the filters' band; where a model
+    error dominates it, the true error is larger.
     """
     w = task.data.R @ np.linalg.pinv(task.base)
     rank = column_space(w)[0].shape[1]
@@ -108,6 +107,9 @@ class ReverseEngineering(Estimator):
     needs_black_box = True
 
     def fit(self, task: Task) -> Fit:
+        """Fit a black box's answers; return condition number and relative error [%] in
+        the details.
+        """
         share = task.data.loss(task.ols) / task.data.tau_squared
         error = 100.0 * float(np.sqrt(share))
         details = {

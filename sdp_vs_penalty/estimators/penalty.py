@@ -71,7 +71,7 @@ class QuadraticForms:
     slopes: Array
 
     def values(self, x: Array) -> Array:
-        """Values of the forms.
+        """Return F_k = u^T A_k u + b_k u_0 for each form, u the parameters of its link.
 
         Parameters
         ----------
@@ -88,7 +88,7 @@ class QuadraticForms:
         return np.asarray(quadratic + self.slopes * u[:, 0])
 
     def jacobian(self, x: Array) -> Array:
-        """Derivatives of the forms.
+        """Return the derivatives of the forms by all parameters.
 
         Parameters
         ----------
@@ -98,7 +98,7 @@ class QuadraticForms:
         Returns
         -------
         (K, p) array
-            A row a form.
+            One row a form.
         """
         local = 2.0 * np.einsum("kij,kj->ki", self.forms, x[self.indices])
         local[:, 0] += self.slopes
@@ -112,12 +112,12 @@ def barycentric_part(
     theta_scale: Array,
     reference: Array,
 ) -> PenaltyPart:
-    """Penalty on the bounds of barycentric inertias, without a pole at m = 0.
+    """Return the penalty on bounds of inertias about the centre of mass.
 
-    With m I_e = m J_e - h^T Q_e h, a bound on the entry e of the inertia about the centre of
-    mass becomes m sign (I_e - limit) >= 0, which is quadratic in x = theta / theta_scale.
-    Each bound is tightened by the promised gap, which is more than the final repair moves.
-    I_xx >= 0 is left out, as P(theta) >= 0 contains it.
+    With m I_e = m J_e - h^T Q_e h, h = m c, a bound on the entry e of that inertia
+    becomes m sign (I_e - limit) >= 0, which is quadratic in x = theta / theta_scale and
+    has no pole at m = 0. Each bound is tightened by TIGHT, which is more than the final
+    repair moves theta. I_xx >= 0 is left out, as P(theta) >= 0 contains it.
 
     Parameters
     ----------
@@ -126,12 +126,12 @@ def barycentric_part(
     theta_scale : (p,) array
         Scale of each parameter.
     reference : (p,) array
-        Parameters at which each form is about one.
+        Parameters at which each form has a size of about one.
 
     Returns
     -------
     PenaltyPart
-        The quadratic forms, each not negative.
+        Quadratic forms, each demanded to be nonnegative.
     """
     indices = list[NDArray[np.intp]]()
     forms = list[Array]()
@@ -139,7 +139,8 @@ def barycentric_part(
     for bound in bounds:
         link = reference[bound.indices]
         scale = theta_scale[bound.indices]
-        size = float(link[[4, 6, 9]].sum())
+        moments = link[[4, 6, 9]]  # Ixx, Iyy, Izz
+        size = float(moments.sum())
         form = _moment_form(bound.entry) * np.outer(scale, scale)
         for sign, end in _ends(bound):
             limit = end + sign * TIGHT * (size + abs(end))
@@ -156,8 +157,10 @@ def barycentric_part(
 
 
 def _moment_form(entry: int) -> Array:
-    """(10, 10) A with u^T A u = m I_e, I_e an entry about the centre of mass and u a
-    link's standard parameters."""
+    """Return (10, 10) A with u^T A u = m I_e for a link's standard parameters u (10,).
+
+    I_e is the entry e (0..5) of the inertia about the centre of mass.
+    """
     form = np.zeros((10, 10))
     form[0, 4 + entry] = 0.5
     form[4 + entry, 0] = 0.5
@@ -166,7 +169,11 @@ def _moment_form(entry: int) -> Array:
 
 
 def _ends(bound: BarycentricBound) -> list[tuple[float, float]]:
-    """Sign and value of each end that says more than that moments are positive."""
+    """Return (sign, value) of each end of a bound: 1 for a lower one, -1 for an upper
+    one.
+
+    Infinite ends, and lower ends of moments at or below zero, are left out.
+    """
     is_moment = np.trace(inertia.STEINER_FORMS[bound.entry]) > 0.0
     ends = list[tuple[float, float]]()
     if np.isfinite(bound.lower) and not (is_moment and bound.lower <= 0.0):
@@ -177,30 +184,31 @@ def _ends(bound: BarycentricBound) -> list[tuple[float, float]]:
 
 
 def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> PenaltyPart:
-    """Penalty on a group of equal cones.
+    """Return the penalty on a group of equal cones, scaled to a size of about one.
 
     Parameters
     ----------
     group : ConeGroup
         The cones.
     theta_scale : (p,) array
-        Scale of each parameter.
+        Scale of each parameter, x = theta / theta_scale.
     reference : (p,) array
-        Parameters at which each cone's value is about one. Scaling leaves the cone as it is.
+        Parameters at which each cone's value has a size of about one. Scaling leaves
+        the cone as it is.
 
     Returns
     -------
     PenaltyPart
-        The affine maps and their cone.
+        Affine maps and their cone.
     """
-    at = group.values(reference)
+    values = group.values(reference)
     matrix = np.zeros((len(group.matrix), len(theta_scale)))
     matrix[:, : group.matrix.shape[1]] = group.matrix
     matrix *= theta_scale
     if group.cone == "psd":
         diagonals = np.abs(
             np.diagonal(
-                at,
+                values,
                 axis1=1,
                 axis2=2,
             )
@@ -210,16 +218,16 @@ def affine_part(group: ConeGroup, theta_scale: Array, reference: Array) -> Penal
     else:
         largest = np.abs(matrix).max(axis=1)
         size = largest + np.abs(group.constant.ravel())
-        scale = 1.0 / nonzero_or_one(size).reshape(at.shape)
-        if group.cone == "soc":
+        scale = 1.0 / nonzero_or_one(size).reshape(values.shape)
+        if group.cone == "soc":  # one factor for all entries of a cone
             scale = np.broadcast_to(scale.min(axis=1, keepdims=True), scale.shape)
     constant = group.constant * scale
     matrix = matrix * scale.reshape(-1, 1)
     return PenaltyPart(
         group.cone,
-        lambda x: constant + (matrix @ x).reshape(at.shape),
-        lambda x: matrix,
-        scale,
+        values=lambda x: constant + (matrix @ x).reshape(values.shape),
+        jacobian=lambda x: matrix,
+        scale=scale,
     )
 
 
@@ -236,8 +244,20 @@ class ShiftedPenalty:
         constraints: ConstraintSet,
         interior: Array,
     ) -> None:
-        """In units of what each parameter can be, of the cones at the interior point
-        and of the loss."""
+        """Scale parameters by what the torque allows, cones at the interior point, and
+        the loss.
+
+        Parameters
+        ----------
+        task : Task
+            Bounds, and the OLS loss that is the unit of the loss.
+        data : LeastSquares
+            Objective, in p parameters.
+        constraints : ConstraintSet
+            Constraints, also nonconvex ones.
+        interior : (p,) array
+            A point inside the convex constraints.
+        """
         norms = data.column_norms
         size = np.sqrt(data.tau_squared)
         scales = np.where(
@@ -262,19 +282,19 @@ class ShiftedPenalty:
         self.rho = data.rho / root
 
     def multipliers(self, constraints: ConstraintSet, shifts: Sequence[Array]) -> Array:
-        """Shifts of the penalty as dual variables of the constraints.
+        """Return the shifts of the penalty as dual variables of the constraints.
 
         Parameters
         ----------
         constraints : ConstraintSet
-            The constraints.
+            All constraints.
         shifts : sequence of arrays
             Shifts of each part.
 
         Returns
         -------
         (e,) array
-            Multipliers, in units of loss per F.
+            Multipliers, in units of loss per F; zero for constraints that others imply.
         """
         by_constraint: dict[Constraint, Array] = {}
         # The groups are the first of the parts, in this order.
@@ -301,7 +321,7 @@ class ShiftedPenalty:
         shifts: Sequence[Array],
         weight: float,
     ) -> list[Array]:
-        """Next shifts of the augmented Lagrangian: the projection Pi_K(S - w F(x)).
+        """Return the next shifts of the augmented Lagrangian, Pi_K(S - w F(x)).
 
         Parameters
         ----------
@@ -315,7 +335,7 @@ class ShiftedPenalty:
         Returns
         -------
         list of arrays
-            Shifts of each part.
+            New shifts of each part.
         """
         moved = []
         for part, shift in zip(self.parts, shifts, strict=True):
@@ -328,10 +348,11 @@ class ShiftedPenalty:
         shifts: Sequence[Array],
         weight: float,
     ) -> tuple[Array, Array]:
-        """Residuals r and Jacobian J of the augmented Lagrangian L = |r|^2, up to a constant.
+        """Return residuals r and Jacobian J of the augmented Lagrangian L = |r|^2 +
+        constant.
 
-        2 J^T r is the gradient of L. 2 J^T J is an element of its generalised Hessian where F is
-        affine.
+        2 J^T r is the gradient of L; 2 J^T J is an element of its generalised Hessian
+        for affine F.
 
         Parameters
         ----------
@@ -345,7 +366,7 @@ class ShiftedPenalty:
         Returns
         -------
         tuple
-            r (m,) and J (m, p).
+            r (m,) and J (m, p): rows of the data, then of the cones.
         """
         residuals, slopes = self.cone_rows(x, shifts, weight)
         all_residuals = np.concatenate(
@@ -362,7 +383,7 @@ class ShiftedPenalty:
         shifts: Sequence[Array],
         weight: float,
     ) -> tuple[Array, Array]:
-        """Residuals and Jacobian of the penalty alone, without the data.
+        """Return residuals and Jacobian of the penalty alone, without the data.
 
         Parameters
         ----------
@@ -376,7 +397,7 @@ class ShiftedPenalty:
         Returns
         -------
         tuple
-            r (m,) and J (m, p).
+            r (m,) and J (m, p), with |r|^2 = |Pi_K(S - w F)|^2 / (2 w).
         """
         residuals = [np.zeros(0)]
         slopes = [np.zeros((0, len(x)))]
@@ -408,8 +429,11 @@ class _Stage:
 
     @cached_property
     def quadratic(self) -> Array:
-        """(k, p + 1) triangle of the rows that do not change, with what they are to
-        be."""
+        """(k, p + 1) triangle of the rows that do not depend on z, the last column
+        their target.
+
+        These are the data, and the pull near (z - centre).
+        """
         loss = np.column_stack(
             [
                 self.penalty.R,
@@ -426,8 +450,11 @@ class _Stage:
         return np.asarray(np.linalg.qr(stacked, mode="r"))
 
     def rows(self, z: Array) -> tuple[Array, Array]:
-        """Residuals (p + 1,) and their slopes (p + 1, p) at z, turned into so few rows:
-        nothing that MINPACK looks at changes, and its own QR is not blocked."""
+        """Return residuals (p + 1,) and Jacobian (p + 1, p) at z.
+
+        All rows are reduced to a triangle by a blocked QR. MINPACK's result is the
+        same, and its own QR, which is not blocked, has less to do.
+        """
         residuals, slopes = self.penalty.cone_rows(
             z,
             self.shifts,
@@ -443,7 +470,7 @@ class _Stage:
         return triangle[:, -1], triangle[:, :-1]
 
     def solve(self) -> Array:
-        """(p,) where Levenberg and Marquardt's method ends."""
+        """Return the minimiser (p,), by MINPACK's Levenberg-Marquardt method."""
         rows = InTurn(self.rows)
         solution = scipy.optimize.least_squares(
             rows.residual,
@@ -463,31 +490,34 @@ def minimise(
     x: Array,
     tolerance: float,
 ) -> tuple[Array, list[Array], dict[str, Any]]:
-    """Continue weight and shifts from x until violation and complementarity are below
-    tolerance.
+    """Minimise by a sequence of shifted penalties until constraints and shifts settle.
+
+    Each stage minimises the augmented Lagrangian with a proximal pull to the last x.
+    The weight grows tenfold unless the change of the shifts has fallen to a quarter.
 
     Parameters
     ----------
     penalty : ShiftedPenalty
-        What is minimised.
+        Scaled data and constraints.
     x : (p,) array
         Start, in scaled units.
     tolerance : float
-        In the scaled units of the parts.
+        Largest violation and complementarity, in the scaled units of the parts.
 
     Returns
     -------
     x : (p,) array
-        The minimiser.
+        Minimiser, scaled.
     shifts : list of arrays
-        The multipliers there, an array a part.
+        Multipliers, one array a part.
     spent : dict
-        The last residual, and the number of stages.
+        Last residual, and number of stages.
     """
     shifts = [np.zeros_like(part.values(x)) for part in penalty.parts]
-    # In units of (scaled loss) / (scaled distance)^2.
+    # First weight of the penalty, in units of (scaled loss) / (scaled distance)^2.
     weight = 0.1
-    # To the last stage's x, in scaled units; each stage takes back what it cost.
+    # Weight of the pull to the last stage's x, in the same units; as x settles the pull
+    # vanishes.
     pull = 1e-6
     near = np.sqrt(pull) * np.eye(len(x))
     residual = np.inf
@@ -554,22 +584,24 @@ class Penalty(Estimator):
     joint_prior: float = 0.0
 
     def demands(self, task: Task) -> ConstraintSet:
-        """Constraints that are penalised: the same arrays as the SDP's.
+        """Return the constraints that are penalised, which are the same arrays as the
+        SDP's.
 
         Parameters
         ----------
         task : Task
-            The task.
+            The identification problem.
 
         Returns
         -------
         ConstraintSet
-            The constraints.
+            Bounds, thickness and bodies.
         """
         demands = task.constraints.plus(task.minimum_thickness(self.thickness))
         return demands.plus(task.bodies) if self.body else demands
 
     def fit(self, task: Task) -> Fit:
+        """Minimise the torque loss with exact penalties from several starts."""
         task = with_joint_prior(task, self.joint_prior)
         return fit_penalty(
             task,
@@ -595,6 +627,7 @@ class PenaltyTwoStep(Penalty):
     )
 
     def fit(self, task: Task) -> Fit:
+        """Minimise the distance to the OLS base parameters with exact penalties."""
         return fit_penalty(
             task,
             task.base_distance,
@@ -625,12 +658,12 @@ class PenaltyRun:
 
     @property
     def is_feasible(self) -> bool:
-        """Whether every constraint holds, also those that are not convex."""
+        """Whether all constraints hold up to FEASIBLE, nonconvex ones included."""
         return bool(self.figures["violation"] <= FEASIBLE)
 
     @property
     def rank(self) -> float:
-        """The objective; a run that is not feasible counts behind every one that is."""
+        """Objective of a feasible run; infinity otherwise. The smallest is the best."""
         return float(self.figures["objective"]) if self.is_feasible else np.inf
 
 
@@ -641,30 +674,31 @@ def fit_penalty(
     starts: int,
     tolerance: float,
 ) -> Fit:
-    """The best of several runs, each made feasible.
+    """Return the best of several runs from different starts, each made feasible.
 
     Parameters
     ----------
     task : Task
-        The problem, its bounds and its seed.
+        Bounds, seed and the loss that is reported.
     data : LeastSquares
-        What is minimised: the task's torque loss, or a distance.
+        Objective: the task's torque loss, or a distance of base parameters.
     constraints : ConstraintSet
-        What is demanded, bounds that are not convex among them.
+        Constraints, nonconvex ones included.
     starts : int
-        Runs at most: the first one that proves a gap of PROVEN_GAP is the last.
+        Largest number of runs; a run whose own certificate proves a gap of PROVEN_GAP
+        is the last.
     tolerance : float
-        Of violation and complementarity, in units of each constraint's size.
+        Largest violation and complementarity, in units of each constraint's size.
 
     Returns
     -------
     Fit
-        With multipliers, and in its details the figures of every run.
+        With multipliers, and the figures of every run in its details.
 
     Raises
     ------
     InputError
-        Where nothing is feasible.
+        If the convex constraints have no interior point.
     """
     interior = interior_point(task, constraints)
     penalty = ShiftedPenalty(task, data, constraints, interior)
@@ -693,10 +727,10 @@ def fit_penalty(
         best = run
         multipliers = penalty.multipliers(constraints, shifts)
         fit = Fit(
-            theta,
-            Objective(data),
-            constraints,
-            multipliers,
+            theta=theta,
+            objective=Objective(data),
+            constraints=constraints,
+            multipliers=multipliers,
             interior=interior,
             details={"runs": figures},
         )
@@ -711,8 +745,12 @@ def _starts(
     interior: Array,
     count: int,
 ) -> Iterator[Array]:
-    """theta (p,) of each start: the interior point, then random points of the box,
-    moved towards it until the convex constraints hold."""
+    """Yield theta (p,) of each start: the interior point, then random points of the
+    box.
+
+    Random points are moved towards the interior point until the convex constraints
+    hold.
+    """
     yield interior
     box = BarycentricBox(task)
     rng = np.random.default_rng(task.seed)
@@ -722,24 +760,25 @@ def _starts(
 
 
 def made_feasible(constraints: ConstraintSet, theta: Array, interior: Array) -> Array:
-    """Move an almost feasible point towards an interior point until all constraints hold.
+    """Move an almost feasible point towards an interior point until all constraints
+    hold.
 
-    Where constraints that are not convex hold nowhere on the way, only the convex ones are
-    met.
+    If the nonconvex constraints hold nowhere on the way, only the convex ones are
+    satisfied.
 
     Parameters
     ----------
     constraints : ConstraintSet
-        The constraints.
+        Constraints on theta.
     theta : (p,) array
-        The point.
+        Almost feasible point.
     interior : (p,) array
-        A point at which the convex constraints hold strictly.
+        Point strictly inside the convex constraints.
 
     Returns
     -------
     (p,) array
-        The nearest such point on the line between the two.
+        First feasible point of the line between the two.
     """
     repaired = repair(constraints, theta, interior)
     for share in (0.0, *np.logspace(-14, 0, 57)):
@@ -767,6 +806,9 @@ class BarycentricBox:
     """
 
     def __init__(self, task: Task) -> None:
+        """Set lower and upper bounds (p,): the problem's box, or what the problem
+        implies.
+        """
         self.links = task.links
         self.upper = self._joint_range(task)
         lowest = [parameter.lower for parameter in task.model.parameters]
@@ -791,7 +833,11 @@ class BarycentricBox:
 
     @staticmethod
     def _joint_range(task: Task) -> Array:
-        """(p,) largest value of a joint's own parameter."""
+        """Return (p,) the largest size of parameters of joints (those of links are
+        overwritten).
+
+        It is max(JOINT_PARAMETER_RANGE, |tau| / |Y_k|), at most the implied bound.
+        """
         norms = task.data.column_norms
         torque = np.where(
             norms > 0.0,
@@ -802,7 +848,7 @@ class BarycentricBox:
         return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
 
     def theta(self, p: Array) -> Array:
-        """Standard parameters of barycentric ones: h = m c, J = I + m (c.c 1 - c c^T).
+        """Return standard parameters: h = m c, J = I + m (c.c 1 - c c^T).
 
         Parameters
         ----------
@@ -819,7 +865,7 @@ class BarycentricBox:
         return out
 
     def pull_back(self, p: Array, gradient: Array) -> Array:
-        """Chain rule: the gradient by barycentric parameters, (d theta / d p)^T gradient.
+        """Return the gradient by barycentric parameters, (d theta / d p)^T gradient.
 
         Parameters
         ----------
@@ -847,7 +893,7 @@ class BarycentricBox:
         return out
 
     def p(self, theta: Array) -> Array:
-        """Barycentric parameters of standard ones, clipped to the box.
+        """Return barycentric parameters, clipped to the box.
 
         Parameters
         ----------
@@ -857,7 +903,7 @@ class BarycentricBox:
         Returns
         -------
         (p,) array
-            Barycentric parameters; of a massless link the middle of its box.
+            Barycentric parameters; the middle of the box for a massless link.
         """
         out = theta.copy()
         out[self.links] = inertia.barycentric_from_standard(theta[self.links])

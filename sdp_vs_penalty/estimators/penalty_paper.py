@@ -70,17 +70,21 @@ class PenaltyPaper(Estimator):
     weights: tuple[float, ...] = (0.0, 10.0, 20.0, 30.0, 40.0)
 
     def fit(self, task: Task) -> Fit:
+        """Minimise the penalised torque loss by annealing and local search, as
+        published.
+        """
         return self.fit_with(task, anneal_and_search)
 
     def fit_with(self, task: Task, search: Search) -> Fit:
-        """Fit with another search than :func:`anneal_and_search`, such as one that can be resumed.
+        """Fit with another search than :func:`anneal_and_search`, such as a resumable
+        one.
 
         Parameters
         ----------
         task : Task
-            The task.
+            The identification problem.
         search : Search
-            The search of one run.
+            Search of one step of one run.
 
         Returns
         -------
@@ -90,12 +94,12 @@ class PenaltyPaper(Estimator):
         return retrieve(self, task, self.loss(task), search)
 
     def loss(self, task: Task) -> PenalisedLoss:
-        """The penalised objective.
+        """Return the penalised objective: torque loss, all parameters free.
 
         Parameters
         ----------
         task : Task
-            The task.
+            The identification problem.
 
         Returns
         -------
@@ -121,6 +125,11 @@ class PenaltyPaperTwoStep(PenaltyPaper):
     )
 
     def loss(self, task: Task) -> PenalisedLoss:
+        """Return the penalised distance to the OLS base parameters, over the links'
+        parameters.
+
+        Friction keeps its least-squares values.
+        """
         return PenalisedLoss(task, task.base_distance, task.model.rigid_indices)
 
 
@@ -135,7 +144,10 @@ class Search(Protocol):
         budget: int,
         rng: np.random.Generator,
     ) -> tuple[Array, int]:
-        """The best u (d,) at a weight, and how many evaluations it took."""
+        """Search from u (d,) at one penalty weight within ``budget`` evaluations.
+
+        Returns the best u (d,), in [0, 1]^d, and the number of evaluations.
+        """
         ...
 
 
@@ -145,23 +157,27 @@ def retrieve(
     loss: PenalisedLoss,
     search: Search,
 ) -> Fit:
-    """Search the free parameters of the penalised objective by several annealed runs.
+    """Minimise the penalised objective by several independent runs; return the best.
+
+    Each run increases the penalty weight step by step, starting from the last step's
+    result.
 
     Parameters
     ----------
     settings : PenaltyPaper
         Number of runs, weights and evaluations.
     task : Task
-        The task. Parameters that are not searched keep their least-squares values.
+        The identification problem. Parameters that are not searched keep their
+        least-squares values.
     loss : PenalisedLoss
         The objective.
     search : Search
-        The search of one run.
+        Search of one step of one run.
 
     Returns
     -------
     Fit
-        The best of all runs.
+        The best of all runs, with the figures of all in its details.
     """
     budget = settings.evaluations // max(len(settings.weights), 1)
     runs: list[dict[str, Any]] = []
@@ -249,7 +265,7 @@ def _run_summary(
     weight: float,
     n_evaluations: int,
 ) -> dict[str, Any]:
-    """What the details say of a run that ends at u (d,)."""
+    """Return losses, violations and evaluations of a run that ended at u (d,)."""
     theta = loss.theta(u)
     violations = loss.violations(loss.p(u))
     return {
@@ -269,34 +285,31 @@ def anneal_and_search(
     budget: int,
     rng: np.random.Generator,
 ) -> tuple[Array, int]:
-    """Half of the budget for simulated annealing from u, half for a local search from
-    its best.
+    """Spend half of the budget on simulated annealing from u, half on a local search.
 
     Parameters
     ----------
     loss : PenalisedLoss
-        What is minimised.
+        The objective.
     weight : float
-        xi of this step.
+        Penalty weight xi of this step.
     u : (d,) array
         Start, in [0, 1]^d.
     budget : int
-        Evaluations of the loss.
+        Number of evaluations of the loss.
     rng : numpy.random.Generator
-        Annealing's random numbers.
+        Random numbers of the annealing.
 
     Returns
     -------
     u : (d,) array
-        The best point.
+        Best point.
     n_evaluations : int
-        How many evaluations it took.
+        Number of evaluations.
 
-    Notes
-    -----
-    The local search is SLSQP, the nearest in SciPy to the authors' fmincon; of
-    L-BFGS-B, TNC and SLSQP it reached the lowest penalised losses on the Panda within
-    equal evaluations.
+    Notes ----- The local search is SLSQP, the nearest in SciPy to the authors' fmincon;
+    of L-BFGS-B, TNC and SLSQP it reached the lowest penalised losses on the Panda
+    within equal evaluations.
     """
     if not len(u):
         return u, 0
@@ -366,7 +379,7 @@ def search_locally(
 
 
 def _unit_box(u: Array) -> list[tuple[float, float]]:
-    """The bounds of u (d,)."""
+    """Return the bounds (0, 1) of each entry of u (d,)."""
     return [(0.0, 1.0)] * len(u)
 
 
@@ -379,11 +392,11 @@ class _ScaledLoss:
     factor: float
 
     def value(self, u: Array) -> float:
-        """At u (d,)."""
+        """Return the scaled loss at u (d,)."""
         return self.factor * self.loss.value(u, self.weight)
 
     def gradient(self, u: Array) -> Array:
-        """(d,) of the value."""
+        """Return the gradient (d,) of the scaled loss at u (d,)."""
         return self.factor * self.loss.gradient(u, self.weight)
 
 
@@ -462,16 +475,23 @@ class TriangleInequality(Demand):
         links: NDArray[np.intp],
         size: int,
     ) -> None:
-        """links (n, 10) : indices of each link's parameters among ``size``."""
+        """Take the indices (n, 10) of the links' parameters among ``size`` parameters."""
         self.entries = links[:, 4:]
         self.matrices = self.entries[:, self._matrix]
         self.size = size
 
     def margins(self, p: Array) -> Array:
+        """Return (n,) tr(I) / 2 - lambda_max(I) of each link [kg m^2]; p (p,) is
+        barycentric.
+        """
         moments = np.linalg.eigvalsh(p[self.matrices])
         return 0.5 * moments.sum(axis=1) - moments[:, 2]
 
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
+        """Return margins (n,) and their derivatives (n, p).
+
+        The derivative of lambda_max by I is v v^T, with v its unit eigenvector.
+        """
         moments, vectors = np.linalg.eigh(p[self.matrices])
         axes = vectors[:, :, 2]
         outer = axes[:, :, None] * axes[:, None, :]
@@ -488,13 +508,16 @@ class TotalMass(Demand):
     family = "total mass"
 
     def __init__(self, group: ConeGroup) -> None:
+        """Take the linear constraints on the total mass."""
         self.constant = group.constant.ravel()
         self.matrix = group.matrix
 
     def margins(self, p: Array) -> Array:
+        """Return the distance (k,) of the total mass from its bounds [kg]."""
         return self.constant + self.matrix @ p[: self.matrix.shape[1]]
 
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
+        """Return margins (k,) and their constant derivatives (k, p')."""
         return self.margins(p), self.matrix
 
 
@@ -508,15 +531,19 @@ class CentreCones(Demand):
         group: ConeGroup,
         masses: NDArray[np.intp],
     ) -> None:
-        """masses (n,) : indices of the links' masses among the parameters."""
+        """Take the cones, and the indices (n,) of the links' masses among the
+        parameters.
+        """
         self.group = group
         self.masses = masses
 
     def margins(self, p: Array) -> Array:
+        """Return (g,) height minus radius of each centre of mass in its cone [m]."""
         values = self._values(p)
         return values[:, 0] - np.linalg.norm(values[:, 1:], axis=1)
 
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
+        """Return margins (g,) and their derivatives (g, p'); those by masses are zero."""
         values = self._values(p)
         norms = np.linalg.norm(values[:, 1:], axis=1)
         units = values[:, 1:] / nonzero_or_one(norms)[:, None]
@@ -526,6 +553,10 @@ class CentreCones(Demand):
         return values[:, 0] - norms, np.where(is_mass, 0.0, out)
 
     def _values(self, p: Array) -> Array:
+        """Return the cones' values (g, 3) with all masses set to one.
+
+        The cones are linear in (m, m c); with m = 1 they are in (1, c).
+        """
         point = p.copy()
         point[self.masses] = 1.0
         return self.group.values(point)
@@ -541,7 +572,11 @@ class PenalisedLoss:
         data: LeastSquares,
         free: NDArray[np.intp],
     ) -> None:
-        """free : the parameters that are searched; the others stay as OLS has them."""
+        """Collect box, demands and free parameters.
+
+        ``free`` (d,) are the indices of the searched parameters; others keep their OLS
+        values.
+        """
         self.data = data
         self.box = BarycentricBox(task)
         self.free = free
@@ -557,12 +592,12 @@ class PenalisedLoss:
             self.demands.append(CentreCones(group, task.links[:, 0]))
 
     def p(self, u: Array) -> Array:
-        """Barycentric parameters of a point of the unit box.
+        """Return the barycentric parameters of a point of the unit box.
 
         Parameters
         ----------
         u : (d,) array
-            A point of the unit box.
+            Point of the unit box.
 
         Returns
         -------
@@ -574,12 +609,12 @@ class PenalisedLoss:
         return out
 
     def theta(self, u: Array) -> Array:
-        """Standard parameters of a point of the unit box.
+        """Return the standard parameters of a point of the unit box.
 
         Parameters
         ----------
         u : (d,) array
-            A point of the unit box.
+            Point of the unit box.
 
         Returns
         -------
@@ -589,19 +624,19 @@ class PenalisedLoss:
         return self.box.theta(self.p(u))
 
     def value(self, u: Array, weight: float) -> float:
-        """The penalised objective: loss + weight g.
+        """Return the penalised objective: loss + weight g.
 
         Parameters
         ----------
         u : (d,) array
-            A point of the unit box.
+            Point of the unit box.
         weight : float
-            Weight of the penalty.
+            Penalty weight.
 
         Returns
         -------
         float
-            The objective.
+            Objective.
         """
         p = self.p(u)
         loss = self.data.loss(self.box.theta(p))
@@ -687,5 +722,5 @@ class PenalisedLoss:
 
 
 def _groups(task: Task, family: str) -> tuple[ConeGroup, ...]:
-    """A family's convex constraints side by side."""
+    """Return the groups of cones of one family of convex constraints."""
     return task.constraints.with_families(family.__eq__).groups

@@ -43,6 +43,9 @@ class ArmModel:
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
+        """Tabulate the model's effects; raises InputError for one that does not run in
+        the loop.
+        """
         if not len(model.rigid_indices):
             raise InputError("the model has no rigid body", "identify one with links")
         robot = model.robot
@@ -66,8 +69,12 @@ class ArmModel:
         self.dry_friction = 0.5 * self._gains * np.abs(forwards - backwards)
 
     def _place_links(self, robot: Robot) -> None:
-        """Put the links' parameters where Pinocchio's regressor has its joints, and find
-        the payload's columns there."""
+        """Put the links' parameters where Pinocchio's regressor expects them.
+
+        Sets ``_tree_links`` (10 joints of the tree,), the columns ``_last`` of the
+        payload (the last link), and ``_map`` (10, 10) from link-frame to joint-frame
+        parameters.
+        """
         self._regressor = robot._pin.computeJointTorqueRegressor
         self._pinocchio = robot._model
         self._data = robot._model.createData()
@@ -84,8 +91,12 @@ class ArmModel:
         self._last = slice(first, first + 10)
 
     def _allocate(self, n_tree: int) -> None:
-        """Arrays that every instant is worked out in, of n joints and of as many as the
-        tree has."""
+        """Allocate all arrays of an update, for n joints and ``n_tree`` joints of the
+        tree.
+
+        The table has _ENTRIES values a joint, at velocities that are evenly spaced in
+        arcsinh.
+        """
         n = self.n
         self._scale = (_ENTRIES - 1) / (2.0 * np.arcsinh(_FASTEST / _FINEST))
         self._table = np.zeros(n * _ENTRIES)
@@ -109,7 +120,7 @@ class ArmModel:
         dq: Array,
         ddq: Array,
     ) -> None:
-        """Write ``torque`` and ``columns`` of one instant.
+        """Compute torque and payload columns of one instant.
 
         Parameters
         ----------
@@ -123,7 +134,7 @@ class ArmModel:
         Returns
         -------
         None
-            ``torque`` (n,) and ``columns`` (n, 10) hold the result.
+            ``torque`` (n,), ``friction`` (n,) and ``columns`` (n, 10) hold the result.
         """
         tree_q = q
         tree_dq = dq
@@ -172,7 +183,12 @@ class ArmModel:
         self.columns *= self._gain_column
 
     def _add_table(self, dq: Array, torque: Array) -> None:
-        """Add the tabulated torque at velocities (n,) to ``torque`` (n,)."""
+        """Add the tabulated torque at velocities dq (n,) to ``torque`` (n,), without
+        allocation.
+
+        Linear interpolation between entries: ``place`` is a fractional index into the
+        table, evenly spaced in arcsinh of the velocity.
+        """
         place = self._place
         low = self._low
         high = self._high
@@ -180,10 +196,11 @@ class ArmModel:
         np.arcsinh(place, out=place)
         place *= self._scale
         place += 0.5 * (_ENTRIES - 1)
+        # Below the last entry, so that the next one exists.
         np.clip(place, 0.0, _ENTRIES - 1.001, out=place)
         np.copyto(self._index, place, casting="unsafe")
-        place -= self._index
-        self._index += self._first
+        place -= self._index  # now the share of the way to the next entry
+        self._index += self._first  # the joints' tables stand end to end
         np.take(
             self._table,
             self._index,
@@ -203,7 +220,12 @@ class ArmModel:
         torque += high
 
     def _take(self, effect: Effect, theta: Array) -> None:
-        """Add an effect to the table or to the slopes, whichever is its torque."""
+        """Add an effect to the table of velocities, or to the slopes by position and
+        acceleration.
+
+        Raises InputError unless both together reproduce the effect's torque at random
+        states to _TOLERANCE.
+        """
         rng = np.random.default_rng(0)
         q, dq, ddq = rng.uniform(
             -1.0,
@@ -215,27 +237,30 @@ class ArmModel:
             nodes = self._nodes()[:, None] * np.ones(self.n)
             still = np.zeros_like(nodes)
             table = self._torque(effect, theta, still, nodes, still).T.ravel()
+            # Torque of unit position and unit acceleration, less that of zero state.
             one = np.ones((1, self.n))
-            none = np.zeros((1, self.n))
-            constant = self._torque(effect, theta, none, none, none)[0]
-            stiffness = self._torque(effect, theta, one, none, none)[0] - constant
-            armature = self._torque(effect, theta, none, none, one)[0] - constant
+            zero = np.zeros((1, self.n))
+            constant = self._torque(effect, theta, zero, zero, zero)[0]
+            stiffness = self._torque(effect, theta, one, zero, zero)[0] - constant
+            armature = self._torque(effect, theta, zero, zero, one)[0] - constant
         except (ValueError, AttributeError, AssertionError) as error:
             raise self._refusal(effect) from error
-        before = self._table
+        # The effect's table alone, to compare it with the effect.
+        previous_table = self._table
         self._table = table
-        made = stiffness * q + armature * ddq
-        for row, velocities in zip(made, dq, strict=True):
+        approximate = stiffness * q + armature * ddq
+        for row, velocities in zip(approximate, dq, strict=True):
             self._add_table(velocities, row)
-        self._table = before
+        self._table = previous_table
         size = np.abs(exact).max(initial=1e-12)
-        if not np.allclose(made, exact, rtol=0.0, atol=_TOLERANCE * size):
+        if not np.allclose(approximate, exact, rtol=0.0, atol=_TOLERANCE * size):
             raise self._refusal(effect)
         self._table = self._table + table
         self._stiffness = self._stiffness + stiffness
         self._armature = self._armature + armature
 
     def _refusal(self, effect: Effect) -> InputError:
+        """Return the InputError for an effect that cannot run in the control loop."""
         return InputError(
             f"effect {effect.name} cannot run in the loop: it needs more than the"
             " velocity of one joint at one instant",
@@ -243,7 +268,7 @@ class ArmModel:
         )
 
     def _nodes(self) -> Array:
-        """(entries,) the velocities of the table."""
+        """Return the velocities (entries,) of the table [rad/s, m/s], fine near zero."""
         place = np.arange(_ENTRIES, dtype=float) - (_ENTRIES - 1) / 2
         return np.asarray(_FINEST * np.sinh(place / self._scale), float)
 
@@ -255,7 +280,9 @@ class ArmModel:
         dq: Array,
         ddq: Array,
     ) -> Array:
-        """(N, n) torque of one effect at states (N, n), true as the model's links are."""
+        """Return the torque (N, n) of one effect with parameters theta at states (N,
+        n).
+        """
         clock = 1e-3 * np.arange(len(q), dtype=float)
         motion = Motion(
             clock,

@@ -61,6 +61,10 @@ class ChangeDetector:
         forgetting: float,
         delay: float,
     ) -> None:
+        """Allocate a ring of snapshots over CHANGE_REACH seconds, CHANGE_STEP apart.
+
+        ``delay`` is that of the filters [s]; the others are parameters of the class.
+        """
         self.is_carrying = False
         #: Information of the current stretch, fading: (11, 11) and its seconds.
         self.total = Information()
@@ -101,23 +105,23 @@ class ChangeDetector:
         period: float,
         time: float,
     ) -> None:
-        """Count the rows of one instant.
+        """Add the rows of one instant.
 
         Parameters
         ----------
         rows : (n, 11) array
-            The payload's columns and the residual [Y, e] of each joint.
+            Payload columns and residual [Y, e] of each joint.
         weighted : (n, 11) array
-            The same over the noise's variance.
+            The rows over the variance of the noise.
         period : float
-            Of the loop [s].
+            Period of the loop [s].
         time : float
-            Of the instant [s].
+            The instant [s].
 
         Returns
         -------
         None
-            ``total`` holds them.
+            ``total`` is updated.
         """
         if self._calls_to_snapshot == 0:
             self._keep(time)
@@ -129,7 +133,9 @@ class ChangeDetector:
         self.total.seconds += period
 
     def _keep(self, time: float) -> None:
-        """Keep the stretch so far as an instant at which a change may have happened."""
+        """Store a snapshot of the stretch: an instant at which a change may have
+        happened.
+        """
         self.total.fade(self._fade)
         self._matrices *= self._fade
         self._seconds *= self._fade
@@ -141,8 +147,12 @@ class ChangeDetector:
         self._count = min(self._count + 1, self._n_slots)
 
     def search(self) -> Change | None:
-        """Judge the next instants, or a suspicion that is old enough; a change that is
-        believed, or None."""
+        """Judge the next snapshots for a change; return one that is confirmed, else
+        None.
+
+        A suspected change is judged again after CHANGE_WAIT, and confirmed if its
+        evidence still exceeds CHANGE_EVIDENCE.
+        """
         if self._suspected_slot is not None:
             self._waited += 1
             if self._waited < self._wait:
@@ -166,7 +176,11 @@ class ChangeDetector:
         return None
 
     def _judge(self, place: int) -> float:
-        """Evidence [-] of a change at one instant; -inf where too little came after."""
+        """Return the evidence (ln of odds) of a change at the snapshot in slot
+        ``place``.
+
+        -inf if less than CHANGE_SHORTEST seconds came after it.
+        """
         window = self._window
         before = self._matrices[place]
         window.seconds = self.total.seconds - self._seconds[place]
@@ -180,18 +194,26 @@ class ChangeDetector:
         after = posterior.solve()
         if not self.is_carrying:
             return after
+        # A payload was carried: the same one would go on to explain the window.
         posterior.clear()
-        first = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
-        posterior.add(before, first)
-        alone = posterior.solve()
+        weight_before = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
+        posterior.add(before, weight_before)
+        evidence_before = posterior.solve()
         posterior.add(window.matrix, weight)
-        return max(after, 0.0) - (posterior.solve() - alone)
+        evidence_of_both = posterior.solve()
+        return max(after, 0.0) - (evidence_of_both - evidence_before)
 
     def _locate(self, place: int) -> Change | None:
-        """The change with its instant and the interval of that, found from a first
-        guess; None where nothing is carried before and after."""
-        kept = (self._next_slot - 1 - np.arange(self._count)) % self._n_slots
-        kept = kept[::-1]  # from the oldest on
+        """Return the change near the snapshot in slot ``place``, with its instant and
+        interval.
+
+        The instant maximises the likelihood, given the payloads before and after; these
+        depend on the instant, so that two rounds are made. None if nothing is carried
+        before and after, or the evidence is too small.
+        """
+        newest_first = (self._next_slot - 1 - np.arange(self._count)) % self._n_slots
+        slots = newest_first[::-1]  # the oldest snapshot first
+        # (x, -1) with the payload's parameters x: Y x - e is [Y, e] times it.
         before = np.zeros(WIDTH)
         before[SIZE] = -1.0
         after = before.copy()
@@ -203,37 +225,46 @@ class ChangeDetector:
                 before[:SIZE] = self._posterior.mean
             np.outer(after, after, out=self._outer)
             self._outer -= np.outer(before, before)
-            # What came before an instant is not explained by the change.
-            score = np.tensordot(self._matrices[kept], self._outer, 2)
+            # ln likelihood of a change at each snapshot, up to a constant: what came
+            # before it is explained by the old payload.
+            score = np.tensordot(self._matrices[slots], self._outer, 2)
             score *= 0.5 / self._correlation
-            place = int(kept[np.argmax(score)])
+            place = int(slots[np.argmax(score)])
         if not (is_carrying or self.is_carrying):
             return None
         evidence = self._judge(place)
         if evidence <= c.CHANGE_EVIDENCE:
             return None
-        share = np.exp(score - score.max())
-        below = np.cumsum(share) / share.sum()
-        times = self._times[kept]
-        lower = times[np.searchsorted(below, 0.025)] - self._half_step
-        upper = times[np.searchsorted(below, 0.975)] + self._half_step
-        time = float(self._times[place])
-        return Change(time, float(lower), float(upper), evidence, is_carrying)
+        # 95 % of the probability over the instants.
+        probability = np.exp(score - score.max())
+        cumulative = np.cumsum(probability) / probability.sum()
+        times = self._times[slots]
+        lower = times[np.searchsorted(cumulative, 0.025)] - self._half_step
+        upper = times[np.searchsorted(cumulative, 0.975)] + self._half_step
+        return Change(
+            time=float(self._times[place]),
+            lower=float(lower),
+            upper=float(upper),
+            evidence=evidence,
+            is_carrying=is_carrying,
+        )
 
     def _before(self, place: int) -> None:
-        """Solve for the payload before an instant."""
+        """Solve for the payload before the snapshot in slot ``place``."""
         self._posterior.clear()
         weight = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
         self._posterior.add(self._matrices[place], weight)
         self._posterior.solve()
 
     def _after(self, place: int) -> float:
-        """Evidence of a payload after an instant, whose posterior is solved."""
+        """Solve for the payload after the snapshot in slot ``place``; return its
+        evidence.
+        """
         self._posterior_after(place, self._posterior)
         return self._posterior.solve()
 
     def _posterior_after(self, place: int, out: Posterior) -> None:
-        """Count what came after an instant."""
+        """Set ``out`` to the prior and the data after the snapshot in slot ``place``."""
         window = self._window
         np.subtract(
             self.total.matrix,
@@ -250,9 +281,9 @@ class ChangeDetector:
         Parameters
         ----------
         change : Change
-            That :meth:`search` believes.
+            A change that :meth:`search` has returned.
         out : Posterior
-            Where the solution is written to.
+            Receives the solution.
 
         Returns
         -------
@@ -263,8 +294,11 @@ class ChangeDetector:
         out.solve()
 
     def _place(self, change: Change) -> int:
-        """The first instant after a change that filters do not mix with the time
-        before."""
+        """Return the slot of the first snapshot after a change that is free of the time
+        before.
+
+        Filters mix both within their delay.
+        """
         place = int(np.flatnonzero(self._times == change.time)[0])
         newer = (self._next_slot - 1 - place) % self._n_slots
         return (place + min(self._n_mixed, newer)) % self._n_slots
@@ -275,12 +309,12 @@ class ChangeDetector:
         Parameters
         ----------
         change : Change
-            That :meth:`search` believes.
+            A change that :meth:`search` has returned.
 
         Returns
         -------
         None
-            ``total`` holds what came after it.
+            ``total`` holds the data after it.
         """
         place = self._place(change)
         matrix = self._matrices[place].copy()
@@ -295,12 +329,12 @@ class ChangeDetector:
         self.is_carrying = change.is_carrying
 
     def posterior(self, out: Posterior) -> None:
-        """Solve for the payload that is carried.
+        """Solve for the payload of the present stretch.
 
         Parameters
         ----------
         out : Posterior
-            Where the solution is written to.
+            Receives the solution.
 
         Returns
         -------

@@ -43,6 +43,10 @@ class PayloadPrior:
         mass: float = c.PAYLOAD_MASS,
         reach: float = c.PAYLOAD_REACH,
     ) -> None:
+        """Set scales and prior information of the ten parameters.
+
+        In units of ``scale`` all have the standard deviation ``mass``.
+        """
         self.mass = mass
         self.reach = reach
         #: (10,) from scaled parameters to kg, kg m, kg m^2.
@@ -55,21 +59,22 @@ class Information:
     """A stretch's matrix G (11, 11) and its length T [s], or those of several."""
 
     def __init__(self) -> None:
+        """Allocate a stretch without data."""
         self.matrix = np.zeros((WIDTH, WIDTH))
         self.seconds = 0.0
 
     def clear(self) -> None:
-        """Nothing is known."""
+        """Remove all data."""
         self.matrix[:] = 0.0
         self.seconds = 0.0
 
     def fade(self, factor: float) -> None:
-        """Let what is known count less.
+        """Let the data count less, as they grow old.
 
         Parameters
         ----------
         factor : float
-            Of all information, from 0 to 1.
+            From 0 to 1.
 
         Returns
         -------
@@ -80,17 +85,17 @@ class Information:
         self.seconds *= factor
 
     def weight(self, correlation: float) -> float:
-        """Weight of a stretch whose residuals agree with themselves for a while.
+        """Return the weight of a stretch whose residuals are correlated over time.
 
         Parameters
         ----------
         correlation : float
-            For how long they do, tau [s].
+            Correlation time tau of the residuals [s].
 
         Returns
         -------
         float
-            1 / T + 1 / tau [1/s], T the length of the stretch.
+            1 / T + 1 / tau [1/s], with the length T of the stretch [s].
         """
         return 1.0 / max(self.seconds, 1e-9) + 1.0 / correlation
 
@@ -104,6 +109,7 @@ class Posterior:
     """
 
     def __init__(self, prior: PayloadPrior) -> None:
+        """Allocate precision, factor and mean of the ten parameters."""
         self._prior = prior
         self.precision = np.zeros((SIZE, SIZE), order="F")
         self._factor = np.zeros((SIZE, SIZE), order="F")
@@ -114,24 +120,24 @@ class Posterior:
         self._part = np.zeros((SIZE, SIZE), order="F")
 
     def clear(self) -> None:
-        """Back to the prior."""
+        """Reset the posterior to the prior."""
         np.copyto(self.precision, self._prior.information)
         self.linear[:] = 0.0
 
     def add(self, matrix: Array, weight: float) -> None:
-        """Count a stretch.
+        """Add the data of a stretch.
 
         Parameters
         ----------
         matrix : (11, 11) array
             Integral of [Y, e]^T [Y, e] / sigma^2 over the stretch [s].
         weight : float
-            What it is multiplied by [1/s].
+            Weight of the stretch [1/s].
 
         Returns
         -------
         None
-            ``precision`` and ``linear`` hold it.
+            ``precision`` and ``linear`` are updated.
         """
         np.multiply(
             matrix[:SIZE, :SIZE],
@@ -147,7 +153,11 @@ class Posterior:
         self.linear += self._log
 
     def solve(self) -> float:
-        """Write ``mean``; return the logarithm of the evidence against no payload."""
+        """Compute ``mean`` (10,); return ln of the evidence of a payload over none.
+
+        The evidence is |Lambda_0|^1/2 |Lambda|^-1/2 exp(b' Lambda^-1 b / 2), with
+        precision Lambda, prior precision Lambda_0 and linear term b.
+        """
         np.copyto(self._factor, self.precision)
         scipy.linalg.lapack.dpotrf(
             self._factor,
@@ -168,7 +178,9 @@ class Posterior:
         return fit - half_log_det + 0.5 * self._prior.log_det
 
     def covariance(self) -> Array:
-        """(10, 10) of the scaled parameters of the last :meth:`solve`."""
+        """Return the covariance (10, 10) of the scaled parameters after the last
+        :meth:`solve`.
+        """
         return np.asarray(
             scipy.linalg.lapack.dpotrs(self._factor, np.eye(SIZE), lower=1)[0]
         )

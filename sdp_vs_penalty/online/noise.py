@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 
+from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.errors import InputError
@@ -19,12 +20,12 @@ from sdp_vs_penalty.online.smoothing import smooth
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.signals.runs import interpolated
 
-#: s: lengths of stretches over which residuals are averaged.
-_STRETCHES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
-#: Stretches of one length that say something together.
-_ENOUGH = 8
-#: Hz: instants a second that are looked at.
-_RATE = 100.0
+#: s: lengths of parts over which residuals are averaged.
+_PART_LENGTHS_S = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+#: Fewer parts of one length say nothing of a mean square or a quantile.
+_SMALLEST_NUMBER_OF_PARTS = 8
+#: Hz: sampling rate of the residuals.
+_RATE_HZ = 100.0
 
 
 @dataclass(frozen=True)
@@ -51,18 +52,18 @@ class ResidualNoise:
         delay: float,
         prior: PayloadPrior,
     ) -> Self:
-        """Measure the noise on a motion without a payload.
+        """Measure the noise of a model's torque residual on a motion without a payload.
 
         Parameters
         ----------
         estimate : Estimate
-            Of the arm, not made from these runs.
+            Model of the arm, identified from other runs.
         measurements : Measurements
             Runs without a payload.
         delay : float
-            Of the loop's filters [s].
+            Delay of the loop's filters [s].
         prior : PayloadPrior
-            Of a payload, before it is measured.
+            Prior of a payload.
 
         Returns
         -------
@@ -72,27 +73,33 @@ class ResidualNoise:
         Raises
         ------
         InputError
-            Where the runs are too short, or a joint never moves.
+            If the runs are too short, or a joint moves for less than eight parts of 0.1
+            s: its noise and correlation time would rest on nothing.
         """
         stretches = [
             stretch
             for run in measurements.runs()
             for stretch in _stretches(estimate, run, delay)
         ]
+        shortest_part = _PART_LENGTHS_S[0]
         longest = max((len(x.residual) for x in stretches), default=0)
-        if longest < 2.0 * _STRETCHES[0] * _ENOUGH * _RATE:
+        if longest < 2.0 * shortest_part * _SMALLEST_NUMBER_OF_PARTS * _RATE_HZ:
             raise InputError(
                 "the motion without a payload is too short",
                 "give a run of ten seconds or more",
             )
-        moving = np.concatenate([x.residual for x in stretches])
-        n_moving = np.isfinite(moving).sum(axis=0)
-        if not np.all(n_moving > _ENOUGH):
+        # NaN in the mean of a part: the joint rests or turns round within it.
+        means = np.concatenate([x.means(shortest_part) for x in stretches])
+        n_moving_parts = np.isfinite(means).sum(axis=0)
+        if np.any(n_moving_parts < _SMALLEST_NUMBER_OF_PARTS):
+            joints = np.flatnonzero(n_moving_parts < _SMALLEST_NUMBER_OF_PARTS) + 1
             raise InputError(
-                "a joint never moves in the motion without a payload",
-                "give a run that moves all joints",
+                f"{formatting.joints(joints.tolist())}: hardly any motion without a"
+                " payload",
+                "give a run in which each joint moves for several seconds",
             )
-        squares = np.nanmean(moving**2, axis=0)
+        residuals = np.concatenate([x.residual for x in stretches])
+        squares = np.nanmean(residuals**2, axis=0)
         noise = cls(
             std=np.sqrt(squares),
             correlation=_correlation(stretches, squares),
@@ -102,29 +109,37 @@ class ResidualNoise:
         return replace(noise, inflation=noise._inflation(stretches, prior))
 
     def _inflation(self, stretches: list[_Stretch], prior: PayloadPrior) -> float:
-        """How many times too narrow the intervals of masses are that are estimated in
-        stretches where there is none, at least one."""
+        """Return the factor by which 95 % intervals of masses must be widened, at least
+        1.
+
+        Masses are estimated in parts of the motion without a payload; their errors over
+        the standard deviation should have the 95 % quantile 1.96. The worst length of
+        parts counts.
+        """
         largest = 1.0
-        for seconds in _STRETCHES:
+        for seconds in _PART_LENGTHS_S:
             errors = [
                 abs(error)
                 for x in stretches
                 for error in x.mass_errors(seconds, self, prior)
             ]
-            if len(errors) >= _ENOUGH:
+            if len(errors) >= _SMALLEST_NUMBER_OF_PARTS:
                 ratio = float(np.quantile(errors, 0.95)) / NORMAL_95
                 largest = max(largest, ratio)
         return largest
 
 
 def _correlation(stretches: Sequence[_Stretch], squares: Array) -> float:
-    """Seconds for which residuals agree with themselves, from how the mean squares (n,)
-    of their means fall with the length."""
-    correlation = 1.0 / _RATE
-    for seconds in _STRETCHES:
+    """Return the correlation time [s] of the residuals.
+
+    The mean over T seconds has the variance std^2 / (1 + T / tau); ``squares`` (n,) are
+    the mean squares std^2. The longest tau over all lengths of parts counts.
+    """
+    correlation = 1.0 / _RATE_HZ
+    for seconds in _PART_LENGTHS_S:
         squared_means = np.concatenate([x.means(seconds) for x in stretches]) ** 2
         is_moving = np.isfinite(squared_means)
-        if np.any(is_moving.sum(axis=0) < _ENOUGH):
+        if np.any(is_moving.sum(axis=0) < _SMALLEST_NUMBER_OF_PARTS):
             break
         share = np.mean(np.nanmean(squared_means, axis=0) / squares)
         if 0.0 < share < 1.0:
@@ -142,12 +157,15 @@ class _Stretch:
     acceleration: Array
 
     def _parts(self, seconds: float) -> list[slice]:
-        count = round(seconds * _RATE)
+        """Return the rows of consecutive parts of a length [s]; an incomplete part is
+        left out.
+        """
+        count = round(seconds * _RATE_HZ)
         starts = range(0, len(self.residual) - count + 1, count)
         return [slice(start, start + count) for start in starts]
 
     def means(self, seconds: float) -> Array:
-        """Mean residuals of parts of one length.
+        """Return the mean residuals of parts of one length.
 
         Parameters
         ----------
@@ -157,7 +175,7 @@ class _Stretch:
         Returns
         -------
         (parts, n) array
-            [N m, N], NaN where a joint rests.
+            Means [N m, N]; NaN where the joint rests or turns round within the part.
         """
         parts = [self.residual[part].mean(axis=0) for part in self._parts(seconds)]
         return np.reshape(parts, (-1, self.residual.shape[1]))
@@ -168,23 +186,24 @@ class _Stretch:
         noise: ResidualNoise,
         prior: PayloadPrior,
     ) -> list[float]:
-        """Masses that are estimated in parts of one length, where there is none.
+        """Estimate a payload's mass in parts of one length, where there is no payload.
 
         Parameters
         ----------
         seconds : float
             Length of a part [s].
         noise : ResidualNoise
-            Of the residuals.
+            Noise of the residuals.
         prior : PayloadPrior
-            Of a payload.
+            Prior of a payload.
 
         Returns
         -------
         list of float
-            Each over its standard deviation [-].
+            Each estimated mass over its standard deviation [-].
         """
-        weight = (1.0 / seconds + 1.0 / noise.correlation) / _RATE
+        # Of one sample: the mean over a part has the variance std^2 / (1 + T / tau).
+        weight = (1.0 / seconds + 1.0 / noise.correlation) / _RATE_HZ
         errors = []
         for part in self._parts(seconds):
             residual = self.residual[part]
@@ -209,8 +228,13 @@ def _stretches(
     run: Measurements,
     delay: float,
 ) -> list[_Stretch]:
-    """What a run shows behind the loop's filters, split where its clock has gaps."""
-    period = 1.0 / _RATE
+    """Return residuals and payload columns of a run, filtered as the control loop
+    filters.
+
+    The run is split where its clock has gaps. Residuals are NaN where a joint rests or
+    turns.
+    """
+    period = 1.0 / _RATE_HZ
     parts = list[_Stretch]()
     half = max(round(delay / period), 2)
     gaps = np.flatnonzero(np.diff(run.t) > 2.0 * delay) + 1
@@ -220,7 +244,7 @@ def _stretches(
             run.t[rows[-1]],
             period,
         )
-        if len(clock) < 4 * half:
+        if len(clock) < 4 * half:  # the filter's window has 2 half + 1 samples
             continue
         q = interpolated(
             clock,
@@ -236,7 +260,9 @@ def _stretches(
         torque = smooth(tau, half, period)[0]
         motion = Motion(clock[half:-half], position, velocity, acceleration)
         residual = torque - estimate.torque(motion)
-        turns = np.abs(velocity) < c.REST_SPEED + delay * np.abs(acceleration)
+        # At rest, or reversing within the filters' delay: friction has any value there.
+        is_turning = np.abs(velocity) < c.REST_SPEED + delay * np.abs(acceleration)
+        # A payload has the columns of the last link.
         columns = estimate.robot.regressor(position, velocity, acceleration)[..., -10:]
         gains = estimate.model.gains
         if gains is not None:
@@ -244,9 +270,9 @@ def _stretches(
         largest = np.abs(acceleration).max(axis=0)
         parts.append(
             _Stretch(
-                np.where(turns, np.nan, residual),
-                columns,
-                largest,
+                residual=np.where(is_turning, np.nan, residual),
+                columns=columns,
+                acceleration=largest,
             )
         )
     return parts

@@ -48,11 +48,12 @@ class Payload(Shown):
 
     @property
     def mass_interval(self) -> tuple[float, float]:
-        """kg, 95 %."""
+        """95 % interval of the mass [kg], its lower end at least 0."""
         half = NORMAL_95 * self.mass_std
         return max(self.mass - half, 0.0), self.mass + half
 
     def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
         com = ", ".join(f"{x:.3f}" for x in self.com)
         return f"Payload at {self.time:.2f} s: {_mass_text(self)}", [
             ("centre of mass", f"{com} m in the last link's frame"),
@@ -83,9 +84,11 @@ class PayloadChange(Shown):
     evidence: float
 
     def __str__(self) -> str:
+        """Return kind, mass with its 95 % half-width, and time of the change."""
         return f"{self.kind} {_mass_text(self)} at {self.time:.2f} s"
 
     def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
         lower, upper = self.time_interval
         return str(self), [
             ("instant", f"{lower:.2f} to {upper:.2f} s (95 %)"),
@@ -94,6 +97,7 @@ class PayloadChange(Shown):
 
 
 def _mass_text(known: Payload | PayloadChange) -> str:
+    """Return a mass with its 95 % half-width as text."""
     half = NORMAL_95 * known.mass_std
     return f"{known.mass:.2f} ± {formatting.number(half, 1)} kg"
 
@@ -145,6 +149,7 @@ class PayloadEstimator:
         forgetting: float = c.FORGETTING,
         drift: float = c.DRIFT,
     ) -> None:
+        """Check the parameters of the class and allocate all arrays of an update."""
         known = as_estimate(estimate, "PayloadEstimator(estimate=...)")
         if not 0.0 < rate < np.inf:
             raise InputError(f"a rate of {rate:g} Hz", "give the samples a second")
@@ -209,24 +214,24 @@ class PayloadEstimator:
         forgetting: float = c.FORGETTING,
         drift: float = c.DRIFT,
     ) -> Self:
-        """An estimator whose noise is measured on runs without a payload.
+        """Return an estimator whose noise is measured on runs without a payload.
 
         Parameters
         ----------
         estimate : Estimate or path
-            Of the arm without a payload, as of the class.
+            Model of the arm without a payload, as of the class.
         without_payload : path, arrays, DataFrame or Measurements
-            Runs that the estimate was not made from, ten seconds or more.
+            Runs from which the estimate was not identified, ten seconds or more.
         rate : float
-            Samples a second of the loop [Hz].
+            Sampling rate of the loop [Hz].
         delay : float
-            Of the filters [s].
+            Delay of the filters [s].
         prior : PayloadPrior, optional
-            Of the payload, before it is measured.
+            Prior of a payload.
         forgetting : float
-            After this time data of a payload count exp(-1) [s].
+            Time after which data of a payload count exp(-1) [s].
         drift : float
-            Over this time offsets and friction change [s]; 0 where they are held.
+            Time over which offsets and friction change [s]; 0: they stay.
 
         Returns
         -------
@@ -236,7 +241,8 @@ class PayloadEstimator:
         Raises
         ------
         InputError
-            Where the runs do not fit, are too short or rest.
+            For runs of another robot, runs that are too short, or joints that hardly
+            move.
         """
         known = as_estimate(estimate, "PayloadEstimator.calibrated(estimate=...)")
         runs = as_measurements(
@@ -268,7 +274,7 @@ class PayloadEstimator:
         q: Array,
         tau: Array,
     ) -> PayloadChange | None:
-        """Take one sample.
+        """Process one sample in the control loop.
 
         Parameters
         ----------
@@ -282,12 +288,12 @@ class PayloadEstimator:
         Returns
         -------
         PayloadChange or None
-            The change of the payload that the sample brings to light.
+            A change of the payload that this sample confirms.
 
         Raises
         ------
         InputError
-            For other shapes, numbers that are none, or a clock that runs back.
+            For other shapes, numbers that are not finite, or a clock that runs back.
         """
         if len(q) != self._n or len(tau) != self._n:
             raise InputError(
@@ -296,7 +302,7 @@ class PayloadEstimator:
             )
         np.copyto(self._new[: self._n], q)
         np.copyto(self._new[self._n :], tau)
-        # A sum is finite only where all of it is.
+        # A sum is finite only if all its terms are: one test, no allocation.
         if not np.isfinite(self._new.sum() + t):
             raise InputError(
                 f"a sample at {t:g} s is not finite", "leave samples out that are none"
@@ -321,7 +327,7 @@ class PayloadEstimator:
         return change
 
     def _interpolate(self, t: float) -> None:
-        """Write the sample at the next tick, between the last one and that of t."""
+        """Write the sample at the next tick, between the last sample and that at t [s]."""
         assert self._time is not None
         span = t - self._time
         share = 1.0 if span <= 0.0 else min((self._next - self._time) / span, 1.0)
@@ -330,7 +336,11 @@ class PayloadEstimator:
         self._sample += self._last
 
     def _tick(self, time: float) -> PayloadChange | None:
-        """Count one instant of the regular clock, which speaks of ``time``."""
+        """Process one instant of the regular clock, whose filtered states are of
+        ``time`` [s].
+
+        Returns a confirmed change of the payload, else None.
+        """
         if not self._filter.push(self._sample, self._smoothed):
             return None
         n = self._n
@@ -376,12 +386,12 @@ class PayloadEstimator:
         return None if found is None else self._believe(found)
 
     def _weigh(self, velocity: Array, acceleration: Array) -> None:
-        """Write each joint's weight.
+        """Compute each joint's weight, the inverse variance of its residual.
 
-        At rest, and where the window holds a turn, dry friction has any value up to
-        its size; it settles over ``SETTLING_TRAVEL``, and at rest it stays. Gears lose
-        a share of the payload's torque. Jolts beyond the accelerations in which the
-        noise was measured make noise that dies out within its correlation time.
+        At rest, and where the filters' window holds a reversal, dry friction has any
+        value up to its size; it settles over SETTLING_TRAVEL. Gears lose a share of the
+        payload's torque. Accelerations beyond those of the calibration make noise that
+        fades within its correlation time.
         """
         part = self._part
         weight = self._weight
@@ -418,10 +428,10 @@ class PayloadEstimator:
         np.reciprocal(weight, out=weight)
 
     def _follow_drift(self, residual: Array) -> None:
-        """Move offsets and friction slowly towards what no payload explains.
+        """Adapt offsets and friction slowly to residuals that no payload explains.
 
-        A residual counts one standard deviation at most, so that a payload that is not
-        known yet is not taken for drift.
+        A residual (n,) counts one standard deviation at most, so that a payload that is
+        not yet known is not taken for drift.
         """
         if self.is_carrying:
             np.subtract(residual, self._load, out=self._part)
@@ -442,7 +452,9 @@ class PayloadEstimator:
         self.drift_friction += self._part
 
     def _project(self) -> None:
-        """Some Newton steps of the projection; publish one that is certified."""
+        """Make some Newton steps of the projection; publish the result once it is
+        certified.
+        """
         projection = self._projection
         if projection.is_done:
             self._detector.posterior(self._posterior)
@@ -458,7 +470,9 @@ class PayloadEstimator:
             self._is_published = True
 
     def _believe(self, found: Change) -> PayloadChange | None:
-        """Report a change; None where the mass that is picked up could be zero."""
+        """Accept a detected change and return it; None if the mass picked up could be
+        zero.
+        """
         was_carrying = self.is_carrying
         before = self.payload
         self._detector.posterior_after(found, self._posterior)
@@ -475,24 +489,30 @@ class PayloadEstimator:
             mean = np.nan if before is None else before.mass
             std = np.nan if before is None else before.mass_std
         return PayloadChange(
-            kind,
-            found.time,
-            (found.lower, found.upper),
-            self._next,
-            mean,
-            std,
-            found.evidence,
+            kind=kind,
+            time=found.time,
+            time_interval=(found.lower, found.upper),
+            detected=self._next,
+            mass=mean,
+            mass_std=std,
+            evidence=found.evidence,
         )
 
     def _mass(self, posterior: Posterior) -> tuple[float, float]:
-        """kg: mean and standard deviation of a posterior's mass, with the gains'."""
+        """Return mean and standard deviation [kg] of the mass, errors of the gains
+        included.
+        """
         mean = float(posterior.mean[0])
         variance = float(posterior.covariance()[0, 0]) + (mean * self._gain_std()) ** 2
         return mean, float(np.sqrt(variance))
 
     def _gain_std(self) -> float:
-        """Relative standard deviation of a mass that the torque channels' gains leave:
-        that of their mean, weighted as they weigh."""
+        """Return the relative standard deviation of the mass that errors of the gains
+        cause.
+
+        It is that of the gains' mean, with each joint's share in the mass as its
+        weight.
+        """
         weight = self._mass_weight
         errors = self._gain_errors
         if errors.size == 0:
@@ -503,7 +523,7 @@ class PayloadEstimator:
 
     @property
     def payload(self) -> Payload | None:
-        """What is carried now; None while nothing is, or right after a change."""
+        """Payload that is carried now; None without one, or right after a change."""
         if not (self.is_carrying and self._is_published):
             return None
         self._detector.posterior(self._posterior)
@@ -520,12 +540,12 @@ class PayloadEstimator:
         response[:, 1:4] = np.eye(3) * self._prior.reach / mass
         com_variance = np.einsum("ij,jk,ik->i", response, covariance, response)
         return Payload(
-            self._next - self.period - self.delay,
-            theta,
-            mass,
-            mass_std,
-            com,
-            np.sqrt(com_variance),
-            inertia_matrix(barycentric[4:]),
-            self._gap,
+            time=self._next - self.period - self.delay,
+            theta=theta,
+            mass=mass,
+            mass_std=mass_std,
+            com=com,
+            com_std=np.sqrt(com_variance),
+            inertia=inertia_matrix(barycentric[4:]),
+            gap=self._gap,
         )

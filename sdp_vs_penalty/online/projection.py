@@ -42,6 +42,7 @@ class ConeProjection:
     """
 
     def __init__(self) -> None:
+        """Allocate all arrays, so that a step allocates next to nothing."""
         self.theta = np.zeros(10)
         self.gap = np.inf
         self.is_done = True
@@ -60,19 +61,19 @@ class ConeProjection:
         self._products = np.zeros((10, 16))
 
     def start(self, precision: Array, centre: Array) -> None:
-        """Take the estimate that is to be projected.
+        """Begin the projection of an estimate onto the physically consistent payloads.
 
         Parameters
         ----------
         precision : (10, 10) array
-            Inverse of its covariance.
+            Inverse of its covariance, the metric of the projection.
         centre : (10,) array
-            The estimate, standard parameters over their scales.
+            Estimate, standard parameters over their scales.
 
         Returns
         -------
         None
-            ``is_done`` at once where the estimate is consistent itself.
+            ``is_done`` is True at once if the estimate is consistent itself.
         """
         np.copyto(self._precision, precision)
         np.copyto(self._centre, centre)
@@ -95,38 +96,47 @@ class ConeProjection:
             self.gap = 0.0
             self.is_done = self._is_warm = False
             return
+        # Start well inside the cone: eigenvalues of at least 3 % of the largest.
+        smallest_share = 0.03
         values, vectors = np.linalg.eigh(matrix)
-        floor = 0.03 * float(np.abs(values).max())
+        floor = smallest_share * float(np.abs(values).max())
         raised = (vectors * np.maximum(values, floor)) @ vectors.T
         np.copyto(self._x, _parameters(raised))
-        # The slope that the cone must balance, on the eigenvectors that are raised.
-        pull = precision @ (self._x - centre)
-        dual = _matrix_of_slope(pull)
+        # Z balances the slope of f, as far as it lies along the same eigenvectors.
+        slope = precision @ (self._x - centre)
+        dual = _matrix_of_slope(slope)
         spread = np.maximum(np.diagonal(vectors.T @ dual @ vectors), 0.0)
-        size = max(float(spread.max()), 1e-12)
-        np.copyto(self._Z, (vectors * np.maximum(spread, 0.03 * size)) @ vectors.T)
+        dual_floor = smallest_share * max(float(spread.max()), 1e-12)
+        np.copyto(self._Z, (vectors * np.maximum(spread, dual_floor)) @ vectors.T)
         self.gap = 0.0
         self.is_done = False
 
     def forget(self) -> None:
-        """Start the next projection anew: the payload is another."""
+        """Start the next projection anew, as for another payload."""
         self._is_warm = False
 
     def _raise_last(self) -> None:
-        """Lift the last solution off the boundary, to a complementarity of
-        ``_WARM_GAP``."""
+        """Move the last solution off the cone's boundary, as a warm start.
+
+        Afterwards the complementarity <X, Z> is about _WARM_GAP.
+        """
         X = _matrix(self._x)
         lift = 0.5 * _WARM_GAP / max(float(np.trace(self._Z)), 1e-12)
         self._x += _parameters(lift * _IDENTITY)
         self._Z += 0.5 * _WARM_GAP / float(np.trace(X)) * _IDENTITY
 
     def step(self) -> bool:
-        """One Newton step; True when the gap is small enough, or no step is left."""
+        """Make one primal-dual Newton step; return True if the projection is finished.
+
+        It is finished when the certified gap is at most PROJECTION_GAP, or after
+        PROJECTION_STEPS.
+        """
         if self.is_done:
             return True
         X = _matrix(self._x)
         Z = self._Z
         inverse = _inverse(X)
+        # Hessian: Lambda + P*(X^-1 P(.) Z), by the Kronecker product of X^-1 and Z.
         np.multiply(
             inverse[:, None, :, None],
             Z[None, :, None, :],
@@ -140,9 +150,11 @@ class ConeProjection:
         np.dot(self._products, _BASIS.T, out=self._hessian)
         # Only its lower triangle is read; both orders of a product are the same here.
         self._hessian += self._precision
+        # Complementarity mu of the next point: a tenth of the present one, or more while
+        # the dual slope is still far from balanced.
         complementarity = float(np.vdot(X, Z)) / 4.0
-        distance = max(self.gap - 4.0 * complementarity, 0.0)
-        target = 0.1 * max(complementarity, 0.1 * min(distance, 1e6))
+        imbalance = max(self.gap - 4.0 * complementarity, 0.0)
+        target = 0.1 * max(complementarity, 0.1 * min(imbalance, 1e6))
         np.subtract(self._x, self._centre, out=self._step)
         np.dot(self._precision, self._step, out=self._slope)
         self._slope *= -1.0
@@ -161,12 +173,12 @@ class ConeProjection:
             overwrite_b=1,
         )
         dX = _matrix(self._step)
-        dZ = inverse @ dX @ Z
-        dZ = target * inverse - Z - 0.5 * (dZ + dZ.T)
-        primal = _length(X, dX)
-        dual = _length(Z, dZ)
-        self._x += primal * self._step
-        self._Z += dual * dZ
+        product = inverse @ dX @ Z
+        dZ = target * inverse - Z - 0.5 * (product + product.T)
+        primal_share = _length(X, dX)
+        dual_share = _length(Z, dZ)
+        self._x += primal_share * self._step
+        self._Z += dual_share * dZ
         self.steps += 1
         self.gap = self._certified_gap()
         np.copyto(self.theta, self._x)
@@ -175,7 +187,7 @@ class ConeProjection:
         return self.is_done
 
     def _certified_gap(self) -> float:
-        """The bound of f(x) - f*, infinite where x or Z left its cone."""
+        """Return the bound of f(x) - f*; infinity if x or Z lies outside of its cone."""
         X = _matrix(self._x)
         slack = self._precision @ (self._x - self._centre) - _BASIS @ self._Z.ravel()
         scaled = scipy.linalg.lapack.dpotrs(self._factor, slack, lower=1)[0]
@@ -186,31 +198,41 @@ class ConeProjection:
 
 
 def _matrix(theta: Array) -> Array:
+    """Return the pseudo-inertia (4, 4) of scaled parameters theta (10,)."""
     return np.dot(theta, _BASIS).reshape(4, 4)
 
 
 def _parameters(matrix: Array) -> Array:
-    """(10,) of a pseudo-inertia, the inverse of :func:`_matrix`."""
+    """Return the parameters (10,) of a pseudo-inertia (4, 4), the inverse of
+    :func:`_matrix`.
+    """
     return _DUAL_BASIS @ matrix.ravel()
 
 
 def _matrix_of_slope(slope: Array) -> Array:
-    """(4, 4) symmetric Z with P*(Z) = slope."""
+    """Return the symmetric Z (4, 4) whose adjoint P*(Z) is the slope (10,)."""
     return np.dot(slope, _DUAL_BASIS).reshape(4, 4)
 
 
 def _is_definite(matrix: Array) -> bool:
+    """Return whether a symmetric matrix is positive definite, by its Cholesky
+    factorisation.
+    """
     return bool(scipy.linalg.lapack.dpotrf(matrix, lower=1)[1] == 0)
 
 
 def _length(matrix: Array, step: Array) -> float:
-    """How much of a step stays inside the cone, at most one."""
+    """Return the share of a step that stays inside the cone, at most 1.
+
+    It is _SHARE of the way to the boundary, from the smallest generalised eigenvalue of
+    the step by the matrix (4, 4).
+    """
     lowest = float(scipy.linalg.lapack.dsygv(step, matrix, jobz="N")[0][0])
     return 1.0 if lowest >= -_SHARE else _SHARE / -lowest
 
 
 def _inverse(matrix: Array) -> Array:
-    """Of a positive definite matrix (4, 4)."""
+    """Return the inverse of a positive definite matrix (4, 4), by LAPACK."""
     lower = scipy.linalg.lapack.dpotri(
         scipy.linalg.lapack.dpotrf(matrix, lower=1)[0], lower=1
     )[0]

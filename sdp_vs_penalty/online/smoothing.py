@@ -31,6 +31,7 @@ class SmoothingFilter:
         period: float,
         delay: float,
     ) -> None:
+        """Allocate the window and compute the kernel; see the class for the parameters."""
         half = round(delay / period)
         if not 0.0 < delay <= c.MAX_DELAY or half < 2:
             raise InputError(
@@ -48,7 +49,7 @@ class SmoothingFilter:
 
     @property
     def is_full(self) -> bool:
-        """Whether a whole window of samples has come in."""
+        """Whether the window is full of samples."""
         return self._count >= self.length
 
     def clear(self) -> None:
@@ -56,20 +57,20 @@ class SmoothingFilter:
         self._count = 0
 
     def push(self, sample: Array, out: Array) -> bool:
-        """Take a sample.
+        """Add a sample, and write value, rate and acceleration of ``delay`` seconds
+        ago.
 
         Parameters
         ----------
         sample : (channels,) array
-            The newest values.
+            Newest values.
         out : (3, channels) array
-            Value, rate [1/s] and acceleration [1/s^2] of ``delay`` ago are written
-            to it.
+            Receives value, rate [1/s] and acceleration [1/s^2].
 
         Returns
         -------
         bool
-            Whether they are: not while the first window fills.
+            False while the first window fills: ``out`` is not written then.
         """
         place = self._next
         self._samples[place] = sample
@@ -84,8 +85,10 @@ class SmoothingFilter:
 
 
 def smoothing_kernel(half: int, period: float) -> Array:
-    """(3, 2 half + 1) weights of the value, the rate and the acceleration in the middle
-    of a cubic that is fitted to a window.
+    """Return the weights that give value, rate and acceleration in the middle of a
+    window.
+
+    They are those of a cubic polynomial fitted to the window by least squares.
 
     Parameters
     ----------
@@ -97,7 +100,7 @@ def smoothing_kernel(half: int, period: float) -> Array:
     Returns
     -------
     (3, 2 half + 1) array
-        A row each: of the value, its rate [1/s] and its acceleration [1/s^2].
+        Weights of the value, its rate [1/s] and its acceleration [1/s^2].
     """
     t = np.arange(-half, half + 1) * period
     fit = np.linalg.pinv(
@@ -115,13 +118,12 @@ def smooth(
     half: int,
     period: float,
 ) -> tuple[Array, Array, Array]:
-    """Value, rate and acceleration (N - 2 half, channels) of a whole log, by the kernel
-    of the stream.
+    """Smooth a whole log with the kernel of the stream.
 
     Parameters
     ----------
     samples : (N, channels) array
-        Of a log, evenly spaced.
+        Evenly spaced samples.
     half : int
         Samples on either side of the middle.
     period : float

@@ -18,6 +18,7 @@ from sdp_vs_penalty.robot import inertia
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.body import Body, around, balls
 from sdp_vs_penalty.robot.geometry import Geometry
+from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
 
@@ -27,14 +28,20 @@ def link_bodies(
     nominal: Array,
     geometry: Sequence[Geometry | None] | None = None,
 ) -> tuple[Body, ...]:
-    """The body of each link, from the best that is known of it.
+    """Return the ellipsoid in which each link's mass lies, from the best that is known.
+
+    In this order: its geometry, bounds of its centre of mass, its inertial, the joints.
 
     Parameters
     ----------
-    robot : whose joints a link bears
-    centres : (n, 3, 2) bounds on the centre of mass [m], infinite where there is none
-    nominal : (n, 10) standard parameters that came with the robot, zeros where none did
-    geometry : the links' shapes
+    robot : Robot
+        Robot with n links.
+    centres : (n, 3, 2) array
+        Bounds of the centres of mass [m], infinite where open.
+    nominal : (n, 10) array
+        Standard parameters from the robot's file, zeros where it has none.
+    geometry : sequence of Geometry or None, optional
+        Shapes of the links.
 
     Returns
     -------
@@ -64,15 +71,19 @@ def link_bodies(
 
 
 def _is_a_links_shape(shape: Geometry, largest: float) -> bool:
-    """Whether a shape is in metres, and no marker of a place; largest : distance of its
-    points from the frame [m]."""
+    """Return whether a shape can be a link's, and not in other units or a mere marker.
+
+    ``largest`` is the largest plausible distance of its points from the frame [m].
+    """
     farthest = float(np.linalg.norm(shape.points, axis=1).max())
     extent = float(np.ptp(shape.points, axis=0).max())
     return extent > c.LAYER and farthest < largest
 
 
 def _body_of_geometry(shape: Geometry, ellipsoid: Array | None) -> Body:
-    """The body around a link's shape and the ellipsoid of its inertial."""
+    """Return the body around a link's shape and the points (6, 3) of its inertial's
+    ellipsoid.
+    """
     cloud = shape.points
     if ellipsoid is not None:
         cloud = np.concatenate([shape.points, ellipsoid])
@@ -81,7 +92,9 @@ def _body_of_geometry(shape: Geometry, ellipsoid: Array | None) -> Body:
 
 
 def _body_of_inertial(ellipsoid: Array, joints: Array) -> Body:
-    """The body around a wider ellipsoid than the inertial's, and around the joints."""
+    """Return the body around an enlarged inertial's ellipsoid (6, 3) and the joints (k,
+    3).
+    """
     centre = ellipsoid.mean(axis=0)
     wide = centre + c.INERTIAL_MARGIN * (ellipsoid - centre)
     places = balls(np.concatenate([joints, ellipsoid]), c.LEAST_RADIUS)
@@ -89,10 +102,10 @@ def _body_of_inertial(ellipsoid: Array, joints: Array) -> Body:
 
 
 def joint_places(robot: Robot, link: int) -> Array:
-    """Joint positions that a link's body connects, its own joint's included, over their strokes.
+    """Return points of the joints that a link connects, over their strokes.
 
-    A frame may sit anywhere on its joint's axis: the link begins where the axis leaves the
-    parent's body.
+    A frame may be anywhere on its joint's axis, so that the foot of the parent's origin
+    on the link's own axis counts as well: there the axis leaves the parent's body.
 
     Parameters
     ----------
@@ -107,51 +120,53 @@ def joint_places(robot: Robot, link: int) -> Array:
         Points in the link frame [m].
     """
     carrier = robot.link_joints[link]
-    joint_of_carrier = robot.tree[carrier]
-    into = np.linalg.inv(joint_of_carrier.link_frame)
-    before = float(
-        joint_of_carrier.axis
-        @ joint_of_carrier.placement[:3, :3].T
-        @ joint_of_carrier.placement[:3, 3]
-    )
-    strokes = [
-        [
-            0.0,
-            *(
-                x
-                for x in (j.lower, j.upper)
-                if j.kind == "prismatic" and np.isfinite(x)
-            ),
-        ]
-        for j in robot.tree
-    ]
+    own_joint = robot.tree[carrier]
+    into_link = np.linalg.inv(own_joint.link_frame)
+    # Along the axis, from the foot of the parent's origin to the frame [m].
+    placement = own_joint.placement
+    from_parent = float(own_joint.axis @ placement[:3, :3].T @ placement[:3, 3])
     places: list[Array] = [
-        -s * joint_of_carrier.axis for s in (before, *strokes[carrier])
+        -s * own_joint.axis for s in (from_parent, *_ends_of_stroke(own_joint))
     ]
-    for k, child in enumerate(robot.tree):
+    for child in robot.tree:
         if child.parent == carrier:
-            along = child.placement[:3, :3] @ child.axis
-            places += [child.placement[:3, 3] + s * along for s in strokes[k]]
+            axis = child.placement[:3, :3] @ child.axis
+            places += [
+                child.placement[:3, 3] + s * axis for s in _ends_of_stroke(child)
+            ]
     return np.concatenate(
         [
             np.zeros((1, 3)),
-            np.array(places) @ into[:3, :3].T + into[:3, 3],
+            np.array(places) @ into_link[:3, :3].T + into_link[:3, 3],
         ]
     )
 
 
+def _ends_of_stroke(joint: Joint) -> list[float]:
+    """Return zero, and the finite limits of a sliding joint [m]."""
+    if joint.kind != "prismatic":
+        return [0.0]
+    return [0.0, *(x for x in (joint.lower, joint.upper) if np.isfinite(x))]
+
+
 def _uniform_ellipsoid(link: Array, largest: float) -> Array | None:
-    """(6, 3) points whose least ellipsoid is that of uniform density with these
-    parameters (10,): what its symmetric root makes of the unit vectors. Axes of a
-    cylinder are the processor's choice."""
+    """Return six points (6, 3) of the uniform ellipsoid with a link's parameters (10,).
+
+    Its half axes squared are five times the second moments over the mass. The points
+    are the columns of the symmetric root, since axes of equal length are arbitrary.
+    None for a link without mass, without positive moments, or larger than ``largest``
+    [m].
+    """
     if not link[0] > 0.0:
         return None
     pseudo = inertia.pseudo_inertia(link)
     centre = pseudo[:3, 3] / link[0]
     size, axes = np.linalg.eigh(pseudo[:3, :3] / link[0] - np.outer(centre, centre))
     ends = np.sqrt(5.0 * np.maximum(size, 0.0)) * axes @ axes.T
-    if size[0] < -1e-6 * abs(size[-1]) or np.abs(centre).max() + ends.max() > largest:
-        return None  # no body has these
+    is_impossible = size[0] < -1e-6 * abs(size[-1])
+    is_too_large = np.abs(centre).max() + ends.max() > largest
+    if is_impossible or is_too_large:
+        return None
     return np.concatenate([centre + ends, centre - ends])
 
 
@@ -160,21 +175,26 @@ def plausible_links(
     nominal: Array,
     bodies: Sequence[Body] | None = None,
 ) -> tuple[Array, tuple[str, ...]]:
-    """Strictly consistent nominal links.
+    """Return strictly consistent nominal links, drawn where the file has none.
 
     Parameters
     ----------
-    robot : whose links they are
-    nominal : (n, 10) standard parameters as a file has them, zeros where it has none
-    bodies : (n,) where each link's mass can be
+    robot : Robot
+        Robot with n links.
+    nominal : (n, 10) array
+        Standard parameters of the file, zeros where it has none.
+    bodies : sequence of Body, optional
+        Where each link's mass lies.
 
     Returns
     -------
-    links : (n, 10) those given where they are possible; a given mass whose moments are
-        not keeps its weight
-    sources : (n,) "inertial"; "geometry", filled with :data:`DEFAULT_DENSITY`; or
-        "kinematics", a tube with half of each actuator at its ends. The last two are
-        drawn, not measured.
+    links : (n, 10) array
+        Given links where they are possible; a given mass keeps its value where its
+        moments are not possible.
+    sources : tuple of str
+        "inertial" (given), "geometry" (shape filled with DEFAULT_DENSITY) or
+        "kinematics" (a tube with half of each actuator at its ends). The last two are
+        guesses.
     """
     links = np.array(nominal, float)
     sources = []
@@ -200,8 +220,11 @@ def plausible_links(
 
 
 def _is_possible(link: Array, reach: float) -> bool:
-    """Whether a body can have these parameters (10,), by more than files' seven digits
-    leave open; reach : a length of the link [m]."""
+    """Return whether a body can have a link's parameters (10,), beyond rounding in
+    files.
+
+    ``reach`` is a length of the link [m], by which moments are compared with the mass.
+    """
     scale = np.array([reach, reach, reach, 1.0])
     scaled = inertia.pseudo_inertia(link) / np.outer(scale, scale)
     mass = link[0]
@@ -210,29 +233,38 @@ def _is_possible(link: Array, reach: float) -> bool:
 
 
 def _filled_geometry(body: Body) -> Array:
-    """(4, 4) pseudo-inertia of a link's shape, filled."""
-    # Half axes of what the body is drawn around.
-    bare = (body.half_axes - c.LAYER) / c.GEOMETRY_MARGIN
-    # 5 for a ball, 9 for a box.
-    second = (body.axes * bare**2 / 7.0) @ body.axes.T
+    """Return the pseudo-inertia (4, 4) of a link's shape filled with DEFAULT_DENSITY.
+
+    Second moments are those of something between a solid ellipsoid and a box.
+    """
+    # Half axes of the ellipsoid around the shape itself, without the margins.
+    half_axes = (body.half_axes - c.LAYER) / c.GEOMETRY_MARGIN
+    # A half axis squared over its second moment: 5 for an ellipsoid, 9 for a box in it.
+    ratio = 7.0
+    second = (body.axes * half_axes**2 / ratio) @ body.axes.T
     volume = body.volume
-    if volume is None:  # the surface is open
-        volume = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(bare)))
+    if volume is None:  # the surface is open: half of the ellipsoid
+        volume = 0.5 * (4.0 / 3.0 * np.pi * float(np.prod(half_axes)))
     return _lump(c.DEFAULT_DENSITY * volume, body.centre, second)
 
 
 def _lump(mass: float, centre: Array, second: Array) -> Array:
-    """(4, 4) pseudo-inertia of a mass [kg] about its centre [m] with second moments per
-    mass [m^2]."""
+    """Return the pseudo-inertia (4, 4) of a mass [kg] at a centre (3,) [m].
+
+    ``second`` (3, 3) are its second moments about the centre over the mass [m^2].
+    """
     lifted = np.append(centre, 1.0)
     return mass * (np.pad(second, (0, 1)) + np.outer(lifted, lifted))
 
 
 def _actuators(robot: Robot) -> Array:
-    """Mass of each joint's actuator [kg], from its torque limit, or from the arm that
-    it has to hold where limits are missing or all the same (a placeholder); none for a
-    sliding joint."""
-    beyond = np.zeros(len(robot.tree))
+    """Return the mass (L,) of each joint's actuator [kg], from its torque limit.
+
+    Where limits are missing or all the same (a placeholder), the torque is that which
+    holds the arm beyond the joint. A sliding joint has none.
+    """
+    # Length of the arm beyond each joint [m]; a joint's children come after it.
+    length_beyond = np.zeros(len(robot.tree))
     reach = dict(
         zip(
             robot.link_joints,
@@ -240,21 +272,22 @@ def _actuators(robot: Robot) -> Array:
             strict=True,
         )
     )
-    for k in reversed(
-        range(len(robot.tree))
-    ):  # a joint's children come after it: theirs are known
-        next_links = [
-            beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k
+    for k in reversed(range(len(robot.tree))):
+        lengths_of_children = [
+            length_beyond[i] for i, joint in enumerate(robot.tree) if joint.parent == k
         ]
-        beyond[k] = reach.get(k, 0.0) + max(next_links, default=0.0)
-    torque = c.HOLDING * beyond**2
+        longest = max(lengths_of_children, default=0.0)
+        length_beyond[k] = reach.get(k, 0.0) + longest
+    torque = c.HOLDING * length_beyond**2
     limits = np.array([joint.effort for joint in robot.tree])
-    turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
-    if np.all(np.isfinite(limits[turning])) and len(set(limits[turning].tolist())) > 1:
+    is_turning = np.array([joint.kind != "prismatic" for joint in robot.tree])
+    turning_limits = limits[is_turning]
+    are_different = len(set(turning_limits.tolist())) > 1
+    if np.all(np.isfinite(turning_limits)) and are_different:
         torque = limits
     factor, power = c.ACTUATOR
     return np.where(
-        turning,
+        is_turning,
         factor * np.minimum(torque, c.LARGEST) ** power,
         0.0,
     )
@@ -266,8 +299,11 @@ def _tube(
     reach: float,
     actuators: Array,
 ) -> Array:
-    """(4, 4) pseudo-inertia of a tube between a link's joints with half of their
-    actuators."""
+    """Return the pseudo-inertia (4, 4) of a tube between a link's joints.
+
+    Half of each joint's actuator is at the tube's ends. ``reach`` is the link's length
+    [m], ``actuators`` (L,) are masses [kg].
+    """
     carrier = robot.link_joints[link]
     children = [k for k, joint in enumerate(robot.tree) if joint.parent == carrier]
     places = [np.zeros(3)]

@@ -31,8 +31,11 @@ class CheckCommand:
         problem: Problem,
         runs: Sequence[str | Path],
     ) -> Self:
-        """Of a problem that was loaded: a built-in by its name, others by their path; with
-        its gravity, where that is not the usual one."""
+        """Return the command that checks runs of a loaded problem.
+
+        A built-in problem is named, others by their path. Gravity is an option where it
+        is not the standard one.
+        """
         name: str | Path = problem.name
         if problem.name not in problem_names():
             name = problem.folder or f"{problem.name}.urdf"
@@ -42,12 +45,16 @@ class CheckCommand:
         return cls(problem=name, runs=runs, gravity=gravity)
 
     def applying(self, words: Sequence[str]) -> Self:
-        """With these explanations to repair."""
+        """Return the command with further explanations to repair, such as
+        ``sign:tau3``.
+        """
         return replace(self, apply=tuple(words))
 
     @property
     def options(self) -> list[str]:
-        """Words of the options that the next command needs as well."""
+        """Words of the options that the next command needs as well (gravity, held
+        joints).
+        """
         words = []
         for name, value in (("--gravity", self.gravity), ("--hold", self.hold)):
             if value is None:
@@ -59,14 +66,16 @@ class CheckCommand:
 
     @property
     def copy(self) -> Path:
-        """Where the repaired copy goes: beside a single run; a folder beside several."""
+        """Path of the repaired copy: a file beside a single run, a folder beside
+        several.
+        """
         first = Path(self.runs[0])
         is_single = len(self.runs) == 1
         return first.with_name(f"{first.stem}_fixed.csv" if is_single else "fixed")
 
     @property
     def words(self) -> list[str]:
-        """Of the check itself, without the program's name."""
+        """Words of the check, without the program's name."""
         runs = [str(run) for run in self.runs]
         return [
             "check",
@@ -78,6 +87,6 @@ class CheckCommand:
 
     @property
     def repair_words(self) -> list[str]:
-        """Of the check that writes a repaired copy."""
+        """Words of the check that writes a repaired copy."""
         apply = ["--apply", *self.apply] if self.apply else []
         return [*self.words, "--fix", str(self.copy), *apply]

@@ -63,14 +63,15 @@ def check_fields(
     data : mapping
         Fields of the section.
     fields : mapping
-        An example value for each known field, which says its kind.
+        Example value of each known field, which says its kind.
     section : str
-        Name of the section.
+        Name of the section; "" for the top level.
 
     Raises
     ------
     InputError
-        Where a field is unknown, missing, or of another kind; it names section and field.
+        For a field that is unknown, missing or of another kind; it names section and
+        field.
     """
     where = section or "the top level"
     for key in data:
@@ -110,7 +111,10 @@ def _check(
     like: Any,
     part: Mapping[str, Any],
 ) -> None:
-    """InputError for a value of another kind or length than its example."""
+    """Raise InputError for a value of another kind or length than its example ``like``.
+
+    ``label`` names the field in messages; ``part`` is the section with all its fields.
+    """
     hint = f"write {key} = {json.dumps(like)}"
     is_list = isinstance(like, list)
     example = like[0] if is_list else like
@@ -133,8 +137,11 @@ def _check_length(
     like: Any,
     part: Mapping[str, Any],
 ) -> None:
-    """InputError for a list that is shorter or longer than needed: as its example, or
-    one entry a joint beside a DH table."""
+    """Raise InputError for a list of another length than needed.
+
+    gravity and total_mass are as long as their examples; others have one entry a joint
+    if the section has a DH table (field "a").
+    """
     has_fixed_length = key in ("gravity", "total_mass")
     needed = like if has_fixed_length else part.get("a")
     if not isinstance(needed, list) or len(value) == len(needed):
@@ -147,7 +154,7 @@ def _check_length(
 
 
 def _shown(value: Any) -> str:
-    """A value as TOML writes it, shortened."""
+    """Return a value as TOML writes it, at most 40 characters."""
     return (
         "a section" if isinstance(value, dict) else json.dumps(value, default=str)[:40]
     )
@@ -158,7 +165,10 @@ def _from_toml(
     held: Mapping[str, float],
     data: Mapping[str, Any],
 ) -> Problem:
-    """The problem of a folder's problem.toml, whose content is ``data``."""
+    """Build the problem of a folder from the content ``data`` of its problem.toml.
+
+    ``held`` are joints that stand still, by name, and their positions [rad, m].
+    """
     check_fields(data)
     mechanism = data.get("mechanism", {})
     held_joints = parse_held(mechanism.get("held", ())) | dict(held)
@@ -195,7 +205,7 @@ def _robot_of(
     kinematics: Mapping[str, Any],
     held: Mapping[str, float],
 ) -> _RobotParts:
-    """The robot of a section [kinematics]: of a URDF or a DH table."""
+    """Build the robot of the section [kinematics], from a URDF or a DH table."""
     x, y, z = map(float, kinematics.get("gravity", STANDARD_GRAVITY))
     gravity = (x, y, z)
     if "urdf" in kinematics:
@@ -220,7 +230,7 @@ def _robot_of(
 
 
 def _with_mechanism(parts: _RobotParts, mechanism: Mapping[str, Any]) -> _RobotParts:
-    """The same with joints that follow others, as the section [mechanism] says."""
+    """Return the robot with joints that follow others, as the section [mechanism] says."""
     robot = parts.robot
     if robot.mechanism is not None:
         what = "the URDF has mimic joints of its own"
@@ -242,7 +252,7 @@ def _with_bounds_of(
     data: Mapping[str, Any],
     robot: Robot,
 ) -> Problem:
-    """The problem with its bounds, without nominal links."""
+    """Return the problem with its bounds; nominal links are still zero."""
     bounds = data.get("bounds", {})
     box = open_box(robot.links)
     for table in bounds.get("tables", ()):
@@ -252,11 +262,11 @@ def _with_bounds_of(
     effects = data.get("effects")
     cones = map(CentreOfMassCone.from_dict, data.get("centre_of_mass_cone", ()))
     return Problem(
-        folder.name,
-        data["title"],
-        robot,
-        box,
-        np.zeros((robot.links, 10)),
+        name=folder.name,
+        title=data["title"],
+        robot=robot,
+        box=box,
+        nominal_links=np.zeros((robot.links, 10)),
         total_mass=(low, high),
         cones=tuple(cones),
         torque_side=data.get("torque_side", Problem.torque_side),
@@ -268,8 +278,10 @@ def _with_bounds_of(
 
 
 def _with_nominal_links(problem: Problem, parts: _RobotParts) -> Problem:
-    """The problem with bodies and plausible links: those of the robot's file, else
-    ellipsoids that fill the bounds."""
+    """Return the problem with bodies and plausible nominal links.
+
+    Links come from the robot's file, or else are ellipsoids that fill the bounds.
+    """
     robot = problem.robot
     has_file = parts.links is not None
     known = np.zeros((robot.links, 10)) if parts.links is None else parts.links
@@ -282,23 +294,28 @@ def _with_nominal_links(problem: Problem, parts: _RobotParts) -> Problem:
 
 
 def _within_masses(problem: Problem) -> Problem:
-    """A nominal link outside of its mass bounds weighs their geometric mean, or the end
-    that it has."""
-    links, (low, high) = problem.nominal_links, problem.box[:, 0].T
-    new = np.clip(links[:, 0], low, high)
-    middle = (new != links[:, 0]) & (low > 0.0) & np.isfinite(high)
-    new[middle] = np.sqrt(low[middle] * high[middle])
-    return replace(
-        problem, nominal_links=links * (new / nonzero_or_one(links[:, 0]))[:, None]
-    )
+    """Return the problem with nominal masses within their bounds.
+
+    A mass outside of positive bounds becomes their geometric mean, else the nearer
+    bound. The other parameters of the link are scaled with it.
+    """
+    masses = problem.nominal_links[:, 0]
+    low, high = problem.box[:, 0].T
+    new = np.clip(masses, low, high)
+    is_outside = new != masses
+    has_mean = is_outside & (low > 0.0) & np.isfinite(high)
+    new[has_mean] = np.sqrt(low[has_mean] * high[has_mean])
+    factors = new / nonzero_or_one(masses)
+    return replace(problem, nominal_links=problem.nominal_links * factors[:, None])
 
 
 def _ellipsoids_in_the_box(problem: Problem) -> Array:
-    """Uniform solid ellipsoids that fill the centre-of-mass boxes.
+    """Return (links, 10) standard parameters of solid ellipsoids in the centre-of-mass
+    boxes.
 
-    Masses share the middle of the total-mass range in proportion to the boxes' surface;
-    half axes are those of the box, at least 6 cm. Links without a finite box stay zero
-    (see plausible_links).
+    Masses share the middle of the total-mass range in proportion to the boxes' surface.
+    Half axes are those of the box, at least 6 cm. Without an upper bound of the total
+    mass all are zero, and :func:`plausible_links` draws them.
     """
     links = problem.robot.links
     total = problem.total_mass
@@ -313,9 +330,8 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
     )
     size = np.maximum(0.5 * (box[..., 1] - box[..., 0]), 0.06)
     centre = box.mean(axis=2)
-    for cone in (
-        problem.cones
-    ):  # a centre inside every cone: half way into the box, on the axis
+    # On the axis of a cone, half way into the box, a centre is inside of the cone.
+    for cone in problem.cones:
         centre[cone.link - 1, ~cone.along] = 0.0
     surface = np.sum(size * np.roll(size, 1, axis=1), axis=1)
     mass = np.mean(total) * surface / surface.sum()
@@ -338,8 +354,10 @@ def _ellipsoids_in_the_box(problem: Problem) -> Array:
 
 
 def _fill_box(box: Array, path: Path) -> None:
-    """Bounds from a table with columns parameter, lower, upper; names like m1, c1x,
-    I1xx."""
+    """Read bounds from a table with the columns parameter, lower, upper into ``box``.
+
+    Names are m1, c1x, I1xx and so on. Raises InputError, naming the row.
+    """
     places = entries(len(box))
     for number, row in enumerate(read_table(path), start=2):
         name = row.get("parameter") or ""
@@ -369,7 +387,7 @@ def _fill_box(box: Array, path: Path) -> None:
 
 
 def problem_names() -> list[str]:
-    """The built-in problems, sorted."""
+    """Return the names of the built-in problems, sorted."""
     return sorted(p.parent.name for p in problems_folder().glob("*/problem.toml"))
 
 
@@ -456,16 +474,20 @@ def _from_robot_file(
     file: Path,
     held: Mapping[str, float] | None,
 ) -> Problem:
-    """The problem of a URDF or MJCF file; file : what it expands to."""
+    """Build the problem of a URDF or MJCF file.
+
+    ``path`` is the user's file (perhaps a xacro), ``file`` the file that it expands to.
+    """
     values: dict[str, float] = {}
     geometry: Sequence[Geometry | None] | None = None
     if is_mjcf(file):
         from sdp_vs_penalty.robot.mjcf import load_mjcf
 
         robot, links, values = load_mjcf(file, held=held)
-        if gains := [f"{n}={x:g}" for n, x in values.items() if n.startswith("k")]:
-            said = f"{path}: gains of position actuators, for a log without torque"
-            warnings.warn(f"{said}: --known {','.join(gains)}", Remark, stacklevel=3)
+        gains = [f"{n}={x:g}" for n, x in values.items() if n.startswith("k")]
+        if gains:
+            text = f"{path}: gains of position actuators, for a log without torque"
+            warnings.warn(f"{text}: --known {','.join(gains)}", Remark, stacklevel=3)
     else:
         robot, links = load_urdf(file, held=held)
         geometry = link_geometry(file, held)
@@ -474,11 +496,11 @@ def _from_robot_file(
     bodies = link_bodies(robot, box[:, 1:4], links, geometry)
     nominal, sources = plausible_links(robot, links, bodies)
     return Problem(
-        robot.name,
-        f"{robot.name} from {path.name}",
-        robot,
-        box,
-        nominal,
+        name=robot.name,
+        title=f"{robot.name} from {path.name}",
+        robot=robot,
+        box=box,
+        nominal_links=nominal,
         bodies=bodies,
         nominal_from=sources,
         nominal_values=values,
@@ -507,7 +529,7 @@ def lowest_masses(nominal: Array) -> Array:
 
 
 def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
-    """The same problem with other cut-off frequencies of the filters.
+    """Return the problem with other cut-off frequencies of the filters.
 
     Parameters
     ----------

@@ -47,6 +47,7 @@ class CentreOfMassCone(JsonRecord):
     slope: float
 
     def __post_init__(self) -> None:
+        """Raise InputError for another axis or numbers that are not finite."""
         require_known("centre_of_mass_cone axis", self.axis, ("x", "y", "z"))
         if not np.all(np.isfinite([self.radius, self.slope])):
             raise InputError(
@@ -55,16 +56,16 @@ class CentreOfMassCone(JsonRecord):
 
     @property
     def along(self) -> NDArray[np.bool_]:
-        """(3,) which axis of the link frame is the cone's."""
+        """(3,) which axis of the link frame is the cone's axis."""
         return np.array([axis == self.axis for axis in "xyz"])
 
     def constraint(self, indices: NDArray[np.intp]) -> Constraint:
-        """The constraint on a link's ten parameters.
+        """Return the cone as a constraint on (m, m c) of a link.
 
         Parameters
         ----------
         indices : (10,) array of int
-            Places of the link's parameters in theta.
+            Indices of the link's parameters in theta.
 
         Returns
         -------
@@ -171,6 +172,9 @@ class Problem(Shown):
     nominal_values: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Raise InputError for bounds that contradict each other or have another
+        robot's shape.
+        """
         n, (low, high) = self.robot.links, self.total_mass
         shapes: dict[str, tuple[Any, ...]] = {
             "bounds": (self.box, 10, 2),
@@ -199,8 +203,13 @@ class Problem(Shown):
 
     @cached_property
     def link_defaults(self) -> Array:
-        """(n, 2) largest mass [kg] and radius [m] of each link where nothing narrower
-        is known."""
+        """(n, 2) largest mass [kg] and radius [m] of each link where no narrower bound
+        is known.
+
+        The mass lies in a ball of this radius about the link frame. It covers the
+        distance to the next joints, a sliding joint's stroke, and twice the extent of
+        the nominal inertial.
+        """
         if self.defaults is not None:
             return self.defaults
         mass = self.nominal_links[:, 0]
@@ -214,29 +223,28 @@ class Problem(Shown):
         stroke = np.array(
             [j.upper - j.lower if j.kind == "prismatic" else 0.0 for j in joints]
         )
-        # The given inertials' own extent: the root mean square distance of the mass
+        # Extent of the nominal inertials: the root mean square distance of the mass
         # from the frame.
-        second = np.trace(
+        second_moments = np.trace(
             inertia.pseudo_inertia(self.nominal_links)[:, :3, :3],
             axis1=1,
             axis2=2,
         )
-        extent = np.sqrt(
-            np.maximum(np.where(mass > 0.0, second, 0.0) / nonzero_or_one(mass), 0.0)
-        )
-        smallest_mass = (
+        with_mass = np.where(mass > 0.0, second_moments, 0.0)
+        extent = np.sqrt(np.maximum(with_mass / nonzero_or_one(mass), 0.0))
+        candidates = [
+            (1.0 + c.RADIUS_SHARE) * reach,
             np.full(len(mass), c.DEFAULT_RADIUS),
             np.where(np.isfinite(stroke), stroke, 0.0),
-        )
-        radius = np.max(
-            [(1.0 + c.RADIUS_SHARE) * reach, *smallest_mass, 2.0 * extent], axis=0
-        )
-        largest = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * mass)
-        return np.column_stack([largest, radius])
+            2.0 * extent,
+        ]
+        radius = np.max(candidates, axis=0)
+        largest_mass = np.maximum(c.DEFAULT_LINK_MASS[1], c.FAR_MASS * mass)
+        return np.column_stack([largest_mass, radius])
 
     @cached_property
     def link_bodies(self) -> tuple[Body, ...]:
-        """Where the mass of each link can be, in the link frame."""
+        """Ellipsoid of each link, in its frame, in which its mass lies."""
         if self.bodies is not None:
             return self.bodies
         return link_bodies(
@@ -247,8 +255,9 @@ class Problem(Shown):
 
     @property
     def centre_boxes(self) -> Array:
-        """(n, 3, 2) bounds on each centre of mass [m], from the box, else from the
-        cones."""
+        """(n, 3, 2) bounds of each centre of mass [m]: the box, or else what the cones
+        imply.
+        """
         box = self.box[:, 1:4]
         known = self._centres
         return np.where(
@@ -265,11 +274,13 @@ class Problem(Shown):
 
     @property
     def default_effects(self) -> tuple[str, ...]:
-        """Those that the problem names, else the usual four and the rotors' inertia,
-        unless the torque is known to be measured on the link side. Else links would
-        have to be heavy enough to make it: a UR10e's come out at 60 kg instead of 28.
-        On the Panda, link side, its size comes out as 0. Where nobody knows the side,
-        one joint's cannot be told from what it moves, and is left out.
+        """Names of the effects that the problem states, or else the usual four.
+
+        Rotor inertia is added unless the torque is known to be measured on the link
+        side. Without it links would have to be heavy enough to make its torque: a
+        UR10e's come out at 60 kg instead of 28. On the Panda, link side, it comes out
+        as 0. A single joint's rotor, on an unknown side, cannot be told from its link
+        and is left out.
         """
         if self.effects is not None:
             return self.effects
@@ -279,6 +290,7 @@ class Problem(Shown):
         return DEFAULT_EFFECTS + (("rotor_inertia",) if geared else ())
 
     def _summary(self) -> Summary:
+        """Return the title and the (label, text) lines of the printed summary."""
         joints = [f"{j.name} ({j.kind})" for j in self.robot.joints]
         gravity = ", ".join(f"{x:.4g}" for x in self.robot.gravity)
         return f"Problem: {self.name}, {self.title}", [
@@ -288,23 +300,23 @@ class Problem(Shown):
         ]
 
     def model(self, effects: str | Sequence[str | Effect] | None = None) -> Model:
-        """Make a model of this robot.
+        """Return a model of this robot with some effects.
 
         Parameters
         ----------
         effects : str or sequence of str and Effect, optional
-            Names with commas between them, or names and effects; default: those of the
+            Names separated by commas, or names and effects; default: those of the
             problem.
 
         Returns
         -------
         Model
-            In true units where the problem knows the channels' gains.
+            In SI units if the problem knows the gains of the torque channels.
 
         Raises
         ------
         InputError
-            For a name that is none, and for a parameter that comes twice.
+            For an unknown name, or a parameter that comes twice.
         """
         chosen = self.default_effects if effects is None else effects
         return Model(
@@ -314,9 +326,10 @@ class Problem(Shown):
         )
 
     def with_gravity(self, gravity: Sequence[float]) -> Problem:
-        """The same robot with another mounting.
+        """Return the problem with another direction of gravity.
 
-        The named base parameters are dropped where gravity's direction changes.
+        Named base parameters are dropped if gravity's direction changes, as others may
+        lead then.
 
         Parameters
         ----------
@@ -334,17 +347,17 @@ class Problem(Shown):
         return replace(self, robot=robot, independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
-        """All constraints on the parameters of a model of this robot.
+        """Return all constraints on the parameters of a model of this robot.
 
         Parameters
         ----------
         model : Model
-            The torque model.
+            Torque model.
 
         Returns
         -------
         ConstraintSet
-            Physical consistency and the problem's bounds.
+            Physical consistency, the problem's bounds, and constraints of the effects.
         """
         convex: list[Constraint] = []
         nonconvex: list[BarycentricBound] = []
@@ -367,15 +380,15 @@ class Problem(Shown):
         return ConstraintSet(tuple(convex), tuple(nonconvex))
 
     def parameter_bound(self, model: Model) -> Array:
-        """Bounds B of the parameters: |theta_k| <= B_k for every feasible theta.
+        """Return B with |theta_k| <= B_k for every feasible theta.
 
-        They follow from the convex constraints. The certificate's lower bound needs them in
+        B follows from the convex constraints. The certificate's lower bound needs it in
         directions that the data do not determine.
 
         Parameters
         ----------
         model : Model
-            The torque model.
+            Torque model.
 
         Returns
         -------
@@ -385,26 +398,28 @@ class Problem(Shown):
         bound = np.concatenate(
             [np.full(len(e.parameters), e.largest_parameter) for e in model.effects]
         )
-        if len(links := model.rigid_indices.reshape(-1, 10)):
+        links = model.rigid_indices.reshape(-1, 10)
+        if len(links):
             mass, com, moment = self.link_sizes
-            bound[links[:, 0]], bound[links[:, 1:4]] = mass, mass[:, None] * com
+            bound[links[:, 0]] = mass
+            bound[links[:, 1:4]] = mass[:, None] * com
             # The largest moment bounds products of inertia too (positive definiteness).
             bound[links[:, 4:]] = moment.max(axis=1, keepdims=True)
         return bound
 
     def nominal(self, model: Model) -> Array:
-        """Nominal parameters of a model.
+        """Return the nominal parameters of a model.
 
         Parameters
         ----------
         model : Model
-            The torque model.
+            Torque model.
 
         Returns
         -------
         (p,) array
-            The nominal links; for other effects what the robot's file says, else the effect's
-            own nominal values.
+            Nominal links; other parameters from the robot's file, or else the effect's
+            nominal values.
         """
         theta = np.concatenate([effect.nominal for effect in model.effects])
         for k, parameter in enumerate(model.parameters):
@@ -415,8 +430,9 @@ class Problem(Shown):
 
     @cached_property
     def published(self) -> Mapping[str, list[dict[str, str]]]:
-        """The paper's tables that belong to this problem, by name ("table_III"), as
-        text cells."""
+        """Tables of the paper for this problem, by name ("table_III"), rows as text by
+        column.
+        """
         if self.folder is None:
             return {}
         return {
@@ -426,8 +442,9 @@ class Problem(Shown):
 
     @cached_property
     def _centres(self) -> Array:
-        """(n, 3) bounds of |c| from the box and the cones [m]; infinite where there is
-        none."""
+        """(n, 3) bounds of |c| along each axis [m], from box and cones; infinite
+        without one.
+        """
         com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
             link = cone.link - 1
@@ -440,8 +457,9 @@ class Problem(Shown):
 
     @cached_property
     def _boxed(self) -> NDArray[np.bool_]:
-        """(n,) whether the bounds on centre of mass and moments alone bound the link's
-        inertia."""
+        """(n,) whether the bounds of centre of mass and moments bound the inertia about
+        the frame.
+        """
         known = np.column_stack(
             [
                 self.box[:, [4, 6, 9], 1],
@@ -452,8 +470,11 @@ class Problem(Shown):
 
     @cached_property
     def link_sizes(self) -> tuple[Array, Array, Array]:
-        """For every feasible link: bounds on mass (n,), |c| and moments about the frame
-        (n, 3)."""
+        """Bounds for every feasible link: mass (n,) [kg], |c| (n, 3) [m], moments (n,
+        3) [kg m^2].
+
+        Moments are about the link frame.
+        """
         mass, radius = self.link_defaults.T[..., None]
         mass = np.where(
             np.isfinite(self.box[:, :1, 1]),
@@ -478,14 +499,21 @@ class Problem(Shown):
         link: int,
         indices: NDArray[np.intp],
     ) -> list[Constraint]:
+        """Return the convex constraints on one link (from 0).
+
+        ``indices`` (10,) are those of its parameters in theta. The constraints are:
+        pseudo-inertia, mass, box and cones of the centre of mass, and either upper
+        bounds of the moments or an ellipsoid that holds the mass.
+        """
         name = f"link {link + 1}"
         box = self.box[link]
         masses, coms, _ = self.link_sizes
         mass = masses[link]
         com = coms[link]
         out = [build.pseudo_inertia(name, indices)]
-        # m >= 0 is part of the pseudo-inertia
-        rows, constant = _interval(box[0, 0] if box[0, 0] > 0.0 else -np.inf, mass)
+        # m >= 0 is part of the pseudo-inertia: only a positive lower end is a row.
+        smallest_mass = box[0, 0] if box[0, 0] > 0.0 else -np.inf
+        rows, constant = _interval(smallest_mass, mass)
         out.append(
             build.linear(
                 "mass",
@@ -495,8 +523,10 @@ class Problem(Shown):
                 constant,
             )
         )
+        # sign (m c_axis - m end) >= 0 for each finite end of the centre of mass's box.
         axes, ends = np.nonzero(np.isfinite(box[1:4]))
-        if k := len(axes):
+        k = len(axes)
+        if k:
             signs = np.array([1.0, -1.0])[ends]
             coefficients = np.zeros((4, k))
             coefficients[0] = -signs * box[1 + axes, ends]
@@ -531,12 +561,9 @@ class Problem(Shown):
                 )
             )
         else:
-            ball = np.diag(
-                [
-                    *np.full(3, -1.0 / self.link_defaults[link, 1] ** 2),
-                    1.0,
-                ]
-            )
+            # 1 - |x|^2 / radius^2 as the quadric of a ball about the frame.
+            radius = self.link_defaults[link, 1]
+            ball = np.diag([*np.full(3, -1.0 / radius**2), 1.0])
             out.append(
                 build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball)
             )
@@ -564,16 +591,14 @@ def open_box(links: int, mass: float | Array = 0.0) -> Array:
 
 
 def _interval(lower: float, upper: float) -> tuple[Array, Array]:
-    """Coefficients and constant of x - lower >= 0 and upper - x >= 0; infinite ends
-    left out."""
-    both = np.array(
-        [
-            [1.0, -1.0],
-            [-lower, upper],
-        ]
-    )
-    signs, constants = both[:, np.isfinite(both[1])]
-    return signs, constants
+    """Return coefficients and constants of x - lower >= 0 and upper - x >= 0.
+
+    An infinite end has no row.
+    """
+    signs = np.array([1.0, -1.0])
+    constants = np.array([-lower, upper])
+    is_finite = np.isfinite(constants)
+    return signs[is_finite], constants[is_finite]
 
 
 #: A link's ten barycentric parameters, in our order.
@@ -608,7 +633,7 @@ def barycentric_names(link: int) -> tuple[str, ...]:
 
 
 def entries(links: int) -> dict[str, tuple[int, int]]:
-    """Index of the entries of a problem's box by name.
+    """Return the place in a problem's box of each named parameter.
 
     Parameters
     ----------
@@ -618,7 +643,7 @@ def entries(links: int) -> dict[str, tuple[int, int]]:
     Returns
     -------
     dict
-        By name, the link (from 0) and the entry (from 0).
+        Link and entry, both from 0, by name (m1, c1x, I1xx, ...).
     """
     names = (barycentric_names(link + 1) for link in range(links))
     return {
@@ -629,7 +654,7 @@ def entries(links: int) -> dict[str, tuple[int, int]]:
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:
-    """A problem as plain JSON.
+    """Return a problem as plain JSON.
 
     Parameters
     ----------
@@ -640,10 +665,10 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     -------
     dict
         ``bounds``: [lower, upper] by the names of a bounds.csv (m1 [kg], c1x [m], I1xx
-        [kg m^2]), null where open. ``link_defaults``: largest mass [kg] and radius [m] of a
-        link where its bounds are open. ``bodies``: the ellipsoid [m] of each link in its
-        frame, and its source. ``nominal_from``: source of the nominal links. ``gains``: known
-        gains of the torque channels.
+        [kg m^2]), null where open. ``link_defaults``: largest mass [kg] and radius [m]
+        of a link where its bounds are open. ``bodies``: ellipsoid [m] of each link in
+        its frame, and its source. ``nominal_from``: source of the nominal links.
+        ``gains``: known gains of the torque channels.
     """
     places = entries(problem.robot.links).items()
     values = dict(problem.nominal_values)
@@ -678,7 +703,8 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
 
 
 def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
-    """Build the problem that :func:`problem_to_dict` wrote; its constraints are equal bit by bit.
+    """Return the problem that :func:`problem_to_dict` wrote, with bitwise equal
+    constraints.
 
     Parameters
     ----------
@@ -690,14 +716,14 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
     Returns
     -------
     Problem
-        The problem, without a folder.
+        Without a folder.
 
     Raises
     ------
     InputError
-        Where bounds contradict each other or the robot.
+        If bounds contradict each other or the robot.
     KeyError, TypeError, ValueError
-        Where a field is missing or of another kind.
+        If a field is missing or of another kind.
     """
     places = entries(robot.links)
     box = open_box(robot.links)
@@ -725,16 +751,16 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
         raise InputError(what, "correct it, or write the file anew")
     name, title = _texts([data["name"], data["title"]])
     return Problem(
-        name,
-        title,
-        robot,
-        box,
-        _finite("nominal_links", data["nominal_links"]),
-        _ends(data["total_mass"]),
-        tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"])),
-        data["torque_side"],
-        Preprocessing(**data["preprocessing"]),
-        None if base is None else _texts(base),
+        name=name,
+        title=title,
+        robot=robot,
+        box=box,
+        nominal_links=_finite("nominal_links", data["nominal_links"]),
+        total_mass=_ends(data["total_mass"]),
+        cones=tuple(map(CentreOfMassCone.from_dict, data["centre_of_mass_cones"])),
+        torque_side=data["torque_side"],
+        preprocessing=Preprocessing(**data["preprocessing"]),
+        independent=None if base is None else _texts(base),
         effects=texts,
         defaults=defaults,
         bodies=tuple(map(Body.from_dict, data["bodies"])),
@@ -751,13 +777,17 @@ def problem_from_dict(data: Mapping[str, Any], robot: Robot) -> Problem:
 
 
 def _ends(pair: Sequence[float | None]) -> tuple[float, float]:
+    """Return lower and upper end of a bound in JSON, where null is an open end."""
     low, high = pair
-    return -np.inf if low is None else float(low), (
-        np.inf if high is None else float(high)
-    )
+    lower = -np.inf if low is None else float(low)
+    upper = np.inf if high is None else float(high)
+    return lower, upper
 
 
 def _finite(what: str, rows: Any) -> Array:
+    """Return numbers as an array; InputError, naming the field ``what``, unless all are
+    finite.
+    """
     values = np.array(rows, float)
     if not np.all(np.isfinite(values)):
         raise InputError("a number is not finite", "write the file anew", what)
@@ -765,6 +795,7 @@ def _finite(what: str, rows: Any) -> Array:
 
 
 def _texts(values: Sequence[Any]) -> tuple[str, ...]:
+    """Return a list of texts as a tuple; TypeError for anything else."""
     if isinstance(values, str) or not all(isinstance(v, str) for v in values):
         raise TypeError(f"{values!r} is no list of texts")
     return tuple(values)

@@ -45,7 +45,7 @@ class Erratum:
 
 
 def errata(problem: Problem) -> list[Erratum]:
-    """Errata of the paper that concern a problem.
+    """Return the errata of the paper that concern a problem, by number.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def errata(problem: Problem) -> list[Erratum]:
     Returns
     -------
     list of Erratum
-        By number.
+        Empty without a file errata.toml.
     """
     if problem.folder is None or not (problem.folder / "errata.toml").is_file():
         return []
@@ -75,28 +75,32 @@ def published_cell(
     column: str,
     corrected: bool,
 ) -> str:
-    """Cell of a published table, as printed or as the errata correct it.
+    """Return a cell of a published table, as printed or as the errata correct it.
 
     Parameters
     ----------
     problem : Problem
         The problem.
     table : str
-        Number of the table.
+        Name of the table.
     row : mapping
         A row of the table.
     column : str
         Heading of the column.
     corrected : bool
-        Whether to apply the errata.
+        Apply the errata.
 
     Returns
     -------
     str
         The cell.
     """
-    place = table, next(iter(row.values())), column
-    for cell in (erratum.cell for erratum in (errata(problem) if corrected else ())):
+    if not corrected:
+        return row[column]
+    title_of_row = next(iter(row.values()))
+    place = (table, title_of_row, column)
+    for erratum in errata(problem):
+        cell = erratum.cell
         if cell and (cell["table"], cell["row"], cell["column"]) == place:
             return cell["value"]
     return row[column]
@@ -239,6 +243,7 @@ def published_trajectory(
     rows = {row["coefficient"]: row for row in problem.published[settings["table"]]}
 
     def values(name: str) -> list[float]:
+        """Return the row of a coefficient, one number a joint."""
         return [float(rows[name][f"joint_{j + 1}"]) for j in range(problem.robot.n)]
 
     harmonics = range(1, 1 + sum(name.startswith("a_") for name in rows))
@@ -258,10 +263,10 @@ def published_trajectory(
 
 
 def real_data_folder() -> Path | None:
-    """The folder that SDP_VS_PENALTY_DATA names, else shared/data beside a checkout,
-    else None.
+    """Return the folder of measured data, None without one.
 
-    Raises InputError where the variable names a folder that does not exist.
+    It is the folder that the environment variable SDP_VS_PENALTY_DATA names, or else
+    shared/data beside a checkout. Raises InputError if the variable names no folder.
     """
     named = os.environ.get(VARIABLE)
     if named:
@@ -280,7 +285,7 @@ def real_data_folder() -> Path | None:
 
 
 def real_file(problem: str, name: str) -> Path | None:
-    """Path of a file with published measurements of a robot.
+    """Return the path of a file with published measurements, None if it is missing.
 
     Parameters
     ----------
@@ -292,7 +297,7 @@ def real_file(problem: str, name: str) -> Path | None:
     Returns
     -------
     Path or None
-        None where the file is not there.
+        The file.
     """
     folder = real_data_folder()
     return (
@@ -315,14 +320,9 @@ def measured_runs(problem: str) -> dict[str, Measurements]:
     dict of str to Measurements
         Runs by name; empty where a file of the authors is missing.
     """
-    files_of_problem = DATASETS[problem].files if problem in DATASETS else ()
-    files = [
-        file
-        for file in (real_file(problem, f.name) for f in files_of_problem)
-        if file is not None
-    ]
-    return (
-        converted(problem, files[0].parent)
-        if files and len(files) == len(files_of_problem)
-        else {}
-    )
+    names = [f.name for f in DATASETS[problem].files] if problem in DATASETS else []
+    files = [real_file(problem, name) for name in names]
+    if not files or None in files:
+        return {}
+    folder = files[0].parent  # type: ignore[union-attr]
+    return converted(problem, folder)

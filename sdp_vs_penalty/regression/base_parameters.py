@@ -73,20 +73,22 @@ class BaseParameters:
 
 
 def base_rows(problem: Problem, model: Model) -> BaseParameters:
-    """The base parameters of a model, those of the links with the names that the
-    problem gives them.
+    """Return the base parameters of a model: combinations of theta that make torque.
+
+    Those of the links come first, with the names that the problem gives them, then
+    every other parameter by itself.
 
     Parameters
     ----------
     problem : Problem
-        Gives the links' base parameters their names.
+        Names of the links' base parameters.
     model : Model
-        With its effects.
+        Model with its effects.
 
     Returns
     -------
     BaseParameters
-        Rows, names and leading parameters.
+        Coefficients (b, p), names, and the leading standard parameters.
     """
     matrix, places, lead = _rigid_base(problem, model)
     p = len(model.parameters)
@@ -112,8 +114,11 @@ def base_rows(problem: Problem, model: Model) -> BaseParameters:
 def _rigid_base(
     problem: Problem, model: Model
 ) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
-    """B (b, k) of the links' parameters and of those that act like them; where these k
-    stand in theta; which of them lead."""
+    """Return the base parameters of the links and of effects that act like links.
+
+    Returns B (b, k) in k parameters, the indices (k,) of these in theta, and the
+    indices among the k of those that lead.
+    """
     rigid = model.rigid_indices
     if not len(rigid):
         return np.zeros((0, 0)), rigid, ()
@@ -135,7 +140,10 @@ def _rigid_base(
 def _merged_base(
     model: Model, effects: Sequence[str]
 ) -> tuple[Array, NDArray[np.intp], Sequence[int]]:
-    """:func:`_rigid_base` of all parameters of some effects together."""
+    """Return :func:`_rigid_base` for the parameters of several effects together.
+
+    ``effects`` are names. The columns of all are compared at random states.
+    """
     part = Model(model.robot, tuple(e for e in model.effects if e.name in effects))
     names = [p.name for p in model.parameters]
     places = np.array([names.index(q.name) for q in part.parameters])
@@ -155,35 +163,36 @@ def structure(
     leading: tuple[int, ...] | None = None,
     preference: Array | float = 1.0,
 ) -> tuple[Array, tuple[int, ...]]:
-    """B and the independent columns of stacked ones.
+    """Return B with Y = Y_lead B, and the independent columns Y_lead of Y.
 
     Parameters
     ----------
     stacked : (N, k) array
-        Columns, in as many rows as there are.
+        Columns Y of parameters, at many states.
     leading : tuple of int, optional
-        The independent columns; default: what a pivoted QR chooses.
+        Independent columns to use; default: those that a pivoted QR chooses.
     preference : float or (k,) array
-        Norms of the columns in that choice.
+        Norms of the columns in that choice: among dependent columns the larger one
+        leads.
 
     Returns
     -------
     (b, k) array
-        B, with which the columns are those of ``leading`` times B.
+        B, small entries set to zero.
     tuple of int
-        The independent columns.
+        Indices of the independent columns.
 
     Raises
     ------
     InputError
-        For columns named that are not independent.
+        If the named columns are not independent, or not as many as the rank.
     """
-    # The same columns' lengths and angles, in as many rows as columns.
+    # A triangle: the same inner products, in as many rows as columns.
     stacked = triangular([stacked])
     norms = np.linalg.norm(stacked, axis=0)
-    unseen = norms <= 1e-10 * norms.max()
-    unit = stacked / np.where(unseen, 1.0, norms)
-    scaled = np.where(unseen, 0.0, unit) * preference
+    is_zero = norms <= 1e-10 * norms.max()
+    unit = stacked / np.where(is_zero, 1.0, norms)
+    scaled = np.where(is_zero, 0.0, unit) * preference
     _, r, pivots = scipy.linalg.qr(
         scaled,
         mode="economic",
@@ -209,18 +218,17 @@ def structure(
 
 
 def base_parameter_symbols(problem: Problem) -> dict[str, str]:
-    """Each base parameter written out in standard parameters, "Izz2 - 0.64 m2", by the
-    independent one (Izz1, mx2, ...) that leads it.
+    """Return each base parameter as a sum of standard ones, such as "Izz2 - 0.64 m2".
 
     Parameters
     ----------
     problem : Problem
-        Of the robot.
+        Problem with its robot.
 
     Returns
     -------
     dict of str to str
-        A sum in words, by the parameter that leads it.
+        Sums by the name of the leading parameter (Izz1, mx2, ...).
     """
     base, independent = base_parameters(
         problem.model("rigid_body"), problem.independent
@@ -241,7 +249,9 @@ def _written_out(
     names: Sequence[str],
     lead: int,
 ) -> str:
-    """A linear function (k,) of named parameters, the leading one first."""
+    """Return a linear function with coefficients row (k,) as text, the leading
+    parameter first.
+    """
     description = names[lead]
     for k, (value, name) in enumerate(zip(row, names, strict=True)):
         if k == lead or not value:

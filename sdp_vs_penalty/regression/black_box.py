@@ -63,7 +63,11 @@ class BlackBox:
         links: ArrayLike,
         q: ArrayLike,
     ) -> BlackBox:
-        """The answers that links (n, 10), standard parameters, would give at q (K, n)."""
+        """Return the answers that known links would give.
+
+        robot : Robot with n joints; links : (links, 10) standard parameters; q : (K, n)
+        configurations [rad, m].
+        """
         q = np.asarray(q, float)
         zero = np.zeros_like(q)
         gravity = robot.inverse_dynamics(links, q, zero, zero)
@@ -76,15 +80,16 @@ class BlackBox:
 
 
 def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
-    """The black box in an .npz file; None for anything else, which may be measured
-    runs.
+    """Read a black box's answers from an .npz file.
+
+    Returns None for anything else, such as measured runs.
 
     Parameters
     ----------
     source : path or list of path
-        The file with arrays q (K, n), gravity (K, n), mass_matrix (K, n, n).
+        File with the arrays q (K, n), gravity (K, n), mass_matrix (K, n, n).
     joints : int, optional
-        How many are expected.
+        Expected number of joints.
 
     Returns
     -------
@@ -94,8 +99,8 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
     Raises
     ------
     InputError
-        Where an array is missing, has another shape or holds no finite numbers, where
-        mass matrices are not symmetric, and where such a file is one of several.
+        If an array is missing, has another shape or is not finite, if mass matrices are
+        not symmetric, or if such a file is one of several.
     """
     paths = list(source) if isinstance(source, list | tuple) else [source]
     answers = [
@@ -129,8 +134,10 @@ def load_answers(source: Any, joints: int | None = None) -> BlackBox | None:
 
 
 def _holds_answers(path: Path) -> bool:
-    """Whether a file is an archive with mass matrices. Of a damaged one whoever reads it
-    as measurements says what is wrong."""
+    """Return whether a file is an .npz with mass matrices.
+
+    False for a damaged file: whoever reads it as measurements says what is wrong.
+    """
     with suppress(zipfile.BadZipFile, NotImplementedError, ValueError, OSError):
         if path.suffix == ".npz" and path.is_file():
             with zipfile.ZipFile(path) as archive:
@@ -139,8 +146,9 @@ def _holds_answers(path: Path) -> bool:
 
 
 def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
-    """Raises InputError for an array that is missing, has another shape than q's, or
-    holds no finite numbers."""
+    """Raise InputError for a missing array, one whose shape does not fit q, or infinite
+    numbers.
+    """
     q = arrays.get("q", np.zeros(0))
     if q.ndim != 2 or not q.size:
         raise InputError(

@@ -71,21 +71,23 @@ def commanded_motion(measured: Measurements) -> Measurements:
 
 
 def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
-    """The rows of a run that holds a simulated motion (positions "qsim"), with the same
-    columns on that motion before them: [Z, tau_Z, X], those of Z counted behind the
-    model's.
+    """Yield the rows of a run with the columns of its simulated motion before them.
+
+    Each joint's columns are [Z, tau_Z, X]: Z and tau_Z on the simulated motion "qsim",
+    X on the measured one. Indices of Z count behind those of the p parameters; tau_Z
+    has the index 2 p.
 
     Parameters
     ----------
     run : FilteredRun
-        With a simulated motion "qsim".
+        Run with a simulated motion "qsim".
     model : Model
-        Of p parameters.
+        Model with p parameters.
 
     Returns
     -------
     iterator of Rows
-        Piece by piece.
+        Chunks of rows.
     """
     p = len(model.parameters)
     measured = run.rows(model)
@@ -115,24 +117,26 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
 def instrumented(
     model: Model, factors: Sequence[tuple[int, NDArray[np.intp], Array]]
 ) -> list[tuple[NDArray[np.intp], Array]]:
-    """Rows whose columns are instruments: [Z, tau^].
+    """Return rows [Z, tau^], whose least squares are the instrumental-variable
+    estimate.
 
     Parameters
     ----------
     model : Model
-        Of p parameters.
+        Model with p parameters.
     factors : sequence of (joint, indices, rows)
-        Of each factor its joint, its columns' parameters and its rows.
+        Joint, parameters of the columns, and rows of each factor.
 
     Returns
     -------
     list of ((k,), (r, k + 1)) arrays
-        The model's parameters, and the rows, of each factor.
+        Parameters and rows of each factor.
     """
     p = len(model.parameters)
     parts = []
     for joint, indices, rows in factors:
-        # Columns without instruments serve as their own.
+        # Rows are [Z, tau_Z, X, tau], indices of Z beyond p; or [X, tau], where the
+        # columns are their own instruments.
         k = len(indices)
         if np.any(indices >= p):
             k = k // 2
@@ -141,10 +145,10 @@ def instrumented(
         parts.append((joint, indices[-k:], instruments_of_part, columns_of_part))
     instruments, theta = _estimate(model, parts)
     out = []
-    for (_, at, _, X), Z in zip(parts, instruments, strict=True):
+    for (_, indices, _, X), Z in zip(parts, instruments, strict=True):
         change = Z - X[:, :-1]
-        torque = X[:, -1] + change @ theta[at]
-        out.append((at, np.column_stack([Z, torque])))
+        torque = X[:, -1] + change @ theta[indices]  # tau^ = tau - X theta^ + Z theta^
+        out.append((indices, np.column_stack([Z, torque])))
     return out
 
 
@@ -153,7 +157,9 @@ def _residuals(
     parts: Sequence[Instrumented],
     theta: Array,
 ) -> Array:
-    """(n,) squares of what theta leaves of each joint's torque."""
+    """Return (n,) the squared residual of each joint's torque with parameters theta
+    (p,).
+    """
     out = np.zeros(model.robot.n)
     for joint, indices, _, X in parts:
         error = X[:, :-1] @ theta[indices] - X[:, -1]
@@ -166,41 +172,47 @@ def _instruments_of(
     model: Model,
     theta: Array | None,
 ) -> Array:
-    """(r, k) Z, with the errors that the model of theta makes in place of the
-    servo's."""
-    joint, indices, both, _ = part
-    Z = both[:, :-1]
-    at = model.error_gains[joint]
-    places = np.flatnonzero(indices == at)
+    """Return the instruments Z (r, k) of a part.
+
+    The instrument of a servo's error is the error that the model of theta (p,) makes
+    itself: e^ = (tau - L theta) / kp. Other columns are those of the simulated motion.
+    """
+    joint, indices, rows, _ = part
+    Z = rows[:, :-1]
+    gain = model.error_gains[joint]  # index of kp in theta
+    places = np.flatnonzero(indices == gain)
     if theta is None or not len(places):
         return Z
     k = places[0]
-    if not np.any(Z[:, k]) or theta[at] <= 0.0:
+    if not np.any(Z[:, k]) or theta[gain] <= 0.0:
         return Z
     coefficients = theta[indices]
     coefficients[k] = 0.0
-    left = both[:, -1] - Z @ coefficients
+    torque_of_error = rows[:, -1] - Z @ coefficients
     Z = Z.copy()
-    Z[:, k] = left / theta[at]
+    Z[:, k] = torque_of_error / theta[gain]
     return Z
 
 
 def _estimate(model: Model, parts: Sequence[Instrumented]) -> tuple[list[Array], Array]:
-    """The instruments of each part, and theta^ (p,), joints weighted by their
-    residuals."""
+    """Return the instruments of each part, and theta^ (p,).
+
+    Four rounds, in which the joints' weights and the model's own errors settle.
+    """
     theta = model.reference if model.drives.any() else None
-    left = np.ones(model.robot.n)
+    residuals = np.ones(model.robot.n)
     if theta is not None:
-        left = _residuals(model, parts, theta)
-    for _ in range(4):  # in which joints' weights and the model's own errors settle
+        residuals = _residuals(model, parts, theta)
+    for _ in range(4):
         instruments = [_instruments_of(part, model, theta) for part in parts]
-        largest = float(left.max()) or 1.0
-        weights = 1.0 / np.maximum(left, 1e-12 * largest)
+        largest = float(residuals.max()) or 1.0
+        weights = 1.0 / np.maximum(residuals, 1e-12 * largest)
         solution = _solution(len(model.parameters), parts, instruments, weights)
         theta = model.with_known(solution)
-        left = _residuals(model, parts, theta)
-    known = np.array([q.name in model.known for q in model.parameters])
-    return instruments, np.where(known, 0.0, solution)
+        residuals = _residuals(model, parts, theta)
+    # The torque of known parameters is no part of the rows.
+    is_known = np.array([q.name in model.known for q in model.parameters])
+    return instruments, np.where(is_known, 0.0, solution)
 
 
 def _solution(
@@ -209,7 +221,11 @@ def _solution(
     instruments: Sequence[Array],
     weights: Array,
 ) -> Array:
-    """theta^ (p,) of Z^T (tau - X theta^) = 0, the joints' rows weighted."""
+    """Return theta^ (p,) that solves Z^T (tau - X theta^) = 0, with the joints' rows
+    weighted.
+
+    ``weights`` (n,) are the inverse squared residuals of the joints.
+    """
     zz = np.zeros((p, p))
     zx = np.zeros((p, p))
     right = np.zeros(p)

@@ -18,35 +18,36 @@ UNSEEN = 1e-9
 
 
 def column_space(A: Array) -> tuple[Array, Array]:
-    """What the columns of a matrix show: A V = U, with U'U = 1.
+    """Return the column space U of a matrix and directions V with A V = U, U'U = 1.
 
-    Columns are brought to unit norm first; of smaller norm than 1e-10 of the largest
-    they show nothing.
+    Columns are brought to unit norm first; columns below 1e-10 of the largest norm, and
+    singular values below UNSEEN of the largest, are rounding.
 
     Parameters
     ----------
     A : (r, p) array
-        Columns.
+        Columns of a least-squares problem.
 
     Returns
     -------
     (r, k) array
-        U, what the directions make.
+        U, an orthonormal basis of the columns' span.
     (p, k) array
-        V, directions of theta.
+        V, the visible directions of theta (those that the data determine).
     """
     unit, nonzero, norms = _unit_columns(A)
     u, s, vt = np.linalg.svd(unit, full_matrices=False)
-    good = s > UNSEEN * s.max(initial=0.0)
-    directions = vt[good] / s[good, None]
+    is_visible = s > UNSEEN * s.max(initial=0.0)
+    directions = vt[is_visible] / s[is_visible, None]
     V = np.zeros((A.shape[1], len(directions)))
     V[nonzero] = directions.T / norms[:, None]
-    return u[:, good], V
+    return u[:, is_visible], V
 
 
 def _unit_columns(A: Array) -> tuple[Array, NDArray[np.intp], Array]:
-    """The columns of A (r, p) that are not zero beside the largest, at unit norm; which
-    they are; their norms."""
+    """Return the nonzero columns of A (r, p) at unit norm, their indices, and their
+    norms.
+    """
     norms = np.linalg.norm(A, axis=0)
     nonzero = np.flatnonzero(norms > 1e-10 * norms.max(initial=0.0))
     return A[:, nonzero] / norms[nonzero], nonzero, norms[nonzero]
@@ -57,17 +58,18 @@ def min_norm_lstsq(
     b: Array,
     near: Array | float = 0.0,
 ) -> Array:
-    """The theta nearest to ``near`` that minimises |A theta - b|: moved in the
-    directions that A shows, columns at unit norm.
+    """Return the least-squares theta of |A theta - b| that is nearest to ``near``.
+
+    Distance is measured with columns at unit norm.
 
     Parameters
     ----------
     A : (r, p) array
         Columns.
     b : (r,) array
-        What they should make.
+        Right side.
     near : (p,) array or float
-        Where to stay.
+        Value from which theta moves only in directions that A determines.
 
     Returns
     -------
@@ -89,7 +91,7 @@ def min_norm_lstsq(
 
 
 def deviations(A: Array) -> Array:
-    """Standard deviations of least squares in columns whose rows have noise one.
+    """Return standard deviations of least squares in rows with noise of variance one.
 
     Parameters
     ----------
@@ -99,20 +101,25 @@ def deviations(A: Array) -> Array:
     Returns
     -------
     (p,) array
-        Infinite where the columns do not determine a parameter.
+        Standard deviation of each parameter; infinite where the columns do not
+        determine it.
     """
     U, V = column_space(A)
-    known = np.einsum("kr,rk->k", V, U.T @ A) > 1.0 - 1e-6
+    # Diagonal of V U^T A, the projection onto the visible directions: 1 where the
+    # parameter itself is visible.
+    projection = np.einsum("kr,rk->k", V, U.T @ A)
+    is_determined = projection > 1.0 - 1e-6
     return np.where(
-        known,
+        is_determined,
         np.linalg.norm(V, axis=1),
         np.inf,
     )
 
 
 def span(A: Array) -> Array:
-    """An orthonormal basis of what columns make, in a third of the time of
-    :func:`column_space`.
+    """Return an orthonormal basis of the columns' span, by a pivoted QR.
+
+    It takes a third of the time of :func:`column_space`.
 
     Parameters
     ----------
@@ -139,19 +146,19 @@ def span(A: Array) -> Array:
 
 
 def partialled(A: Array, others: Array) -> Array:
-    """What least squares in columns leave of other columns.
+    """Return the residual of other columns after least squares in the columns of A.
 
     Parameters
     ----------
     A : (r, p) array
-        Columns.
+        Columns that explain.
     others : (r, ...) array
-        The other ones.
+        Columns that are explained.
 
     Returns
     -------
     (r, ...) array
-        Orthogonal to A's.
+        Residuals, orthogonal to the columns of A.
     """
     U = span(A)
     return np.asarray(others - U @ (U.T @ others))
@@ -162,12 +169,15 @@ class InTurn:
     of ``at``, which computes them together; once for each x."""
 
     def __init__(self, at: Callable[[Array], tuple[Array, Array]]) -> None:
+        """Take a function that returns residual (m,) and Jacobian (m, p) of x (p,)
+        together.
+        """
         self._at = at
         self._last_x = np.full(1, np.nan)
         self._answer = (np.zeros(0), np.zeros(0))
 
     def residual(self, x: Array) -> Array:
-        """Residuals at a point.
+        """Return the residuals at a point.
 
         Parameters
         ----------
@@ -182,7 +192,7 @@ class InTurn:
         return self._both(x)[0]
 
     def jacobian(self, x: Array) -> Array:
-        """Derivatives of the residuals at a point.
+        """Return the derivatives of the residuals at a point.
 
         Parameters
         ----------
@@ -197,6 +207,10 @@ class InTurn:
         return self._both(x)[1]
 
     def _both(self, x: Array) -> tuple[Array, Array]:
+        """Return residual and Jacobian at x; those of the last x are kept.
+
+        SciPy asks for the two one after the other at the same x.
+        """
         if not np.array_equal(x, self._last_x):
             self._last_x = x.copy()
             self._answer = self._at(x)
@@ -211,23 +225,25 @@ def least_squares(
     ftol: float,
     steps: int,
 ) -> tuple[Array, Array, Array]:
-    """The least |r(x)|^2 with low <= x <= high (trust region reflective: Branch,
-    Coleman, Li, SIAM J. Scientific Computing 1999).
+    """Minimise |r(x)|^2 within bounds, by a trust-region reflective method.
+
+    (Branch, Coleman, Li, SIAM J. Scientific Computing 1999, in SciPy.)
 
     Parameters
     ----------
     at : callable
-        r (m,) and its Jacobian (m, p) of x (p,), which it computes together.
+        Returns r (m,) and its Jacobian (m, p) of x (p,), computed together.
     start : (p,) array
-        Where to begin.
+        Start; clipped to the bounds.
     ends : ((p,) array, (p,) array)
-        low and high.
+        Lower and upper bounds.
     xtol : float
-        As ``scipy.optimize.least_squares`` takes it.
+        Relative change of x that ends the search, as in
+        ``scipy.optimize.least_squares``.
     ftol : float
-        The same.
+        Relative change of |r|^2 that ends the search.
     steps : int
-        At most.
+        Largest number of evaluations.
 
     Returns
     -------
@@ -236,7 +252,7 @@ def least_squares(
     (m,) array
         r at x.
     (m, p) array
-        The Jacobian at x.
+        Jacobian at x.
     """
 
     both = InTurn(at)

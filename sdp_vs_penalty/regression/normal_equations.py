@@ -46,33 +46,34 @@ class NormalEquations:
 
     @classmethod
     def of(cls, full: Array, n_own: int) -> NormalEquations:
-        """Project the own columns out of each joint's rows.
+        """Project the columns that only one joint has out of each joint's rows.
 
         Parameters
         ----------
         full : (..., n, w, w) array
-            Gram matrices of own columns, shared ones, and the torque as the last.
+            Gram matrices of own columns, shared columns, and the torque as the last.
         n_own : int
-            How many columns are own ones.
+            Number of own columns.
 
         Returns
         -------
         NormalEquations
-            Of the shared columns.
+            In the shared columns.
         """
         own = full[..., :n_own, :n_own]
         own_by_others = full[..., :n_own, n_own:]
         others_by_own = full[..., n_own:, :n_own]
+        # A ridge, for joints that rest in these rows: their own columns are zero.
         mean_square = np.trace(own, axis1=-2, axis2=-1) / max(n_own, 1)
-        # A joint that rests in these rows has nothing of its own there.
         ridge = np.maximum(1e-6 * mean_square, 1e-280)
         own = own + ridge[..., None, None] * np.eye(n_own)
         own_solution = np.linalg.solve(own, own_by_others)
-        left = full[..., n_own:, n_own:] - others_by_own @ own_solution
-        energy = left[..., -1, -1]
+        # Schur complement: the Gram matrix of the residuals.
+        remaining = full[..., n_own:, n_own:] - others_by_own @ own_solution
+        energy = remaining[..., -1, -1]
         return cls(
-            gram=left[..., :-1, :-1],
-            cross=left[..., :-1, -1],
+            gram=remaining[..., :-1, :-1],
+            cross=remaining[..., :-1, -1],
             energy=np.maximum(energy, 0.0),
             total=positive(full[..., -1, -1]),
             own_solution=own_solution,
@@ -80,17 +81,17 @@ class NormalEquations:
 
     @classmethod
     def together(cls, logs: Sequence[NormalEquations]) -> NormalEquations:
-        """Put the joints of several logs next to each other, to fit one arm to them.
+        """Join the joints of several logs, to fit one arm to all of them.
 
         Parameters
         ----------
         logs : sequence of NormalEquations
-            Each of (1, n, ...).
+            Arrays (1, n, ...) each.
 
         Returns
         -------
         NormalEquations
-            Of (1, n times the logs, ...).
+            Arrays (1, n times the number of logs, ...).
         """
         return cls(
             gram=np.concatenate([log.gram for log in logs], axis=1),
@@ -100,43 +101,44 @@ class NormalEquations:
         )
 
     def left_of(self, full: Array, theta: Array) -> Array:
-        """Squared residuals in other rows, with the own parameters that go with shared
-        ones.
+        """Return the squared residuals of given parameters in other rows.
+
+        The joints' own parameters are those that fit best in the rows of this object.
 
         Parameters
         ----------
         full : (..., n, w, w) array
             Gram matrices of these rows.
         theta : (..., n, s) array
-            Shared parameters of each joint.
+            Shared parameters, joint by joint.
 
         Returns
         -------
         (..., n) array
-            One a joint.
+            Squared residual of each joint.
         """
+        # v = (own, theta, -1): v^T G v is the squared residual.
         torque = -np.ones((*theta.shape[:-1], 1))
         shared = np.append(theta, torque, axis=-1)[..., None]
         own = -self.own_solution @ shared
         shape = (*full.shape[:-2], *shared.shape[-2:])
-        vector = np.concatenate([own, np.broadcast_to(shared, shape)], axis=-2)
-        image = full @ vector
-        return np.asarray(np.sum(vector * image, axis=(-2, -1)))
+        v = np.concatenate([own, np.broadcast_to(shared, shape)], axis=-2)
+        return np.asarray(np.sum(v * (full @ v), axis=(-2, -1)))
 
     def normal(self, weights: Array) -> Normal:
-        """Sum the joints' equations.
+        """Return the weighted sum of the joints' normal equations.
 
         Parameters
         ----------
         weights : (..., n) array
-            Of the joints.
+            Weights of the joints.
 
         Returns
         -------
         (..., s, s) array
             Gram matrix.
         (..., s) array
-            Its right side.
+            Right side.
         """
         s = self.gram.shape[-1]
         before = self.gram.shape[:-2]
@@ -146,7 +148,7 @@ class NormalEquations:
         return gram.reshape(*gram.shape[:-2], s, s), cross
 
     def fitted(self, chosen: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Fit one arm, each joint weighted by its own residual.
+        """Fit the shared parameters, each joint weighted by its own residual.
 
         Parameters
         ----------
@@ -156,9 +158,9 @@ class NormalEquations:
         Returns
         -------
         theta : (..., s) array
-            The shared parameters of largest likelihood.
+            Shared parameters of largest likelihood.
         left : (..., n) array
-            Squared residuals there, at least FLOOR of the whole.
+            Squared residuals, at least FLOOR of the squared torque.
         """
         left = self.total
         for _ in range(ROUNDS):
@@ -172,20 +174,19 @@ class NormalEquations:
 
 
 def solve(gram: Array, right: Array) -> Array:
-    """(G + ridge)^-1 B with columns of G scaled to one; zero for those that are not
-    there.
+    """Solve (G + ridge) X = B with the columns of G scaled to one.
 
     Parameters
     ----------
     gram : (..., s, s) array
-        G.
+        G, positive semidefinite.
     right : (..., s, r) array
         B.
 
     Returns
     -------
     (..., s, r) array
-        The solutions.
+        X; zero for columns that are zero.
     """
     squares = np.diagonal(gram, axis1=-2, axis2=-1)
     norms = np.sqrt(np.maximum(squares, 0.0))
@@ -201,19 +202,19 @@ def solve(gram: Array, right: Array) -> Array:
 
 
 def jackknifed(estimates: Array) -> tuple[Array, Array]:
-    """Numbers and their standard deviations, from their values without one part each.
+    """Return means and jackknife standard deviations of leave-one-part-out estimates.
 
     Parameters
     ----------
     estimates : (parts, ...) array
-        The values.
+        Estimates without one part each.
 
     Returns
     -------
     array
         Means.
     array
-        Standard deviations.
+        Standard deviations, sqrt((parts - 1) var).
     """
     n_parts = len(estimates)
     # Numbers that the rows do not determine may be as large as floats can be.
@@ -223,18 +224,18 @@ def jackknifed(estimates: Array) -> tuple[Array, Array]:
 
 
 def standard_errors_above_zero(values: Array) -> float:
-    """Mean of values over its standard error.
+    """Return the mean of values over its standard error.
 
     Parameters
     ----------
     values : (parts,) or (logs, parts) array
-        Of the parts of a log, or of several logs, whose means may differ: the scatter
-        is that of the parts of each log about the log's mean.
+        Values of the parts of a log, or of several logs, whose means may differ: the
+        scatter is taken about each log's mean.
 
     Returns
     -------
     float
-        By how many standard errors the mean lies above zero; negative below zero.
+        Number of standard errors by which the mean lies above zero; negative below.
     """
     variance = np.mean(np.var(values, axis=-1))
     error = float(np.sqrt(variance / values.size))
@@ -242,17 +243,17 @@ def standard_errors_above_zero(values: Array) -> float:
 
 
 def positive(energy: Array) -> Array:
-    """Energies of torques, none of them 0.
+    """Raise energies (squared torques) that are zero to a tiny positive number.
 
     Parameters
     ----------
     energy : (..., n) array
-        At least 0.
+        Nonnegative.
 
     Returns
     -------
     (..., n) array
-        Above 0.
+        Positive: at least 1e-12 of the largest joint's.
     """
     largest = energy.max(axis=-1, keepdims=True, initial=0.0)
     return np.maximum(energy, 1e-12 * largest + 1e-280)

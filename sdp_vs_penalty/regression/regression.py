@@ -71,21 +71,22 @@ class LeastSquares:
         rows: int,
         tau_squared: float | None = None,
     ) -> LeastSquares:
-        """Compress stacked rows to one triangle.
+        """Compress stacked rows [Y, tau] to a triangle by a QR factorisation.
 
         Parameters
         ----------
         stack : sequence of (k, p + 1) arrays
             Rows [Y, tau].
         rows : int
-            How many rows of the data they stand for.
+            Number of rows of the data.
         tau_squared : float, optional
-            |tau|^2 [(N m)^2], where it is not that of these rows: some hold a prior.
+            |tau|^2 [(N m)^2] of the data, if some of these rows hold a prior.
 
         Returns
         -------
         LeastSquares
-            With R (p, p).
+            With R (p, p), rho (p,), and the norm of the residual that no theta can
+            reduce.
         """
         triangle = triangular(stack)
         p = triangle.shape[1] - 1
@@ -101,11 +102,11 @@ class LeastSquares:
 
     @cached_property
     def curvature(self) -> Array:
-        """(p, p) of :meth:`loss`: 2 R' R."""
+        """(p, p) Hessian of :meth:`loss`, 2 R' R."""
         return 2.0 * (self.R.T @ self.R)
 
     def loss(self, theta: ArrayLike) -> float:
-        """Squared torque error, joints weighted.
+        """Return the squared torque error, with weighted joints.
 
         Parameters
         ----------
@@ -121,7 +122,7 @@ class LeastSquares:
         return float(residual @ residual) + self.residual_norm**2
 
     def loss_scale(self, theta: ArrayLike) -> float:
-        """What a gap is divided by.
+        """Return the number by which a certified gap is divided.
 
         Parameters
         ----------
@@ -131,7 +132,7 @@ class LeastSquares:
         Returns
         -------
         float
-            The loss, and of exact data 1e-12 of |tau|^2 [(N m)^2].
+            The loss [(N m)^2], at least 1e-12 |tau|^2 (for exact data).
         """
         return max(self.loss(theta), 1e-12 * self.tau_squared)
 
@@ -141,27 +142,27 @@ class LeastSquares:
         lower: float,
         theta: ArrayLike,
     ) -> float:
-        """Relative distance of an objective from its lower bound.
+        """Return the relative distance of an objective from its lower bound.
 
         Parameters
         ----------
         upper : float
-            The objective at theta [(N m)^2].
+            Objective at theta [(N m)^2].
         lower : float
-            Its lower bound [(N m)^2].
+            Lower bound of the optimum [(N m)^2].
         theta : (p,) array
             Parameters [SI].
 
         Returns
         -------
         float
-            As a share of the loss at theta.
+            (upper - lower) over :meth:`loss_scale`.
         """
         scale = self.loss_scale(theta)
         return (upper - lower) / scale if scale > 0.0 else 0.0
 
     def gradient(self, theta: ArrayLike) -> Array:
-        """Slope of :meth:`loss`.
+        """Return the gradient of :meth:`loss`.
 
         Parameters
         ----------
@@ -177,19 +178,19 @@ class LeastSquares:
         return 2.0 * self.R.T @ residual
 
     def with_prior(self, scale: ArrayLike, weight: float) -> LeastSquares:
-        """The data with a pull of parameters to zero.
+        """Return the data with a prior that pulls parameters to zero.
 
         Parameters
         ----------
         scale : (p,) array
-            What a parameter's size is divided by [SI]; infinite: no pull.
+            Size of each parameter [SI]; infinite: no pull.
         weight : float
-            Of the squares [(N m)^2].
+            Weight of the squares [(N m)^2].
 
         Returns
         -------
         LeastSquares
-            With weight |theta_k / scale_k|^2 added, summed over k.
+            With weight * sum_k (theta_k / scale_k)^2 added to the loss.
         """
         size = np.asarray(scale, float)
         is_pulled = np.isfinite(size)
@@ -202,21 +203,21 @@ class LeastSquares:
         values: Array,
         weight: float,
     ) -> LeastSquares:
-        """The data with observations of linear functions of the parameters.
+        """Return the data with observations of linear functions of the parameters.
 
         Parameters
         ----------
         rows : (k, p) array
-            The functions.
+            Coefficients of the functions.
         values : (k,) array
-            Their observed values.
+            Observed values.
         weight : float
-            Of the squares [(N m)^2].
+            Weight of the squares [(N m)^2].
 
         Returns
         -------
         LeastSquares
-            With weight |rows theta - values|^2 added.
+            With weight * |rows theta - values|^2 added to the loss.
         """
         p = self.R.shape[1]
         data = np.column_stack([self.R, self.rho])
@@ -228,8 +229,9 @@ class LeastSquares:
 
     @property
     def column_norms(self) -> Array:
-        """(p,) norms |Y_k|: torque that a unit of each parameter makes; 0 where only
-        rounding is left."""
+        """(p,) norms of the columns: torque of a unit of each parameter; 0 for
+        rounding.
+        """
         norms = np.linalg.norm(self.R, axis=0)
         rounding = 1e-10 * norms.max(initial=0.0)
         return np.where(norms > rounding, norms, 0.0)
@@ -239,8 +241,8 @@ class LeastSquares:
         """(p,) distance of each column from the span of all others [torque per unit of
         parameter].
 
-        What a unit of the parameter makes that no other parameter can cancel: 1 / sqrt
-        of the diagonal of (R^T R)^-1, zero for what the data do not determine.
+        It is the torque of a unit of the parameter that no other parameter can cancel:
+        1 / sqrt of the diagonal of (R^T R)^-1; zero where the data determine only sums.
         """
         return 1.0 / deviations(self.R)
 
@@ -276,18 +278,18 @@ class Regression:
         return len(self.parameters)
 
     def select(self, blocks: Iterable[int]) -> Regression:
-        """Only some blocks.
+        """Return the data of some blocks.
 
         Parameters
         ----------
         blocks : iterable of int
-            Indices into ``blocks``. One that comes k times, as in a bootstrap, counts k
-            times: its rows are multiplied by sqrt(k).
+            Indices into ``blocks``. A block that comes k times, as in a bootstrap,
+            counts k times: its rows are multiplied by sqrt(k).
 
         Returns
         -------
         Regression
-            Of these, numbered anew in ascending order.
+            With these blocks, renumbered in ascending order.
         """
         asked = np.fromiter(blocks, np.intp)
         numbers, counts = np.unique(asked, return_counts=True)
@@ -309,17 +311,17 @@ class Regression:
         return replace(self, blocks=chosen, factors=tuple(factors))
 
     def keeping(self, kept_columns: NDArray[np.bool_]) -> Regression:
-        """Only some parameters.
+        """Return the data in some of the parameters.
 
         Parameters
         ----------
         kept_columns : (p,) array of bool
-            Which of them.
+            Which parameters to keep.
 
         Returns
         -------
         Regression
-            In these; rows keep their order.
+            With fewer columns, in the same order.
         """
         if kept_columns.all():
             return self
@@ -335,7 +337,7 @@ class Regression:
         return replace(self, parameters=parameters, factors=tuple(factors))
 
     def given_first(self, fixed: Array) -> Regression:
-        """The same in the other parameters when the first ones are known.
+        """Return the data in the other parameters when the first k are known.
 
         Parameters
         ----------
@@ -345,7 +347,7 @@ class Regression:
         Returns
         -------
         Regression
-            In the other p - k, with their torque taken off; rows keep their order.
+            In p - k parameters; the torque of the first k is subtracted.
         """
         k = len(fixed)
         factors = []
@@ -363,7 +365,7 @@ class Regression:
 
     @cached_property
     def per_joint(self) -> tuple[Factor, ...]:
-        """All blocks of each joint merged into one factor (n,)."""
+        """(n,) one factor a joint: all its blocks merged."""
         merged = []
         empty = Factor(
             0,
@@ -386,12 +388,12 @@ class Regression:
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
-        """Stack the rows of all joints to one problem.
+        """Return the rows of all joints as one least-squares problem.
 
         Parameters
         ----------
         weights : (n,) array, optional
-            What each joint's rows are multiplied by; default: 1.
+            Factor of each joint's rows; default: 1.
 
         Returns
         -------
@@ -413,12 +415,13 @@ class Regression:
         return LeastSquares.stacked(stack, n_rows)
 
     def by_joint(self) -> Iterator[BlocksOfJoint]:
-        """The blocks of each joint that has rows, from the first joint on.
+        """Yield the blocks of each joint that has rows, as arrays with equally many
+        rows.
 
         Returns
         -------
         iterator of BlocksOfJoint
-            All with as many rows: where a block has fewer, zeros follow.
+            A block with fewer rows is filled with zeros.
         """
         for joint in range(self.joints):
             factors = [factor for factor in self.factors if factor.joint == joint]
@@ -440,7 +443,7 @@ class Regression:
             )
 
     def joint_losses(self, theta: ArrayLike) -> Array:
-        """Squared torque error of each joint.
+        """Return the squared torque error of each joint.
 
         Parameters
         ----------
@@ -450,7 +453,7 @@ class Regression:
         Returns
         -------
         (n,) array
-            Sums over its rows [(N m)^2].
+            Sums over the joint's rows [(N m)^2].
         """
         parameters = np.asarray(theta, float)
         losses = []
@@ -461,23 +464,23 @@ class Regression:
         return np.array(losses)
 
     def joint_rows(self) -> NDArray[np.int64]:
-        """(n,) number of rows of each joint."""
+        """Return (n,) the number of rows of each joint."""
         counts = [factor.rows for factor in self.per_joint]
         return np.array(counts, np.int64)
 
 
 def triangular(parts: Sequence[Array]) -> Array:
-    """The R factor of stacked matrices, with a non-negative diagonal.
+    """Return the R factor of stacked matrices, with a nonnegative diagonal.
 
     Parameters
     ----------
     parts : sequence of (r, k) arrays
-        The matrices.
+        Matrices to stack.
 
     Returns
     -------
     (s, k) array
-        Upper triangular, at most square.
+        Upper triangular, s <= k; the same inner products of columns.
     """
     stacked = np.vstack(parts)
     triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"))
@@ -488,8 +491,10 @@ def triangular(parts: Sequence[Array]) -> Array:
 
 
 def _folded(rows: Array) -> Array:
-    """A triangle where rows are more than twice as many as columns: fewer cost less as
-    they are."""
+    """Return the triangle of rows (r, k) with the same inner products.
+
+    Up to 2 k rows are returned as they are, since a factorisation would cost more.
+    """
     if len(rows) <= 2 * rows.shape[1]:
         return rows
     return triangular([rows])
@@ -501,24 +506,25 @@ def compress(
     blocks_per_run: int = 20,
     workers: Workers = ALONE,
 ) -> Regression:
-    """Reduce runs to factors; memory does not grow with their length.
+    """Compress runs to triangular factors; memory does not grow with their length.
 
     Parameters
     ----------
     runs : FilteredRuns
-        Behind their filters.
+        Runs behind their filters.
     model : Model
-        In whose columns.
+        Model whose columns are used.
     blocks_per_run : int
-        Each run is cut into so many blocks of equal duration, of ``SHORTEST_BLOCK``
-        or more.
+        Number of blocks of equal duration in each run, at least SHORTEST_BLOCK (0.5 s)
+        long.
     workers : Workers
-        Who does it, a run each. Factors are merged in the order of the runs.
+        Processes that compress one run each; factors are merged in the order of the
+        runs.
 
     Returns
     -------
     Regression
-        A factor for each joint and block.
+        One factor for each joint and block.
     """
     edges = []
     for run in runs.measurements.runs():
@@ -552,19 +558,19 @@ class _TimeBlocks:
         run: int,
         t: Array,
     ) -> NDArray[np.intp]:
-        """The blocks of a run's instants.
+        """Return the block of each instant of a run.
 
         Parameters
         ----------
         run : int
-            Its number.
+            Number of the run.
         t : (M,) array
             Instants [s].
 
         Returns
         -------
         (M,) array of int
-            Numbers of blocks.
+            Numbers of blocks, counted over all runs.
         """
         n_before = sum(len(edges) - 1 for edges in self.edges[:run])
         inner_edges = self.edges[run][1:-1]
@@ -591,24 +597,27 @@ def compress_cells(
     folds: Cells,
     workers: Workers = ALONE,
 ) -> Regression:
-    """Reduce runs to factors with one block for each cell, whichever runs and periods
-    show it.
+    """Compress runs to factors, one for each joint and cell (such as a phase of the
+    motion).
+
+    Rows of all runs and periods in one cell are merged. Where servos' errors or a
+    simulated motion are in the model, the columns are replaced by instruments.
 
     Parameters
     ----------
     runs : FilteredRuns
-        Behind their filters.
+        Runs behind their filters.
     model : Model
-        In whose columns.
+        Model whose columns are used.
     folds : Cells
-        Such as folds by phase.
+        Assigns instants of runs to cells.
     workers : Workers
-        Who does it, a run each.
+        Processes that compress one run each.
 
     Returns
     -------
     Regression
-        A factor for each joint and cell.
+        One factor for each joint and cell.
     """
     one = partial(_cells_of_run, model=model, folds=folds)
     by_run = workers.map(one, list(enumerate(runs.runs)))
@@ -628,7 +637,9 @@ def compress_cells(
 
 
 def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
-    """The factors in columns that the noise of the positions is no part of."""
+    """Return the factors with instruments for columns, which the positions' noise does
+    not enter.
+    """
     parts = [(f.joint, f.indices, f.triangle) for f in factors]
     out = []
     rows_by_factor = instrumented(model, parts)
@@ -648,7 +659,11 @@ def _cells_of_run(
     model: Model,
     folds: Cells,
 ) -> tuple[list[Factor], float]:
-    """One run's factors by cell, and its independent samples."""
+    """Return one run's factors by cell and joint, and its number of independent
+    samples.
+
+    ``numbered`` is the run with its number.
+    """
     index, run = numbered
     count = 0
     cells = dict[tuple[int, int], Factor]()
@@ -666,8 +681,10 @@ def _take(
     rows: Rows,
     owner: NDArray[np.intp],
 ) -> None:
-    """Add rows to factors by block and joint, each to the block that ``owner`` (M,)
-    says."""
+    """Add rows to the factors ``cells`` by (block, joint), in place.
+
+    ``owner`` (M,) is the block of each row.
+    """
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):

@@ -36,6 +36,9 @@ class Body(JsonRecord):
     volume: float | None = None
 
     def __post_init__(self) -> None:
+        """Raise InputError for another shape, half axes that are not positive, or
+        another source.
+        """
         for name, shape in (("centre", (3,)), ("half_axes", (3,)), ("axes", (3, 3))):
             check_finite(f"a body's {name}", getattr(self, name), shape)
         if not np.all(self.half_axes > 0.0):
@@ -46,8 +49,9 @@ class Body(JsonRecord):
 
     @property
     def quadric(self) -> Array:
-        """Q (4, 4) with (x, 1)^T Q (x, 1) = 1 - |x - centre|^2 in units of the half
-        axes."""
+        """Q (4, 4) with (x, 1)^T Q (x, 1) = 1 at the centre and 0 on the ellipsoid's
+        surface.
+        """
         d = (self.axes / self.half_axes**2) @ self.axes.T
         row = (d @ self.centre)[:, None]
         return np.block(
@@ -59,8 +63,7 @@ class Body(JsonRecord):
 
     @property
     def reach(self) -> float:
-        """The largest radius of gyration that a mass inside can have [m]: its largest
-        half axis."""
+        """Largest half axis [m], which bounds the radius of gyration of a mass inside."""
         return float(self.half_axes.max())
 
 
@@ -71,31 +74,29 @@ def around(
     layer: float = 0.0,
     volume: float | None = None,
 ) -> Body:
-    """The ellipsoid of about least volume that holds points, enlarged.
+    """Return the ellipsoid of about smallest volume that contains points, enlarged.
 
     Parameters
     ----------
     points : (k, 3) array
-        In the link frame [m].
+        Points in the link frame [m].
     source : str
-        What they are known from, one of :data:`SOURCES`.
+        Origin of the points, one of :data:`SOURCES`.
     margin : float
-        What the half axes are multiplied by.
+        Factor of the half axes.
     layer : float
-        What is added to the half axes after that [m].
+        Length that is then added to the half axes [m].
     volume : float, optional
-        Of the link's geometry itself [m^3].
+        Volume of the link's geometry [m^3].
 
     Returns
     -------
     Body
-        Which holds all points.
+        Contains all points.
 
-    Notes
-    -----
-    Khachiyan's ascent on the weights of the lifted points (Todd, Minimum-Volume
-    Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then enlarged until
-    all points are inside.
+    Notes ----- Khachiyan's ascent on the weights of the lifted points (Todd,
+    Minimum-Volume Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then
+    enlarged until all points are inside.
     """
     cloud = np.asarray(points, float)
     chunks = np.array_split(directions(), 20)  # a cloud may have many points
@@ -118,9 +119,12 @@ def around(
 
 @lru_cache(256)
 def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
-    """Weights (k,) of points (k, 3), given as their bytes, whose moments are those of
-    the ellipsoid of least volume around them, to ``_EXCESS``. Kept, because a robot is
-    read many times."""
+    """Return weights (k,) of points whose weighted moments are those of the smallest
+    ellipsoid.
+
+    The points (k, 3) are given as bytes, so that results can be cached: a robot is read
+    many times. Khachiyan's ascent, to a relative excess of _EXCESS.
+    """
     points = np.frombuffer(point_bytes).reshape(-1, 3)
     lifted = np.column_stack(
         [

@@ -214,8 +214,12 @@ def projected_rows(
 
 
 def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]:
-    """The same of symmetric matrices (g, d, d): dPi(M)[H] = U (Omega o U^T H U) U^T with
-    the divided differences Omega of max(., 0)."""
+    """Return rows and derivative of :func:`projected_rows` for symmetric matrices (g,
+    d, d).
+
+    dPi(M)[H] = U (Omega o U^T H U) U^T, with eigenvectors U and the divided differences
+    Omega of max(., 0).
+    """
     group, _, width = directions.shape
     d = values.shape[-1]
     eigenvalues, u = np.linalg.eigh(values)
@@ -235,8 +239,11 @@ def _projected_matrices(values: Array, directions: Array) -> tuple[Array, Array]
 
 
 def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
-    """(g, d, d) of max(., 0) between eigenvalues (g, d), whose positive parts are given;
-    its step where two are equal."""
+    """Return (g, d, d) divided differences of max(., 0) between eigenvalues (g, d).
+
+    ``positive`` are their positive parts. For (nearly) equal eigenvalues: the
+    derivative, 1 or 0.
+    """
     gap = eigenvalues[:, :, None] - eigenvalues[:, None, :]
     largest = np.abs(eigenvalues).max(axis=1)[:, None, None]
     is_close = np.abs(gap) <= 1e-14 * largest
@@ -250,10 +257,11 @@ def _divided_differences(eigenvalues: Array, positive: Array) -> Array:
 
 
 def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
-    """The same of vectors (g, d) and the second-order cone.
+    """Return rows and derivative of :func:`projected_rows` for the second-order cone,
+    (g, d).
 
-    In the frame (axis, ray, across the ray) the derivative has eigenvalues 1 and 0 along
-    (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, at most 1 and at least 0, across.
+    In the frame (axis, ray, across the ray) the derivative has the eigenvalues 1 or 0
+    along (1, +-ray) / sqrt(2), and (1 + s / |u|) / 2, clipped to [0, 1], across.
     """
     width = directions.shape[2]
     s = values[:, 0]
@@ -346,15 +354,13 @@ class Constraint:
 
     @property
     def identity(self) -> Array:
-        """The element e of the cone for which margin(F + t e) = margin(F) + t."""
-        unit = np.eye(len(self.constant))
-        return (
-            unit
-            if self.cone == "psd"
-            else unit[0]
-            if self.cone == "soc"
-            else unit.sum(axis=0)
-        )
+        """Element e of the cone with margin(F + t e) = margin(F) + t."""
+        d = len(self.constant)
+        if self.cone == "psd":
+            return np.eye(d)
+        if self.cone == "soc":
+            return np.eye(d)[0]  # the axis
+        return np.ones(d)
 
 
 @dataclass(frozen=True)
@@ -453,14 +459,16 @@ class ConstraintSet:
         list of float
             Smallest result of :func:`cone_depths` in each group; at most about one.
         """
-        x = np.asarray(theta, float)
-        both = zip(
+        all_values, all_terms = self.entries.at(np.asarray(theta, float))
+        parts = zip(
             self.groups,
-            *map(self.entries.split, self.entries.at(x)),
+            self.entries.split(all_values),
+            self.entries.split(all_terms),
             strict=True,
         )
         return [
-            float(cone_depths(s.cone, values, terms).min()) for s, values, terms in both
+            float(cone_depths(group.cone, values, terms).min())
+            for group, values, terms in parts
         ]
 
     def depth(self, theta: ArrayLike) -> float:
@@ -479,7 +487,7 @@ class ConstraintSet:
         return min(self.depths(theta), default=np.inf)
 
     def with_families(self, keep: Callable[[str], bool]) -> ConstraintSet:
-        """The subset of constraints whose family is to be kept.
+        """Return the constraints of some families.
 
         Parameters
         ----------
@@ -498,8 +506,9 @@ class ConstraintSet:
 
     @property
     def essential(self) -> tuple[Constraint, ...]:
-        """The convex ones without the pseudo-inertias that a minimum thickness of the
-        link contains."""
+        """Convex constraints without pseudo-inertias that a minimum thickness of the
+        link implies.
+        """
         thick = {c.name for c in self.convex if c.family == "minimum thickness"}
         return tuple(
             c
@@ -535,7 +544,7 @@ class ConstraintSet:
         )
 
     def plus(self, more: Sequence[Constraint]) -> ConstraintSet:
-        """These constraints and further ones.
+        """Return these constraints with further convex ones.
 
         Parameters
         ----------
@@ -551,12 +560,12 @@ class ConstraintSet:
 
     @cached_property
     def entries(self) -> StackedCones:
-        """All numbers of the convex constraints end to end."""
+        """Convex constraints as one sparse affine map of theta."""
         return StackedCones.from_groups(self.groups)
 
     @cached_property
     def groups(self) -> tuple[ConeGroup, ...]:
-        """The convex constraints side by side, for methods that evaluate them often."""
+        """Convex constraints in groups of equal cones, which are evaluated together."""
         return tuple(group_cones(self.convex))
 
 
@@ -577,8 +586,7 @@ class ConeGroup:
 
     @cached_property
     def matrix(self) -> Array:
-        """(g d, p') with F.ravel() = constant.ravel() + matrix theta[:p'], entry by
-        entry."""
+        """(g d, p') matrix with F.ravel() = constant.ravel() + matrix theta[:p']."""
         g, k = self.indices.shape
         flat = self.coefficients.reshape(g, k, -1)
         out = np.zeros((g, flat.shape[2], 1 + int(self.indices.max(initial=-1))))
@@ -702,10 +710,9 @@ class StackedCones:
         """
         terms = self.value * theta[self.column]
         count = len(self.constant)
+        values = self.constant + np.bincount(self.row, terms, count)
         size = np.abs(self.constant) + np.bincount(self.row, np.abs(terms), count)
-        return np.asarray(
-            self.constant + np.bincount(self.row, terms, count)
-        ), np.asarray(size)
+        return np.asarray(values), np.asarray(size)
 
     def margins(self, theta: ArrayLike) -> tuple[Array, Array]:
         """Margins of all constraints at a point.
@@ -721,8 +728,14 @@ class StackedCones:
             The margin of each constraint, and the size of its largest summed term.
         """
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
-        both = map(self.split, self.at(np.asarray(theta, float)))
-        for group, values, terms in zip(self.groups, *both, strict=True):
+        all_values, all_terms = self.at(np.asarray(theta, float))
+        parts = zip(
+            self.groups,
+            self.split(all_values),
+            self.split(all_terms),
+            strict=True,
+        )
+        for group, values, terms in parts:
             margin[group.places] = cone_margin(group.cone, values)
             size[group.places] = terms.reshape(len(values), -1).max(axis=1)
         return margin, size
@@ -784,12 +797,9 @@ class StackedCones:
         list of arrays
             One array a constraint.
         """
-        parts = zip(self.groups, self.split(flat), strict=True)
-        by_place = {
-            k: x
-            for group, part in parts
-            for k, x in zip(group.places.tolist(), part, strict=True)
-        }
+        by_place: dict[int, Array] = {}
+        for group, part in zip(self.groups, self.split(flat), strict=True):
+            by_place |= zip(group.places.tolist(), part, strict=True)
         return [by_place[k] for k in range(len(by_place))]
 
 

@@ -90,21 +90,23 @@ def link_geometry(
 
 
 def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
-    """Whether a URDF's arm is free of itself at poses, by Pinocchio and coal.
+    """Return a function that tells whether a URDF's arm is free of self-collision.
 
-    Neighbours, and pairs that touch in every one of a few poses (shapes drawn too
-    large), are left out.
+    Neighbours, and pairs that touch in all of forty poses (shapes drawn too large), are
+    left out. Pinocchio and coal compute the collisions.
 
     Parameters
     ----------
-    urdf : the file
-    n : how many joints the robot has
+    urdf : str or Path
+        The file.
+    n : int
+        Number of joints of the robot.
 
     Returns
     -------
-    function of (N, n) poses [rad, m], or None
-        None where the file has no collision shapes that can be read, or other joints
-        than n.
+    callable or None
+        Of poses (N, n) [rad, m], True if no pair touches in any; None if the file has
+        no readable collision shapes, or another number of joints.
     """
     load_urdf(urdf)  # says in a sentence what is wrong with the file
     shapes = _collision_model(Path(urdf))
@@ -117,8 +119,9 @@ def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
 
 
 def _collision_model(urdf: Path) -> tuple[Any, Any] | None:
-    """Pinocchio's model of a URDF and its collision shapes; None where there are none
-    that can be read."""
+    """Return Pinocchio's model of a URDF and its collision geometry; None without
+    shapes.
+    """
     from sdp_vs_penalty.robot._pinocchio import pin
 
     with tempfile.TemporaryDirectory() as folder:
@@ -144,6 +147,9 @@ class _Collisions:
     """Pairs of an arm's shapes that must not touch."""
 
     def __init__(self, model: Any, geometry: Any) -> None:
+        """Take Pinocchio's model and collision geometry; at first all pairs of shapes
+        count.
+        """
         self._model = model
         self._geometry = geometry
         self._data = model.createData()
@@ -152,7 +158,7 @@ class _Collisions:
 
     @property
     def has_pairs(self) -> bool:
-        """Whether any pair is left."""
+        """Whether any pair of shapes is left."""
         return len(self._geometry.collisionPairs) > 0
 
     def is_free(self, poses: Array) -> bool:
@@ -160,7 +166,7 @@ class _Collisions:
         return not any(self._touch(q, stop_at_first=True) for q in poses)
 
     def leave_out_neighbours(self) -> None:
-        """Pairs of shapes of one link, and of links that a joint connects."""
+        """Remove pairs of shapes of one link, and of links that a joint connects."""
         joints = [shape.parentJoint for shape in self._geometry.geometryObjects]
         parents = self._model.parents
         for pair in list(self._geometry.collisionPairs):
@@ -171,7 +177,9 @@ class _Collisions:
         self._placed = self._geometry.createData()
 
     def leave_out_what_always_touches(self) -> None:
-        """Pairs that touch in every one of forty poses."""
+        """Remove pairs that touch in all of forty random poses: their shapes are drawn
+        too large.
+        """
         lowest = np.maximum(self._model.lowerPositionLimit, -np.pi)
         highest = np.minimum(self._model.upperPositionLimit, np.pi)
         shape = (40, self._model.nq)
@@ -185,6 +193,9 @@ class _Collisions:
         self._placed = self._geometry.createData()
 
     def _touch(self, q: Array, *, stop_at_first: bool) -> bool:
+        """Return whether any pair touches at q (n,); with ``stop_at_first`` the first
+        one ends it.
+        """
         from sdp_vs_penalty.robot._pinocchio import pin
 
         return bool(
@@ -200,8 +211,10 @@ class _Collisions:
 
 
 def collision_shapes(path: str) -> Iterator[dict[str, Array]]:
-    """How many collision shapes Pinocchio finds in a URDF; a broken one can end this
-    process."""
+    """Yield the number of collision shapes that Pinocchio finds in a URDF.
+
+    It runs in a process of its own, which a broken file can end.
+    """
     from sdp_vs_penalty.robot._pinocchio import pin
 
     kind = pin.GeometryType.COLLISION
@@ -212,8 +225,11 @@ def collision_shapes(path: str) -> Iterator[dict[str, Array]]:
 
 
 def _write_collision_copy(urdf: Path, copy: Path) -> bool:
-    """A URDF as we read it, whose meshes are files beside it with the triangles that we
-    read; False where a collision mesh cannot be read."""
+    """Write a copy of a URDF with its collision meshes as .obj files beside it.
+
+    Pinocchio then reads the triangles that we read. Returns False if a mesh cannot be
+    read.
+    """
     robot = parse_urdf(urdf)
     names = dict[str, str]()
     for element in robot.iterfind("link/collision/geometry/mesh"):
@@ -241,8 +257,12 @@ def _shapes(
     link: Any,
     placement: Array,
 ) -> list[Geometry] | None:
-    """Of one <link> element: all its collision shapes, else all visual ones; None: some
-    are missing."""
+    """Return a <link>'s collision shapes, or else its visual ones, in its moving body's
+    frame.
+
+    ``placement`` (4, 4) is the link's pose in that frame. [] without shapes; None if
+    some cannot be read.
+    """
     elements = [link.findall(tag) for tag in ("collision", "visual")]
     for members in elements:
         shapes = [_shape(path, element.find("geometry")) for element in members]
@@ -257,8 +277,10 @@ def _shapes(
 
 
 def _shape(path: Path, geometry: Any) -> Geometry | None:
-    """One shape about its own origin; None for numbers that describe none, or a mesh
-    that is missing."""
+    """Return the shape of a <geometry> element about its origin.
+
+    None for numbers that describe no shape, or a missing mesh.
+    """
     shape = next(iter(geometry), None) if geometry is not None else None
     if shape is None:
         return None
@@ -269,7 +291,9 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
 
 
 def _solid(path: Path, shape: Any) -> Geometry | None:
-    """Points around a shape, and its volume [m^3]."""
+    """Return points around a box, sphere, cylinder, capsule or mesh, and its volume
+    [m^3].
+    """
     corners = np.array(
         [
             [
@@ -297,7 +321,9 @@ def _solid(path: Path, shape: Any) -> Geometry | None:
 
 
 def _cylinder(shape: Any) -> Geometry:
-    """A prism around a cylinder or a capsule, whose volume is the cylinder's."""
+    """Return a 16-sided prism around a cylinder or capsule, and the cylinder's volume
+    [m^3].
+    """
     (radius,) = _lengths(shape, "radius", 1)
     (length,) = _lengths(shape, "length", 1)
     end = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
@@ -315,8 +341,10 @@ def _lengths(
     count: int,
     default: str = "",
 ) -> Array:
-    """(count,) numbers of an attribute, NaN where it does not hold as many; InputError
-    for one that is no robot's."""
+    """Return (count,) numbers of an attribute, NaN if it does not hold as many.
+
+    Raises InputError for a length beyond LARGEST_LENGTH.
+    """
     values = numbers_of(shape.get(attribute, default), count)
     if np.any(np.abs(values) > LARGEST_LENGTH):
         text = shape.get(attribute)[:40]
@@ -331,6 +359,11 @@ def _mesh(
     filename: str,
     scale: Array,
 ) -> Geometry | None:
+    """Return a mesh's vertices times ``scale`` (3,), and its volume (0 for an open
+    surface).
+
+    None if the file is missing or cannot be read.
+    """
     file = _mesh_file(path, filename)
     if file is None:
         return None
@@ -345,14 +378,15 @@ def _mesh(
 
 
 def _mesh_file(path: Path, filename: str) -> Path | None:
-    """Where a mesh lies; None where there is no such file, or its name is none."""
+    """Return the path of a mesh file, None if there is none."""
     # A name that is too long, or holds a zero byte, is no file's.
     return next((p for p in _places(path, filename) if os.path.isfile(p)), None)
 
 
 def _places(path: Path, filename: str) -> Iterator[Path]:
-    """Where a mesh may be: beside the URDF, or in a package above it or on ROS's own
-    paths."""
+    """Yield where a mesh may be: beside the URDF, or in a ROS package above it or on
+    ROS's paths.
+    """
     folder = path.resolve().parent
     if not filename.startswith(("package://", "model://")):
         yield folder / filename.removeprefix("file://")

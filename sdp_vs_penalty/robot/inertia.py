@@ -39,16 +39,24 @@ _ENTRIES = tuple(
 
 
 def _forms() -> tuple[Array, Array]:
-    """Both of the following, from the entries' symmetric dyads (e_i e_j^T + e_j e_i^T)
-    / 2."""
-    unit, (i, j) = np.eye(3), np.transpose(_ENTRIES)
+    """Return PSEUDO_INERTIA_BASIS (10, 4, 4) and STEINER_FORMS (6, 3, 3).
+
+    Both are made of the dyads (e_i e_j^T + e_j e_i^T) / 2 of the six inertia entries
+    (i, j).
+    """
+    unit = np.eye(3)
+    i, j = np.transpose(_ENTRIES)
+    is_moment = i == j
     pairs = unit[i][:, :, None] * unit[j][:, None]
     dyads = 0.5 * (pairs + pairs.swapaxes(1, 2))
-    trace = (i == j)[:, None, None] * unit
+    trace = is_moment[:, None, None] * unit
+    # An off-diagonal entry stands twice in the matrix: its two dyads' sum.
+    multiplicity = np.where(is_moment, 1.0, 2.0)[:, None, None]
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
-    basis[1:4, :3, 3] = basis[1:4, 3, :3] = unit
-    basis[4:, :3, :3] = 0.5 * trace - np.where(i == j, 1.0, 2.0)[:, None, None] * dyads
+    basis[1:4, :3, 3] = unit
+    basis[1:4, 3, :3] = unit
+    basis[4:, :3, :3] = 0.5 * trace - multiplicity * dyads
     return basis, trace - dyads
 
 

@@ -67,29 +67,38 @@ def parse_isolated(
     seconds: float = _LIMITS.silence,
     n_bytes: int | None = None,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """What ``parser(path, *arguments)`` yields, from a child process.
+    """Yield what ``parser(path, *arguments)`` yields, from a child process with limits.
+
+    A broken or hostile file can then end the child only.
 
     Parameters
     ----------
-    parser : a function at the level of a module of this package
-    path : the file, by whose size memory and time are limited
-    arguments : numbers, texts, None, and lists and mappings of these
-    prepare : a function at the level of a module that loads what the parser needs; it
-        runs before the child is forked
-    seconds : that the parser may be silent [s]
-    n_bytes : by which memory and time are limited in place of the file's size, where
-        the parser reads other files too
+    parser : callable
+        Function at the level of a module of this package.
+    path : str or Path
+        File, by whose size memory and time are limited.
+    arguments
+        Numbers, texts, None, and lists and mappings of these.
+    prepare : callable
+        Function at the level of a module that imports what the parser needs; it runs
+        before the child is forked.
+    seconds : float
+        Longest silence of the parser [s].
+    n_bytes : int, optional
+        Size that limits memory and time in place of the file's, if the parser reads
+        other files too.
 
     Yields
     ------
-    dict : arrays by name, as the parser has yielded them
+    dict
+        Arrays by name.
 
     Raises
     ------
     InputError
-        The parser's own.
+        Raised by the parser.
     ParserEndedError
-        The child was ended by a signal or a limit, or the parser raised anything else.
+        A signal or a limit ended the child, or the parser raised anything else.
     MemoryError
         The file unpacks to more than its size allows.
     """
@@ -109,12 +118,16 @@ def parse_isolated(
 
 
 def _size(path: Path) -> int:
+    """Return the size of a file, or of all files of a folder [bytes]."""
     files = path.iterdir() if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files)
 
 
 def _is_single_threaded() -> bool:
-    """Whether a fork copies all that runs: other threads may hold locks for ever."""
+    """Return whether this process has one thread, so that a fork is safe.
+
+    With several threads a fork may copy a lock that another thread holds.
+    """
     if sys.platform != "linux":
         return False
     with suppress(OSError):
@@ -125,7 +138,7 @@ def _is_single_threaded() -> bool:
 def _answers(
     messages: _Messages,
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
-    """The arrays of messages; errors are raised, remarks made."""
+    """Yield the arrays of a child's messages; raise its errors and repeat its warnings."""
     with closing(messages):
         for head, arrays in messages:
             if "remark" in head:
@@ -150,8 +163,10 @@ def _answers(
 def _fork_and_parse(
     request: Mapping[str, Any],
 ) -> _Messages:
-    """The messages of a child that does what is requested; the last one may say that it
-    failed."""
+    """Fork a child that runs the requested parser; yield its messages.
+
+    The last message may say that it failed. The child is always waited for.
+    """
     _function(*request["prepare"])()
     function = _function(*request["parser"])
     sys.stdout.flush()
@@ -183,12 +198,14 @@ def _fork_and_parse(
 
 
 def _reason(number: int) -> str:
+    """Return why a signal has ended the parser, as a clause."""
     if number == signal.SIGXCPU:
         return "its parser took too long"
     return f"its parser was ended by {signal.Signals(number).name}"
 
 
 def _function(module: str, name: str) -> Any:
+    """Import a module's function by name."""
     return getattr(importlib.import_module(module), name)
 
 
@@ -197,7 +214,11 @@ def _be_child(
     request: Mapping[str, Any],
     write_end: int,
 ) -> None:
-    """Parse, answer, and end: nothing of the parent's is finished or closed twice."""
+    """Run the parser in the forked child with limits, then end the process.
+
+    Standard streams are closed and the pipe is file 3. ``os._exit`` keeps the child
+    from finishing what belongs to the parent.
+    """
     try:
         gc.disable()
         with suppress(OSError):  # the folder was removed
@@ -221,7 +242,7 @@ def _send_answers(
     arguments: Sequence[Any],
     pipe: BinaryIO,
 ) -> None:
-    """Everything that a parser yields and says, one message each."""
+    """Send everything that a parser yields, warns of or raises, one message each."""
 
     def remark(message: Any, category: Any, *_: Any) -> None:
         if issubclass(category, Remark):
@@ -246,7 +267,9 @@ def _send_answers(
 
 
 def _limit(cpu_seconds: int) -> None:
-    """The limits of a parser: CPU time, open files, no dump, no socket, no program."""
+    """Limit this process: CPU time, open files, no core dump, no sockets, no other
+    programs.
+    """
     with suppress(ImportError, ValueError, OSError):
         import resource
 
@@ -311,11 +334,16 @@ class _Timed:
     """A pipe whose reader waits only so long for the next bytes."""
 
     def __init__(self, pipe: Any, seconds: float) -> None:
+        """Take a pipe and the longest time between two reads [s]."""
         self._pipe = pipe
         self._seconds = seconds
 
     def read_into(self, room: memoryview) -> int:
-        """Fill the room; fewer bytes where the pipe has ended. Raises TimeoutError."""
+        """Fill ``room`` from the pipe; return the number of bytes, fewer if the pipe
+        has ended.
+
+        Raises TimeoutError if no bytes arrive in time.
+        """
         n_read = 0
         end = time.monotonic() + self._seconds
         while n_read < len(room):
@@ -337,7 +365,9 @@ def _send(
     head: Mapping[str, Any],
     arrays: Arrays | None = None,
 ) -> None:
-    """One message: the length of its head, the head, the numbers."""
+    """Send one message: the length of its head (8 bytes), the head as JSON, the
+    numbers.
+    """
     blocks = {
         name: np.ascontiguousarray(block, "<f8")
         for name, block in (arrays or {}).items()
@@ -357,10 +387,10 @@ def _send(
 
 
 def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
-    """One message, None where the pipe has ended, whole or within a message.
+    """Read one message: head and arrays; None if the pipe has ended.
 
-    Raises ParserEndedError for what is no message: a parser that was taken over can
-    send anything.
+    Raises ParserEndedError for anything else: a parser that was taken over can send
+    anything.
     """
     start = bytearray(8)
     if source.read_into(memoryview(start)) < len(start):
@@ -392,6 +422,7 @@ class _Server:
     """A process with one thread that forks the children of a process with several."""
 
     def __init__(self) -> None:
+        """Start a Python process that serves requests (:func:`serve`)."""
         home = str(Path(__file__).parents[2])
         code = (
             f"import sys; sys.path.append({home!r});"
@@ -408,6 +439,7 @@ _idle: list[_Server] = []
 
 
 def _idle_server() -> _Server:
+    """Return an idle server of this process that still runs, or start one."""
     while _idle:
         server = _idle.pop()
         if server.owner == os.getpid() and server.process.poll() is None:
@@ -418,7 +450,7 @@ def _idle_server() -> _Server:
 def _ask_server(
     request: Mapping[str, Any],
 ) -> _Messages:
-    """The messages of a child of a server's."""
+    """Yield the messages of a child that an idle server forks for the request."""
     server = _idle_server()
     is_done = False
     try:
@@ -447,8 +479,9 @@ def _ask_server(
 
 
 def serve() -> None:
-    """Of the server: a request a line on stdin, messages on stdout, until stdin
-    ends."""
+    """Serve requests (a line of JSON each on stdin) until stdin ends, with messages on
+    stdout.
+    """
     pipe = sys.stdout.buffer
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     for line in sys.stdin.buffer:

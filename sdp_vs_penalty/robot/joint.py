@@ -43,6 +43,7 @@ class Joint(JsonRecordSkippingNone):
     effort: float = np.inf
 
     def __post_init__(self) -> None:
+        """Raise InputError for frames, axis, kind or limits that no joint can have."""
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
         who = f"joint {self.name}"
@@ -116,6 +117,9 @@ class Mechanism(JsonRecord):
     massless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise InputError for arrays of other shapes, or if every link is declared
+        massless.
+        """
         L = len(self.tree)
         n = np.shape(self.matrix)[-1]
         check_finite(f"the matrix of a mechanism of {L} joints", self.matrix, (L, n))
@@ -150,7 +154,7 @@ class ChannelNames(tuple[str, ...]):
         names: Sequence[str],
         held: Sequence[HeldJoint],
     ) -> "ChannelNames":
-        """These names, and the joints that are held."""
+        """Return the names of the driven joints, with the joints that are held."""
         out = cls(names)
         out.held = tuple(held)
         return out
@@ -165,34 +169,35 @@ def resolve_mimic_joints(
     followers: dict[str, Follower],
     massless: Sequence[int],
 ) -> tuple[tuple[Joint, ...], Mechanism | None]:
-    """Independent joints of a tree with mimic joints, and how the tree follows them.
+    """Return the independent joints of a tree with mimic joints, and how the tree
+    follows them.
 
     Parameters
     ----------
     tree : sequence of Joint
         All joints.
     followers : dict
-        Whom each mimic joint follows, by name.
+        Leader, multiplier and offset of each mimic joint, by name.
     massless : sequence of int
         Links without mass, by number in the tree.
 
     Returns
     -------
     tuple
-        The independent joints, and the mechanism; None where no joint follows another.
+        Independent joints, and the mechanism; None if no joint follows another.
 
     Raises
     ------
     InputError
-        Where a joint follows itself, directly or through others, or a joint that does not
-        exist.
+        If a joint follows itself, directly or through others, or an unknown joint.
     """
     names = [joint.name for joint in tree]
     free = [k for k, name in enumerate(names) if name not in followers]
     if not followers and not massless:
         return tuple(tree), None
+    # Homogeneous coordinates (q, 1): a row expresses a joint by the joint it follows.
     unit = np.eye(len(tree) + 1)
-    step = unit.copy()  # each joint, and a constant 1, as whom it follows says
+    step = unit.copy()
     for k, name in enumerate(names):
         if name in followers:
             leader, ratio, shift = followers[name]
@@ -203,12 +208,10 @@ def resolve_mimic_joints(
                 )
                 raise InputError(what, "correct its <mimic>")
             step[k] = ratio * unit[names.index(leader)] + shift * unit[-1]
-    powers = np.linalg.matrix_power(step, len(tree))[
-        :-1
-    ]  # through all that others follow
-    for k in np.flatnonzero(
-        np.delete(powers, [*free, -1], axis=1).any(axis=1)
-    ).tolist():
+    # Applied as often as there are joints, every chain of followers ends at free joints.
+    powers = np.linalg.matrix_power(step, len(tree))[:-1]
+    by_followers = np.delete(powers, [*free, -1], axis=1)
+    for k in np.flatnonzero(by_followers.any(axis=1)).tolist():
         raise InputError(
             f"joint {names[k]!r} mimics itself through others", "correct its <mimic>"
         )
@@ -356,6 +359,9 @@ class Transmission(JsonRecord):
     torques: tuple[str, ...]
 
     def __post_init__(self) -> None:
+        """Raise InputError for arrays or words that do not fit n motors, or dependent
+        motors.
+        """
         n = len(self.matrix)
         check_finite(f"the matrix of a transmission of {n} motors", self.matrix, (n, n))
         check_finite(f"the offset of a transmission of {n} motors", self.offset, (n,))
@@ -371,12 +377,16 @@ class Transmission(JsonRecord):
 
     @property
     def n(self) -> int:
-        """How many joints, and channels."""
+        """Number of joints, motors and channels."""
         return len(self.matrix)
 
     @property
     def _rows(self) -> tuple[Array, Array]:
-        """S, T of channels S q + (offset where they are a motor's), and T tau_m."""
+        """Matrices S and T (n, n) with position channels = S q + offset, and T tau_m =
+        torque channels.
+
+        A joint's channel has a row of the unit matrix in S, and of matrix^T in T.
+        """
         positions = np.array([self.positions]).T == "motor"
         torques = np.array([self.torques]).T == "motor"
         unit = np.eye(self.n)

@@ -45,7 +45,11 @@ def read_mesh(
     *,
     triangles: bool = False,
 ) -> Mesh | None:
-    """A mesh file, times scale (3,); None, with a remark, where it cannot be read."""
+    """Read a mesh file, scaled by ``scale`` (3,); None, with a warning, if it cannot be
+    read.
+
+    With ``triangles`` the mesh holds its faces too.
+    """
     suffix = path.suffix.lower()
     try:
         if suffix not in _COPIES:
@@ -88,7 +92,7 @@ def read_mesh(
 
 
 def load_coal() -> None:
-    """What :func:`mesh_of` needs."""
+    """Import what :func:`mesh_of` needs, before its process is forked."""
     import coal  # noqa: F401
 
 
@@ -97,8 +101,10 @@ def mesh_of(
     scale: list[float],
     has_triangles: bool,
 ) -> Iterator[dict[str, Array]]:
-    """Vertices (k, 3), triangles (m, 3) and volume (1,) of a file; a broken one can end
-    this process."""
+    """Yield vertices (k, 3), triangles (m, 3) and volume (1,) of a mesh file.
+
+    It runs in a process of its own, which a broken file can end.
+    """
     import coal
 
     try:
@@ -120,21 +126,24 @@ def mesh_of(
 
 
 def _as_it_is(_: Path, content: bytes) -> bytes:
+    """Return a file's content unchanged."""
     return content
 
 
 def _obj_geometry(_: Path, content: bytes) -> bytes:
-    """The lines of vertices and faces, and those that go on with one."""
+    """Return the lines of an .obj file with vertices and faces, and their continuation
+    lines.
+    """
     lines = content.replace(b"\0", b"\n").replace(b"\f", b"\n").splitlines()
     geometry = tuple(b"v f 0 1 2 3 4 5 6 7 8 9 + - . \\".split())
     return b"\n".join(x for x in lines if x.lstrip().startswith(geometry))
 
 
 def _gltf_geometry(path: Path, content: bytes) -> bytes:
-    """A glTF without materials and textures, its buffers inside.
+    """Return a glTF without materials and textures, with its buffers inside.
 
-    Raises LookupError, TypeError or ValueError for what is none, and InputError for a
-    buffer that cannot be read or lies outside of the mesh's folder.
+    Raises LookupError, TypeError or ValueError for another content, and InputError for
+    a buffer that cannot be read or lies outside of the mesh's folder.
     """
     inside = b""
     if content[:4] == b"glTF":
@@ -170,6 +179,11 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
 
 
 def _buffer(path: Path, uri: Any, inside: bytes) -> bytes:
+    """Return the bytes of a glTF buffer: inside the file, in its URI, or in a file
+    beside it.
+
+    Raises InputError for a file outside of the mesh's folder.
+    """
     if uri is None:
         return inside
     if uri.startswith("data:"):

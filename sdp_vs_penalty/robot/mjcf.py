@@ -98,19 +98,21 @@ class MujocoModel:
     arrays: Arrays
 
     def row(self, field: str, index: int) -> Array:
-        """One row of a field."""
+        """Return one row of a field of MuJoCo's model."""
         return self.arrays[field][index]
 
     def number(self, field: str, index: int) -> float:
-        """One number of a field."""
+        """Return one number of a field of MuJoCo's model."""
         return float(np.ravel(self.arrays[field][index])[0])
 
     def integer(self, field: str, index: int) -> int:
-        """One whole number of a field."""
+        """Return one integer of a field of MuJoCo's model."""
         return int(self.number(field, index))
 
     def start(self, joint: int) -> float:
-        """Where a joint stands in the file's reference configuration [rad, m]."""
+        """Return the position of a joint in the file's reference configuration [rad,
+        m].
+        """
         return self.number("qpos0", self.integer("jnt_qposadr", joint))
 
 
@@ -168,7 +170,9 @@ def _robot_of(
     gravity: Sequence[float] | None,
     held: tuple[HeldJoint, ...] = (),
 ) -> tuple[Robot, Array]:
-    """The robot and its links (links, 10), some joints of which stand still."""
+    """Return the robot and its links (links, 10), with the joints ``still`` fixed [rad,
+    m].
+    """
     tree, links, massless = _tree(model, still)
     moving = {joint.name for joint in tree}
     moving_followers = {name: f for name, f in followers.items() if name in moving}
@@ -183,7 +187,7 @@ def _robot_of(
 
 
 def _compiled(path: Path) -> MujocoModel:
-    """MuJoCo's model of a file, from a process of its own."""
+    """Compile a file by MuJoCo in a process of its own."""
     try:
         first, *named = parse_isolated(
             model_arrays,
@@ -214,7 +218,11 @@ def _compiled(path: Path) -> MujocoModel:
 
 
 def _n_bytes_around(path: Path) -> int:
-    """Bytes of a file and of the meshes and textures in its folder and below."""
+    """Return the bytes of a file and of the meshes and textures in its folder and
+    below.
+
+    They limit memory and time of the parser, since the file may name them.
+    """
     n_bytes = path.stat().st_size
     for folder in (path.parent, *islice(path.parent.glob("*/"), _MAX_FOLDERS)):
         files = islice(folder.iterdir(), _MAX_FILES)
@@ -227,13 +235,17 @@ def _n_bytes_around(path: Path) -> int:
 
 
 def load_mujoco() -> None:
-    """Import what the parser needs before its process is forked."""
+    """Import MuJoCo, before the parser's process is forked."""
     import mujoco  # noqa: F401
 
 
 def model_arrays(path: str) -> Iterator[Arrays]:
-    """The fields of MuJoCo's model; then the names of the model and of its joints, each
-    as the name of an empty array behind its number."""
+    """Yield the fields of MuJoCo's model, then the names of the model and of its
+    joints.
+
+    Only arrays pass to the parent process: a name is sent as the key "number:name" of
+    an empty array.
+    """
     import mujoco
 
     try:
@@ -264,7 +276,11 @@ def _name_of_model(model: object) -> str:
 def _equalities(
     model: MujocoModel,
 ) -> tuple[dict[str, float], dict[str, Follower]]:
-    """Joints that an equality holds, and those that it makes followers."""
+    """Return joints that an equality holds (position [rad, m]), and joints that follow
+    others.
+
+    Raises InputError for other equalities, such as of a closed loop.
+    """
     constants = dict[str, float]()
     followers = dict[str, Follower]()
     for k in range(len(model.arrays["eq_type"])):
@@ -293,9 +309,11 @@ def _equalities(
 def _tree(
     model: MujocoModel, still: Mapping[str, float]
 ) -> tuple[list[Joint], list[Array], tuple[int, ...]]:
-    """The moving joints depth first, the link of each (10,), and which have no mass.
+    """Return the moving joints depth first, the link of each (10,), and the massless
+    links.
 
-    Of a body with several joints each but the last carries a link without mass.
+    ``still`` are fixed joints and their positions [rad, m]. A body with several joints
+    gives each but the last a massless link.
     """
     joints = list[Joint]()
     links = list[Array]()
@@ -333,13 +351,15 @@ def _tree(
 
 
 def _joints_of_body(model: MujocoModel, body: int) -> range:
-    """The numbers of a body's joints."""
+    """Return the numbers of a body's joints."""
     first = model.integer("body_jntadr", body)
     return range(first, first + model.integer("body_jntnum", body))
 
 
 def _kind_of(model: MujocoModel, j: int) -> str:
-    """ "revolute" or "prismatic"; InputError for a free or a ball joint."""
+    """Return "revolute" or "prismatic" for joint j; InputError for a free or a ball
+    joint.
+    """
     number = model.integer("jnt_type", j)
     if number not in _KINDS:
         what = f"joint {model.joint_names[j]!r} is free, or a ball"
@@ -349,7 +369,7 @@ def _kind_of(model: MujocoModel, j: int) -> str:
 
 
 def _to_anchor(model: MujocoModel, j: int) -> tuple[Array, Array]:
-    """(4, 4) from a body's frame to its joint's anchor, and back."""
+    """Return poses (4, 4) from a body's frame to joint j's anchor, and back."""
     anchor = np.eye(4)
     back = np.eye(4)
     anchor[:3, 3] = model.row("jnt_pos", j)
@@ -364,7 +384,9 @@ def _joint(
     parent: int,
     placement: Array,
 ) -> Joint:
-    """One moving joint."""
+    """Return joint j of MuJoCo's model, placed (4, 4) in the frame of its parent's
+    joint.
+    """
     lower = -np.inf
     upper = np.inf
     if model.integer("jnt_limited", j):
@@ -388,7 +410,7 @@ def _joint(
 
 
 def _inertial(model: MujocoModel, body: int) -> Array:
-    """(10,) standard parameters of a body about its frame."""
+    """Return the standard parameters (10,) of a body about its frame."""
     link = np.zeros(10)
     link[0] = model.number("body_mass", body)
     about_com = np.diag(model.row("body_inertia", body))
@@ -398,7 +420,7 @@ def _inertial(model: MujocoModel, body: int) -> Array:
 
 
 def _pose(position: Array, quaternion: Array) -> Array:
-    """(4, 4) of a position [m] and a unit quaternion w, x, y, z."""
+    """Return the pose (4, 4) of a position [m] and a quaternion w, x, y, z."""
     w, x, y, z = quaternion / np.linalg.norm(quaternion)
     k = np.array(
         [
@@ -414,7 +436,7 @@ def _pose(position: Array, quaternion: Array) -> Array:
 
 
 def _values(model: MujocoModel, names: Sequence[str]) -> dict[str, float]:
-    """Nominal values of joints' parameters by their names; none where they are zero."""
+    """Return nonzero nominal parameters of joints by name: I_a1, f_v1, f_c1, kp1, kd1."""
     number_by_joint = {
         model.joint_names.index(name): number
         for number, name in enumerate(names, start=1)
@@ -432,7 +454,7 @@ def _values(model: MujocoModel, names: Sequence[str]) -> dict[str, float]:
 def _servo_gains(
     model: MujocoModel, number_by_joint: Mapping[int, int]
 ) -> dict[str, float]:
-    """Gains kp [N m/rad] and kd [N m s/rad] of position actuators, at their joints."""
+    """Return gains kp [N m/rad] and kd [N m s/rad] of position actuators, by name."""
     gains = dict[str, float]()
     for a in range(len(model.arrays["actuator_trntype"])):
         is_on_joint = model.integer("actuator_trntype", a) == _JOINT_TRANSMISSION

@@ -48,17 +48,20 @@ class OddUnit:
 
 
 def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
-    """What is in another unit.
+    """Yield the quantities of a robot's links that are in another unit than SI.
 
     Parameters
     ----------
-    links : of one robot
-    longest : distance between joints [m]
+    links : sequence of LinkSizes
+        Links of one robot.
+    longest : float
+        Largest distance between joints [m].
 
     Yields
     ------
     OddUnit
-        One a quantity: lengths, masses, centres of mass, inertias.
+        One for each of lengths, masses, centres of mass and inertias that is
+        implausible.
     """
     known = [x for x in links if x.mass > 0.0 and np.isfinite(x.mass)]
     scale = 1.0
@@ -66,7 +69,8 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
         scale = 1e-3
         yield _odd("lengths", 1e3, (), f"joints are {longest:.4g} m apart", "mm")
     size = max(longest * scale, 0.05)
-    in_grams = [x for x in known if x.mass > _HEAVIEST or _looks_like_grams(x, known)]
+    are_all_in_grams = _looks_like_grams(known)
+    in_grams = [x for x in known if x.mass > _HEAVIEST or are_all_in_grams]
     if in_grams:
         heaviest = max(x.mass for x in in_grams)
         how = f"a link weighs {heaviest:.4g} kg"
@@ -77,11 +81,14 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
 
 
 def _names(links: Sequence[LinkSizes]) -> tuple[str, ...]:
+    """Return the names of links."""
     return tuple(link.name for link in links)
 
 
 def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
-    """Centres of mass too far from their frames for a robot of this size [m]."""
+    """Yield centres of mass that are too far from their frames for a robot of ``size``
+    [m].
+    """
     far = [x for x in links if x.com > max(_FAR * size, _AWAY)]
     if far:
         farthest = max(x.com for x in far)
@@ -94,7 +101,7 @@ def _odd_inertias(
     size: float,
     are_masses_in_grams: bool,
 ) -> Iterator[OddUnit]:
-    """Inertias that spread a link's mass wider than a robot of this size [m] is."""
+    """Yield inertias whose radius of gyration is too large for a robot of ``size`` [m]."""
     wide = [x for x in links if _radius(x) > max(_SPREAD * size, 1.0)]
     if not wide:
         return
@@ -108,7 +115,7 @@ def _odd_inertias(
 
 
 def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
-    """Links that are lighter together than any drive shows."""
+    """Yield links that together are lighter than any drive could show."""
     total = sum(x.mass for x in links)
     if links and total < _LIGHTEST:
         how = f"all links together weigh {total:.3g} kg: no drive shows such masses."
@@ -116,13 +123,17 @@ def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
         yield OddUnit("masses", total, _names(links), how, remedy)
 
 
-def _looks_like_grams(link: LinkSizes, links: Sequence[LinkSizes]) -> bool:
-    """Whether an arm weighs tons and its moments of inertia are a thousand times too
-    large with it: each link more than 100 kg."""
-    return min(x.mass for x in links) > 100.0 and sum(x.mass for x in links) > 3000.0
+def _looks_like_grams(links: Sequence[LinkSizes]) -> bool:
+    """Return whether all links weigh more than 100 kg, and together more than 3 t.
+
+    Then the inertias are a thousand times too large as well.
+    """
+    masses = [x.mass for x in links]
+    return bool(masses) and min(masses) > 100.0 and sum(masses) > 3000.0
 
 
 def _radius(link: LinkSizes) -> float:
+    """Return the radius of gyration of a link [m]."""
     return float(np.sqrt(max(link.inertia, 0.0) / link.mass))
 
 
@@ -133,6 +144,11 @@ def _odd(
     how: str,
     unit: str,
 ) -> OddUnit:
+    """Return an OddUnit with its sentences.
+
+    ``factor``: by which the quantity is too large; ``how``: what shows it; ``unit``: in
+    which it seems to be.
+    """
     where = f" ({', '.join(links)})" if links else ""
     what = f"the {quantity}{where} look like {unit}, {factor:g} times too large: {how}."
     return OddUnit(

@@ -51,6 +51,9 @@ class Robot(JsonRecordSkippingNone):
     held: tuple[HeldJoint, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise InputError for other shapes, equal names, or joints that are not depth
+        first.
+        """
         check_finite("the gravity x,y,z [m/s^2]", np.array(self.gravity), (3,))
         if self.transmission is not None and self.transmission.n != self.n:
             what = f"{self.n} joints, its transmission {self.transmission.n} motors"
@@ -78,39 +81,39 @@ class Robot(JsonRecordSkippingNone):
 
     @property
     def n(self) -> int:
-        """How many joints move and are driven."""
+        """Number of joints that move and are driven."""
         return len(self.joints)
 
     @property
     def tree(self) -> tuple[Joint, ...]:
-        """Every moving joint, those that follow others included (L)."""
+        """(L,) every moving joint, followers included."""
         return self.joints if self.mechanism is None else self.mechanism.tree
 
     @cached_property
     def link_joints(self) -> tuple[int, ...]:
-        """For each link with mass the joint of the tree that carries it."""
+        """For each link with mass the index in the tree of the joint that carries it."""
         massless = () if self.mechanism is None else self.mechanism.massless
         return tuple(k for k in range(len(self.tree)) if k not in massless)
 
     @property
     def links(self) -> int:
-        """How many links have parameters: one a joint of the tree, but those declared
-        massless."""
+        """Number of links with parameters: one a joint of the tree, without massless
+        ones.
+        """
         return len(self.link_joints)
 
     @property
     def couplings(self) -> tuple[Array, ...]:
-        """(n,) each axis known to turn with several joints, its first entry 1: motors
-        and followers."""
-        rows = [
-            row
-            for part in (self.transmission, self.mechanism)
-            if part
-            for row in part.matrix
-        ]
-        return tuple(
-            row / row[row != 0.0][0] for row in rows if np.count_nonzero(row) > 1
-        )
+        """Rows (n,) of motors and followers that turn with several joints, scaled to a
+        first entry of 1.
+        """
+        couplings = []
+        for part in (self.transmission, self.mechanism):
+            for row in () if part is None else part.matrix:
+                factors = row[row != 0.0]
+                if len(factors) > 1:
+                    couplings.append(row / factors[0])
+        return tuple(couplings)
 
     def with_constant_joints(self, held: Mapping[str, float]) -> "Robot":
         """The same robot with driven joints that stand still.
@@ -192,7 +195,12 @@ class Robot(JsonRecordSkippingNone):
         return self.joint_names[k], float(row[k]), float(self.mechanism.offset[place])
 
     def tree_state(self, *states: ArrayLike) -> list[Array]:
-        """q, or q, dq, ddq (N, n) as those of every joint of the tree (N, L)."""
+        """Return states of the n driven joints as states (N, L) of all joints of the
+        tree.
+
+        ``states`` are q, or q, dq and ddq, each (N, n). Only positions have the
+        mechanism's offset.
+        """
         rows = [np.ascontiguousarray(np.atleast_2d(x), float) for x in states]
         m = self.mechanism
         if m is None:
@@ -221,18 +229,18 @@ class Robot(JsonRecordSkippingNone):
             if joint.kind == "prismatic":
                 move[:, :3, 3] = value * joint.axis
             else:
-                k, value = (
-                    np.cross(np.eye(3), joint.axis),
-                    value[:, None],
-                )  # k v = axis x v
-                move[:, :3, :3] += np.sin(value) * k + (1.0 - np.cos(value)) * (k @ k)
+                # Rodrigues' formula, with k v = axis x v.
+                k = np.cross(np.eye(3), joint.axis)
+                angle = value[:, None]
+                turn = np.sin(angle) * k + (1.0 - np.cos(angle)) * (k @ k)
+                move[:, :3, :3] += turn
             parent = np.eye(4) if joint.parent < 0 else out[:, joint.parent]
             out[:, i] = parent @ joint.placement @ move
         return out
 
     @cached_property
     def joint_names(self) -> ChannelNames:
-        """(n,) the names of the driven joints; with them those that are held."""
+        """(n,) names of the driven joints; the joints that are held are attached."""
         return ChannelNames.of([joint.name for joint in self.joints], self.held)
 
     @cached_property
@@ -247,20 +255,26 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def subtree(self) -> tuple[tuple[int, ...], ...]:
-        """For each joint the links that it moves: only their parameters make torque on
-        it."""
+        """For each driven joint the links that it moves: only their parameters make
+        torque on it.
+        """
+        # Joints of the tree that each joint carries, itself included; children come
+        # after their parents.
         carried: list[list[int]] = [[i] for i in range(len(self.tree))]
         for i in reversed(range(len(self.tree))):
-            if self.tree[i].parent >= 0:
-                carried[self.tree[i].parent] += carried[i]
-        moves = np.eye(self.n) if self.mechanism is None else self.mechanism.matrix
+            parent = self.tree[i].parent
+            if parent >= 0:
+                carried[parent] += carried[i]
+        matrix = np.eye(self.n) if self.mechanism is None else self.mechanism.matrix
         link_by_joint = {joint: link for link, joint in enumerate(self.link_joints)}
-        links_by_channel = []
-        for column in moves.T:
-            joints = {k for i in np.flatnonzero(column) for k in carried[i]}
+        links_by_driven_joint = []
+        for column in matrix.T:
+            joints = set[int]()
+            for moved in np.flatnonzero(column):
+                joints.update(carried[moved])
             links = [link_by_joint[k] for k in joints if k in link_by_joint]
-            links_by_channel.append(tuple(sorted(links)))
-        return tuple(links_by_channel)
+            links_by_driven_joint.append(tuple(sorted(links)))
+        return tuple(links_by_driven_joint)
 
     def random_configurations(self, count: int, seed: int) -> Array:
         """Random configurations, uniform inside the range of :func:`joint_limits`.
@@ -286,14 +300,18 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def random_states(self) -> tuple[Array, Array, Array]:
-        """q, dq, ddq (K, n): enough to tell apart whatever can be told apart."""
+        """q, dq, ddq (K, n) at random states, enough to find which parameters are
+        independent.
+        """
         count = 20 * self.n + 100
         dq, ddq = np.random.default_rng(0).normal(size=(2, count, self.n))
         return self.random_configurations(count, 0), dq, ddq
 
     @cached_property
     def random_columns(self) -> Array:
-        """(r, 10 links) a triangle of the regressor at :attr:`random_states`."""
+        """(r, 10 links) triangle with the inner products of the regressor at
+        :attr:`random_states`.
+        """
         rows = self.regressor(*self.random_states)
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
@@ -311,7 +329,9 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def _link_reach(self) -> Array:
-        """(links,) the lengths [m] of :meth:`link_reach`."""
+        """(links,) distance [m] from each link frame to the farthest joint that the
+        link bears.
+        """
         reach = np.array(
             [np.linalg.norm(joint.link_frame[:3, 3]) for joint in self.tree]
         )
@@ -384,23 +404,21 @@ class Robot(JsonRecordSkippingNone):
                 [c, -s],
                 [s, c],
             ]
-            placement = (
-                turn @ move
-            )  # Rz and Tz commute: the offset along the axis can come first
+            # Modified: Rz and Tz commute, so that Tz(d) can come before the joint.
+            placement = turn @ move
             if convention == "standard":
                 placement = joints[-1].link_frame if joints else np.eye(4)
                 frame = move @ turn
-            extra = dict(limits[i]) if limits else {}
-            one = Joint(
-                f"joint{i + 1}",
-                "revolute",
-                i - 1,
-                placement,
-                np.eye(3)[2],
-                frame,
-                **extra,
+            joint = Joint(
+                name=f"joint{i + 1}",
+                kind="revolute",
+                parent=i - 1,
+                placement=placement,
+                axis=np.eye(3)[2],
+                link_frame=frame,
+                **(limits[i] if limits else {}),
             )
-            joints.append(one)
+            joints.append(joint)
         return cls(
             name,
             tuple(joints),
@@ -408,8 +426,12 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def _projected(self, torque: Array, columns: bool = False) -> Array:
-        """(N, n, ...) from (N, L, ...): power is the same, tau = B^T tau_tree; columns
-        : (N, n, n) B^T D B of a matrix D (N, L, L) between joints of the tree."""
+        """Return torques of the driven joints (N, n, ...) from those of the tree (N, L,
+        ...).
+
+        Equal power gives tau = B^T tau_tree, with the mechanism's matrix B. With
+        ``columns`` a matrix D (N, L, L) between joints becomes B^T D B.
+        """
         if self.mechanism is None:
             return torque
         out = np.einsum("ln,kl...->kn...", self.mechanism.matrix, torque)
@@ -417,13 +439,14 @@ class Robot(JsonRecordSkippingNone):
 
     @property
     def _pin(self) -> Any:
-        """Pinocchio, imported when it is first needed."""
+        """The module Pinocchio, imported on first use."""
         from sdp_vs_penalty.robot._pinocchio import pin
 
         return pin
 
     @cached_property
     def _model(self) -> Any:
+        """Pinocchio's model of the tree, without inertias."""
         pin = self._pin
         model = pin.Model()
         model.gravity = pin.Motion(np.array(self.gravity, float), np.zeros(3))
@@ -442,8 +465,9 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def _link_maps(self) -> Array | None:
-        """(links, 10, 10) from link-frame to joint-frame parameters; None where all are
-        identity."""
+        """(links, 10, 10) maps from link-frame to joint-frame parameters; None if all
+        are identity.
+        """
         frames = [self.tree[k].link_frame for k in self.link_joints]
         if all(np.array_equal(frame, np.eye(4)) for frame in frames):
             return None
@@ -491,13 +515,17 @@ class Robot(JsonRecordSkippingNone):
         return blocks.reshape(len(out), self.n, -1)
 
     def _with_inertias(self, theta: ArrayLike) -> Any:
+        """Return Pinocchio's model with the links' standard parameters theta (10
+        links,).
+        """
         pin = self._pin
         model = self._model.copy()
         links = np.asarray(theta, float).reshape(self.links, 10)
         if self._link_maps is not None:
             links = np.einsum("lab,lb->la", self._link_maps, links)
         for i, row in zip(self.link_joints, links, strict=True):
-            if row[0] != 0.0:  # by which this divides
+            has_mass = row[0] != 0.0  # FromDynamicParameters divides by it
+            if has_mass:
                 model.inertias[i + 1] = pin.Inertia.FromDynamicParameters(row)
             else:
                 model.inertias[i + 1] = pin.Inertia(
@@ -649,7 +677,8 @@ class Robot(JsonRecordSkippingNone):
         """
         pin = self._pin
         state = np.array(self.tree_state(q, dq, ddq))
-        rows = 7 * np.arange(len(self.tree)) + 6  # the tree's joints in the longer one
+        # In the longer tree each joint stands behind its six virtual ones.
+        rows = 7 * np.arange(len(self.tree)) + 6
         virtual = (rows[:, None] - 6 + np.arange(6)).ravel()
         states = np.zeros((3, state.shape[1], 7 * len(rows)))
         states[:, :, rows] = state
@@ -764,6 +793,7 @@ class Robot(JsonRecordSkippingNone):
         models = [(x, m, m.createData()) for x, m in self._signed(theta)]
 
         def terms(q: Array, dq: Array) -> tuple[Array, Array]:
+            """Return M(q) (N, n, n) and C(q, dq) dq + g(q) (N, n)."""
             q, dq = self.tree_state(q, dq)
             mass = np.zeros((*q.shape, q.shape[1]))
             bias = np.zeros(q.shape)
@@ -776,12 +806,12 @@ class Robot(JsonRecordSkippingNone):
         return terms
 
     def _signed(self, theta: ArrayLike) -> list[tuple[float, Any]]:
-        """Models whose sum with these signs the links are, one where every mass is
-        positive.
+        """Return (sign, Pinocchio model) pairs whose signed sum has the links theta (10
+        links,).
 
-        Pinocchio divides by the mass that a joint carries, wherever it sums links, and
-        masses of least squares may be negative: what is linear in theta is right as a
-        difference.
+        Pinocchio divides by the mass that a joint carries, and masses of least squares
+        may be negative. Results that are linear in theta are right as the difference of
+        heavier links and their additional mass.
         """
         links = np.array(theta, float).reshape(-1, 10)
         if np.all(links[:, 0] > 0.0):
@@ -838,33 +868,23 @@ def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
     tuple of (n,) arrays
         Lower and upper position [rad, m], and velocity [rad/s, m/s].
     """
-    span, rate = np.where(
-        [j.kind == "revolute" for j in robot.joints],
-        [[np.pi], [2.0]],
-        0.5,
-    )
-    lower, upper, velocity = np.transpose(
-        [
-            [
-                j.lower,
-                j.upper,
-                j.velocity,
-            ]
-            for j in robot.joints
-        ]
-    )
+    is_revolute = np.array([j.kind == "revolute" for j in robot.joints])
+    # To each side of zero [rad, m], and largest velocity [rad/s, m/s].
+    default_span = np.where(is_revolute, np.pi, 0.5)
+    default_velocity = np.where(is_revolute, 2.0, 0.5)
+    lower = np.array([j.lower for j in robot.joints])
+    upper = np.array([j.upper for j in robot.joints])
+    velocity = np.array([j.velocity for j in robot.joints])
+    # An end that is open is at least a whole range away from one that is given.
     lower = np.where(
         np.isfinite(lower),
         lower,
-        np.minimum(-span, upper - 2.0 * span),
+        np.minimum(-default_span, upper - 2.0 * default_span),
     )
     upper = np.where(
         np.isfinite(upper),
         upper,
-        np.maximum(span, lower + 2.0 * span),
+        np.maximum(default_span, lower + 2.0 * default_span),
     )
-    return (
-        lower,
-        upper,
-        np.where(np.isfinite(velocity) & (velocity > 0.0), velocity, rate),
-    )
+    is_stated = np.isfinite(velocity) & (velocity > 0.0)
+    return lower, upper, np.where(is_stated, velocity, default_velocity)

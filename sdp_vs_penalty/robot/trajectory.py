@@ -47,6 +47,7 @@ class FourierTrajectory:
     duration: float
 
     def __post_init__(self) -> None:
+        """Raise InputError for a frequency, blend or duration that do not fit."""
         if (
             self.blend <= 0.0
             or self.duration <= 2.0 * self.blend
@@ -106,6 +107,9 @@ class FourierTrajectory:
         return q, np.where(moving, dq, 0.0), np.where(moving, ddq, 0.0)
 
     def _series(self, s: Array) -> tuple[Array, Array, Array]:
+        """Return q, dq, ddq (K, n) of the Fourier series at instants s (K,) [s] after
+        the blend.
+        """
         w = self.frequency * np.arange(1, self.a.shape[1] + 1)
         cos = np.cos(np.outer(s, w))
         sin = np.sin(np.outer(s, w))
@@ -200,12 +204,12 @@ class PointTrajectory:
 
     @cached_property
     def _starts(self) -> Array:
-        """(W - 1,) when each move begins."""
+        """(W - 1,) instants at which the moves begin [s]."""
         return np.cumsum(self.pauses[:-1] + np.concatenate([[0.0], self.moves[:-1]]))
 
     @property
     def duration(self) -> float:
-        """Of the whole motion, pauses included [s]."""
+        """Length of the whole motion, pauses included [s]."""
         return float(self.moves.sum() + self.pauses.sum())
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:

@@ -84,8 +84,11 @@ def numbers_of(text: str, count: int) -> Array:
 def _numbers(
     element: Any, attribute: str, *default: float, largest: float = LARGEST_NUMBER
 ) -> list[float]:
-    """An attribute's, as many as there are defaults, which stand where it or the
-    element is missing."""
+    """Return the numbers of an element's attribute, as many as there are defaults.
+
+    The defaults stand in for a missing attribute or element. Raises InputError, naming
+    the line, for other text or numbers beyond ``largest``.
+    """
     text = None if element is None else element.get(attribute)
     if text is None:
         return list(default)
@@ -255,7 +258,7 @@ def load_urdf(
 
 
 def _followers(root: Any) -> dict[str, Follower]:
-    """The joints that mimic others, by name."""
+    """Return leader, multiplier and offset of each mimic joint, by name."""
     found = dict[str, Follower]()
     for joint in root.findall("joint"):
         if (element := joint.find("mimic")) is not None:
@@ -294,8 +297,11 @@ def placed_links(
 
 
 def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
-    """(10,) of each moving link with what is fixed to it; which links say themselves
-    that they have no mass, beside others that have one."""
+    """Return (10,) standard parameters of each moving link, and the massless links.
+
+    Inertials of links that are fixed to it are added. A link counts as massless if its
+    inertial says so, and others have mass.
+    """
     moved = [
         [inertia.transform(at) @ read_inertial(e) for e, at in elements]
         for elements in parts
@@ -339,10 +345,10 @@ def parse_urdf(path: str | Path) -> Any:
 def _read(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> tuple[Any, list[Joint], list[Parts]]:
-    """The <robot> element of a file, its moving joints, depth first, and what their
-    links are made of.
+    """Return the <robot> element, the moving joints depth first, and their links'
+    elements.
 
-    held : joints that count as fixed where they stand.
+    ``held`` are joints that count as fixed, by name, and their positions [rad, m].
     """
     root = parse_urdf(path)
     joints: list[Joint] = []
@@ -385,7 +391,7 @@ def _read(
 
 
 def _require_unique_names(root: Any) -> None:
-    """InputError where a link or joint has no name, or that of another one."""
+    """Raise InputError for a link or joint without a name, or with another one's."""
     for tag in ("link", "joint"):
         names = Counter(element.get("name") for element in root.findall(tag))
         for name, count in names.items():
@@ -397,8 +403,11 @@ def _require_unique_names(root: Any) -> None:
 
 
 def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
-    """The links by name, for each link the joints that hang on it, and the one that no
-    joint carries."""
+    """Return the links by name, the joints that hang on each link, and the name of the
+    base.
+
+    Raises InputError unless the links form a tree.
+    """
     if root.tag != "robot":
         what = f"the outermost element is <{root.tag}>, a URDF's is <robot>"
         raise InputError(what, "correct the file")
@@ -438,8 +447,10 @@ def _end_of_joint(
     which: str,
     links: Mapping[str, Any],
 ) -> str:
-    """The link that a joint hangs on ("parent") or carries ("child"); InputError for one
-    that the file does not have."""
+    """Return the name of the link at a joint's "parent" or "child" end.
+
+    Raises InputError for a link that the file does not have.
+    """
     end = element.find(which)
     link = "" if end is None else str(end.get("link", ""))
     if link not in links:
@@ -450,7 +461,9 @@ def _end_of_joint(
 
 
 def _joint(element: Any, parent: int, placement: Array) -> Joint:
-    """One moving joint."""
+    """Return the moving joint of a <joint> element, placed (4, 4) in its parent's joint
+    frame.
+    """
     kind = element.get("type")
     name = element.get("name")
     if kind not in _MOVING:
@@ -520,11 +533,11 @@ def joint_motion(joint: Joint, value: float) -> Array:
 
 
 def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
-    """How the motors turn with the joints ``names``; None where the file says nothing
-    of it.
+    """Return how the motors turn with the joints ``names``, None if the file does not
+    say.
 
-    A joint of which nothing is said has a motor that turns with it. Channels are those
-    of joints, as every ROS log has them.
+    A joint without <transmission> has a motor that turns with it. Channels are on the
+    joint side, as in every ROS log.
     """
     matrix = np.eye(len(names))
     has_transmission = False
@@ -546,13 +559,13 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
 
 
 def _transmission_kind(element: Any) -> str:
-    """The class of a transmission without its package."""
+    """Return the class name of a transmission without its package."""
     kind = element.findtext("type") or element.get("type") or ""
     return str(kind).rpartition("/")[2]
 
 
 def _reduction(part: Any) -> float:
-    """The mechanical reduction of a joint or an actuator; 1 where none is written."""
+    """Return the mechanical reduction of a joint or an actuator; 1 without one."""
     (value,) = numbers_of(part.findtext("mechanicalReduction", "1"), 1).tolist()
     if not np.isfinite(value) or value == 0.0:
         where = f"line {part.sourceline}, <mechanicalReduction>"
@@ -562,7 +575,9 @@ def _reduction(part: Any) -> float:
 
 
 def _motors_by_joints(kind: str, reductions: Array) -> Array:
-    """(k, k) how actuators turn with a transmission's joints, by ros_control's rules."""
+    """Return (k, k) motor turns per joint turn in a transmission, by ros_control's
+    rules.
+    """
     block = np.diag(reductions)
     if len(reductions) == 2 and kind == "DifferentialTransmission":
         first, second = reductions

@@ -1,6 +1,7 @@
 """Payloads from streams: picked up, weighed, put down, and no alarm without one."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -176,6 +177,17 @@ def test_a_calibration_that_is_too_short_is_refused(arm):
             arm.bare.window(0.0, 0.5),
             RATE,
         )
+
+
+def test_a_calibration_in_which_a_joint_hardly_moves_is_refused(arm):
+    """Half a second of motion gives no correlation time of its residuals."""
+    run = arm.bare
+    middle = len(run.t) // 2
+    is_moving = np.abs(run.t - run.t[middle]) < 0.25
+    q = run.q.copy()
+    q[~is_moving, 0] = q[middle, 0]
+    with pytest.raises(InputError, match="joint 1"):
+        PayloadEstimator.calibrated(arm.estimate, replace(run, q=q), RATE)
 
 
 def test_an_update_keeps_no_memory(arm, estimator):
