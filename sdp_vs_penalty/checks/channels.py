@@ -145,8 +145,8 @@ def _into_range(robot: Robot, q: Array) -> Array:
 
 
 def find_degrees(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where most revolute positions are far outside their ranges, and all
-    are inside if they are in degrees."""
+    """Yield an error where most revolute positions are far outside their ranges, and
+    all are inside if they are in degrees."""
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
     if not far or not is_revolute[list(far)].all():
@@ -270,8 +270,8 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
-    """Yield issues about torque channels that never change, that are clipped at a limit,
-    or that hold magnitudes without their sign."""
+    """Yield issues about torque channels that never change, that are clipped at a
+    limit, or that hold magnitudes without their sign."""
     unsigned = []
     for j, x in enumerate(glance.run.tau.T):
         if not np.ptp(x):
@@ -312,8 +312,8 @@ def _clipped(
     j: int,
     x: Array,
 ) -> Iterator[Issue]:
-    """Yield a warning where the torque x (N,) of joint j stays exactly at its largest or
-    smallest value for long, and is never constant for as long elsewhere."""
+    """Yield a warning where the torque x (N,) of joint j stays exactly at its largest
+    or smallest value for long, and is never constant for as long elsewhere."""
     parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
     lengths = np.diff(parts)[:, 0] + 1
     values = x[parts[:, 0]]
@@ -349,14 +349,15 @@ _ONE_POSE = 0.1
 
 
 def _is_unsigned(torque: Array, q: Array) -> bool:
-    """Whether a torque (N,) is a magnitude: where its sign would change it turns back at
-    zero in a corner.
+    """Whether a torque (N,) is a magnitude: where its sign would change it turns back
+    at zero in a corner.
 
     A stretch below a fifth of the largest torque is a corner if its values come down
     from there to within one usual step of zero, and their mean is half the height, as
     of a V. A smooth torque comes so near to zero by chance only, with odds of that step
-    to the fifth. A constant level near zero, as of a coarse current at rest, has no such
-    range. Corners in one pose q (n,), as of a motion that repeats itself, count once.
+    to the fifth. A constant level near zero, as of a coarse current at rest, has no
+    such range. Corners in one pose q (n,), as of a motion that repeats itself, count
+    once.
     """
     touches_zero = 0.0 <= torque.min() <= 0.01 * torque.max()
     if not touches_zero:
@@ -416,8 +417,8 @@ def find_coarse_sampling(
     motion: Motion,
     settings: Preprocessing,
 ) -> Iterator[Issue]:
-    """Yield warnings where positions are too coarse to be differentiated twice: in time,
-    for the fastest harmonic of the motion, or in their resolution.
+    """Yield warnings where positions are too coarse to be differentiated twice: in
+    time, for the fastest harmonic of the motion, or in their resolution.
 
     Parameters
     ----------
@@ -471,8 +472,8 @@ def _quantised(
 
     The error of rounding to steps d has variance d^2 / 12, and changes with the level,
     so that its spectrum is flat up to the rate of changes. The part below the cut-off f
-    [Hz] of the filter stays. A second derivative weighs its power with (2 pi f)^4, whose
-    mean over the band is a fifth of that: hence the root of 60.
+    [Hz] of the filter stays. A second derivative weighs its power with (2 pi f)^4,
+    whose mean over the band is a fifth of that: hence the root of 60.
     """
     x = glance.run.q[:, j]
     step = lattice_step(x)

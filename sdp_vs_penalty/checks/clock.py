@@ -170,8 +170,8 @@ def _spaced_evenly(run: Measurements, step: float) -> Measurements:
 
 
 def _even(t: Array) -> Array:
-    """Return evenly spaced times (N,): the line through rounded times t (N,) over the row
-    number, by least squares."""
+    """Return evenly spaced times (N,): the line through rounded times t (N,) over the
+    row number, by least squares."""
     if len(t) <= 2:
         return t
     row = np.arange(len(t)) - 0.5 * (len(t) - 1)  # from the middle

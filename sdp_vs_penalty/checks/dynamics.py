@@ -73,7 +73,8 @@ class LoggerJudge:
 
     reports : of all runs, with their facts; logs : by the run's number, the rows of
     those whose dynamics can be judged; only_in : by the run's number, what is repaired
-    in that run alone; issues_of_one : by the run's number, the issues of that run alone.
+    in that run alone; issues_of_one : by the run's number, the issues of that run
+    alone.
     """
 
     def __init__(
@@ -329,8 +330,8 @@ def has_dynamics(report: Report) -> bool:
 
 
 def is_poor(report: Report) -> bool:
-    """Whether the motion of a run is poor: it has at most half as many directions (rank)
-    as joints that move."""
+    """Whether the motion of a run is poor: it has at most half as many directions
+    (rank) as joints that move."""
     ranks = [f.figures for f in report.issues if f.kind == "lockstep motion"]
     return any(2 * x["rank"] <= x["moving"] for x in ranks)
 

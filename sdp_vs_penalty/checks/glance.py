@@ -28,7 +28,8 @@ CONTINUE = "continue the time at the usual step there"
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What the rules about rows, clock and channels know of a run of N rows and n joints.
+    """What the rules about rows, clock and channels know of a run of N rows and n
+    joints.
 
     standstill : share of its usual speed below which the robot stands still [-].
     """
@@ -121,7 +122,8 @@ class RunSummary:
         bad : mapping of str to (N,) bool array, or such an array
             Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
         what : str
-            The sentence, with places for the figures ``{rows}``, ``{named}`` (channels),
+            The sentence, with places for the figures ``{rows}``, ``{named}``
+            (channels),
             ``{seconds}`` (the longest part) and ``{parts}``.
         sure : str
             How certain it is, and why.
@@ -175,8 +177,8 @@ class RunSummary:
     ) -> float:
         """Return the share of the measurements that is lost with some rows.
 
-        It is the largest of: the share of all rows, and of each channel the share of its
-        squares about its median.
+        It is the largest of: the share of all rows, and of each channel the share of
+        its squares about its median.
         """
         shares = [float(gone.mean())]
         for name, _, x in self.channels:

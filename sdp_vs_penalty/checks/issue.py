@@ -18,13 +18,13 @@ class Issue:
     """kind : what is wrong, in two or three words; where : joints, channels, rows or
     instants.
 
-    severity : "error" (identification would be meaningless), "warning" (it would be worse than it
-        need be) or "note" (a fact worth knowing).
-    what, remedy : one sentence each. certainty : "certain", "likely" or "possible", and why.
-    repair : where mending is safe, how (``remedy`` in words); figures : the numbers behind it.
-    gravity : where gravity points instead [m/s^2], for an issue about it.
-    nature : FACT, which is read from the file, or EXPLANATION, which a model of the arm
-        gives: it competes with other explanations and is never an error.
+    severity : "error" (identification would be meaningless), "warning" (it would be
+    worse than it need be) or "note" (a fact worth knowing). what, remedy : one sentence
+    each. certainty : "certain", "likely" or "possible", and why. repair : where mending
+    is safe, how (``remedy`` in words); figures : the numbers behind it. gravity : where
+    gravity points instead [m/s^2], for an issue about it. nature : FACT, which is read
+    from the file, or EXPLANATION, which a model of the arm gives: it competes with
+    other explanations and is never an error.
     """
 
     kind: str
@@ -66,7 +66,8 @@ class Issue:
         Parameters
         ----------
         kind, severity, what, certainty, remedy, repair, nature, apply
-            As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
+            As the attributes of the issue. ``{where}`` in ``what`` stands for the
+            place.
         joints : sequence of int
             From 0; empty for an issue about no joint.
         where : str
@@ -115,7 +116,8 @@ class Issue:
 
     @property
     def mends(self) -> bool:
-        """Whether `check --fix` repairs it: it is a fact with a repair."""
+        """Whether `check --fix` repairs the issue by itself: it is a certain fact, and
+        has a repair."""
         is_certain = self.certainty.startswith("certain")
         return self.nature == FACT and self.repair is not None and is_certain
 

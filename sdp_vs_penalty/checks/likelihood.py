@@ -60,9 +60,9 @@ _LEAST_SPARE_SHARE = 0.1
 class Likelihood:
     """Fit arms to the rows of one log under any repair, of M rows and n joints.
 
-    "Shared" columns belong to parameters that joints share (links); "own" columns to one
-    joint (friction, rotor, offset). What depends on a part of a repair is cached for all
-    repairs with that part.
+    "Shared" columns belong to parameters that joints share (links); "own" columns to
+    one joint (friction, rotor, offset). What depends on a part of a repair is cached
+    for all repairs with that part.
     """
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
@@ -106,8 +106,8 @@ class Likelihood:
 
     @cached_property
     def on_third_of_rows(self) -> Likelihood:
-        """The likelihood of every third row: enough to see which repairs are worth a fit
-        to all rows."""
+        """The likelihood of every third row: enough to see which repairs are worth a
+        fit to all rows."""
         return self.select_rows(slice(None, None, 3))
 
     def select_rows(self, rows: slice) -> Likelihood:
@@ -173,10 +173,11 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Motion:
-        """Return the motion (M, n) as repaired, the velocity multiplied by ``speed`` and
-        the acceleration by ``push``.
+        """Return the motion (M, n) as repaired, the velocity multiplied by ``speed``
+        and the acceleration by ``push``.
 
-        With both 0 the arm's torque is its weight; with speed 0 it is weight and inertia.
+        With both 0 the arm's torque is its weight; with speed 0 it is weight and
+        inertia.
         """
         logged = self.data.motion
         order = list(repair.order)
@@ -203,7 +204,8 @@ class Likelihood:
         """Return the columns (n, M, s) of the s parameters that joints share, own
         columns not projected out; 0 where a joint's torque is not used.
 
-        Where a controller took a share of the weight out of a torque, so do the columns.
+        Where a controller took a share of the weight out of a torque, so do the
+        columns.
         """
         return self._raw(repair.motion_part.with_defaults("events"))
 
@@ -221,8 +223,8 @@ class Likelihood:
         gravity: tuple[float, ...],
         longer: Numbers,
     ) -> Model | None:
-        """Return the model of what joints share under a gravity [m/s^2] of the base, each
-        joint ``longer`` metres farther from the one before; None where nothing is
+        """Return the model of what joints share under a gravity [m/s^2] of the base,
+        each joint ``longer`` metres farther from the one before; None where nothing is
         shared."""
         if self.data.shared is None:
             return None
@@ -266,8 +268,8 @@ class Likelihood:
         return np.take(columns, self.data.independent, axis=2)
 
     def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
-        """Return the torque (M, n) of a plausible arm, with the problem's nominal links,
-        on the repaired motion [N m or N].
+        """Return the torque (M, n) of a plausible arm, with the problem's nominal
+        links, on the repaired motion [N m or N].
 
         Weight that the channels lack is left out. With speed 0 it is the whole weight
         alone.
@@ -302,8 +304,8 @@ class Likelihood:
         return np.asarray(u * is_independent[:, None])
 
     def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
-        """Return the r columns (n, M, r) of an event of one joint's torque (a law of its
-        motion, a drift, a step); 0 for the other joints."""
+        """Return the r columns (n, M, r) of an event of one joint's torque (a law of
+        its motion, a drift, a step); 0 for the other joints."""
         if isinstance(event.at, str):
             shape = self.data.laws[event.at][[order[event.joint]]]
         else:
@@ -352,8 +354,8 @@ class Likelihood:
         return grams, rows.basis.shape[2]
 
     def fit_all(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm to the log under each of several repairs; those of the same motion
-        share its rows."""
+        """Fit one arm to the log under each of several repairs; those of the same
+        motion share its rows."""
         by_motion: dict[LogTransform, list[int]] = {}
         for number, repair in enumerate(repairs):
             by_motion.setdefault(repair.motion_part, []).append(number)
@@ -439,11 +441,11 @@ class Likelihood:
         return arms, np.maximum(errors, FLOOR)
 
     def shares_left_by_own_models(self, repair: LogTransform) -> Array:
-        """Return the share (n,) of each torque's energy that a model of that joint alone
-        leaves, on parts of the log that it was not fitted to.
+        """Return the share (n,) of each torque's energy that a model of that joint
+        alone leaves, on parts of the log that it was not fitted to.
 
-        A joint's own model has all columns of the arm, but parameters that no other joint
-        shares: it shows how well the torque can be explained at all.
+        A joint's own model has all columns of the arm, but parameters that no other
+        joint shares: it shows how well the torque can be explained at all.
         """
         parts, n_own = self.gram_matrices(repair)
         other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
@@ -462,9 +464,9 @@ class Likelihood:
         """Estimate the change of each of r numbers of a repair that lowers the residual
         most, the other numbers fixed (a Gauss-Newton step).
 
-        With Y theta the arm's torque, x a number and d = d(y - Y theta)/dx, the weighted
-        normal equations of arm and number have the blocks A = Y^T Y, b = -Y^T d, a =
-        d^T d and the right sides c = Y^T y, c_x = -d^T y; then
+        With Y theta the arm's torque, x a number and d = d(y - Y theta)/dx, the
+        weighted normal equations of arm and number have the blocks A = Y^T Y, b = -Y^T
+        d, a = d^T d and the right sides c = Y^T y, c_x = -d^T y; then
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b).
 
@@ -598,8 +600,8 @@ class Likelihood:
         return float(log_probabilities[is_used].sum())
 
     def _centred_states(self, repair: LogTransform) -> Array:
-        """Return velocity and acceleration (2, n, M), without their means and over M, so
-        that sums of products with a torque are mean powers.
+        """Return velocity and acceleration (2, n, M), without their means and over M,
+        so that sums of products with a torque are mean powers.
 
         A constant torque, as a weight, is neither friction nor inertia. Where time runs
         backwards the velocity changes its sign.
@@ -611,8 +613,8 @@ class Likelihood:
         return np.asarray(states * self.torque_mask(repair))
 
     def _make_inertia_and_weight(self, repair: LogTransform) -> Array:
-        """Make two linear functions (2, s) of the s shared parameters theta: the mean of
-        ddq^T M(q) ddq, and the mean product of the arm's weight with the weight of a
+        """Make two linear functions (2, s) of the s shared parameters theta: the mean
+        of ddq^T M(q) ddq, and the mean product of the arm's weight with the weight of a
         plausible arm."""
         ddq = self.motion(repair).ddq
         weight = self.shared(repair, speed=0.0, push=0.0)  # (n, M, s)

@@ -62,12 +62,12 @@ class RegressionData:
     """M rows of one log at which the arm moves, of n joints, low-passed.
 
     shared : effects whose columns joints share (links, couplings); independent : which
-    of their columns span all of them, however the arm is mounted; motion : states
-    (M, n); torque : the n channels as splines over time; own_columns (n, M, k) : columns
-    that a joint's own motion makes (friction, rotor, offset); laws : by name the columns
-    (n, M, r) of LAWS; torque_mask (M, n) : 1 where a joint slides, 0 where its torque is
-    not used; moving (n,) : whether a joint moves; largest (n,) : largest absolute value
-    of each raw channel; cutoff : of the low-pass [Hz].
+    of their columns span all of them, however the arm is mounted; motion : states (M,
+    n); torque : the n channels as splines over time; own_columns (n, M, k) : columns
+    that a joint's own motion makes (friction, rotor, offset); laws : by name the
+    columns (n, M, r) of LAWS; torque_mask (M, n) : 1 where a joint slides, 0 where its
+    torque is not used; moving (n,) : whether a joint moves; largest (n,) : largest
+    absolute value of each raw channel; cutoff : of the low-pass [Hz].
     """
 
     shared: Model | None
@@ -124,7 +124,8 @@ class RegressionData:
         Returns
         -------
         RegressionData
-            With about as many rows as one log: of L logs every L-th row. Each log's clock
+            With about as many rows as one log: of L logs every L-th row. Each log's
+            clock
             begins a second after the end of the log before. Each log has an offset of
             its torques of its own, as further own columns.
         """
@@ -281,8 +282,8 @@ def _chosen_rows(
     """List the stretches without gaps, and of each the numbers of rows at which the arm
     moves: ROWS rows in all, evenly spread.
 
-    Raises InputError where the filters leave no row: near the ends of a stretch they need
-    a margin.
+    Raises InputError where the filters leave no row: near the ends of a stretch they
+    need a margin.
     """
     margin = filters.state.half + filters.column.half
     places = []
@@ -310,8 +311,8 @@ def _filter_stretch(
     """Return the low-passed states and own columns (n, M, k) of a stretch without gaps,
     at its rows ``at`` (M,).
 
-    Columns are made of the motion at every ``stride``-th row, and then low-passed as the
-    torque is.
+    Columns are made of the motion at every ``stride``-th row, and then low-passed as
+    the torque is.
     """
     half = filters.coarse.half
     reach = filters.stride * half

@@ -32,16 +32,16 @@ Numbers = tuple[float, ...]
 class LogEvent:
     """A torque of one joint that is not the arm's.
 
-    at : None for a linear drift over the whole log; a time [s] for a step; the name of a
-    law of the joint's own motion ("a spring").
+    at : None for a linear drift over the whole log; a time [s] for a step; the name of
+    a law of the joint's own motion ("a spring").
     """
 
     joint: int
     at: float | str | None = None
 
     def shape(self, t: Array) -> Array:
-        """Return the column (N, 1) of unit size at instants t (N,) [s]: a ramp from 0 to
-        1 for a drift, 0 before a step and 1 after it."""
+        """Return the column (N, 1) of unit size at instants t (N,) [s]: a ramp from 0
+        to 1 for a drift, 0 before a step and 1 after it."""
         assert not isinstance(self.at, str)  # laws are columns of the data
         if self.at is None:
             ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
@@ -55,9 +55,9 @@ class LogTransform:
     """What is done to a log, and what its model has to assume; one entry a joint.
 
     Done to the log, as in the module's equations: order, tau_order : the channel that
-    each joint takes; scale, zero : of positions, q = scale q_raw + zero [rad, m]; gain :
-    of torques; lead, lag [s] : how much later a torque is, and the time constant of its
-    low-pass; rate, reversed : of the clock.
+    each joint takes; scale, zero : of positions, q = scale q_raw + zero [rad, m]; gain
+    : of torques; lead, lag [s] : how much later a torque is, and the time constant of
+    its low-pass; rate, reversed : of the clock.
 
     Assumed by the model: gravity [m/s^2] in the base frame; lacks : share of the arm's
     weight that each torque lacks; longer [m] : how much farther a joint is from the one

@@ -54,8 +54,8 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
 
 
 def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """Yield warnings where the repaired log leaves more torque unexplained than such arms
-    do: in all joints, in single joints, or at a single moment.
+    """Yield warnings where the repaired log leaves more torque unexplained than such
+    arms do: in all joints, in single joints, or at a single moment.
 
     Joints and moments are judged only where the log has more samples than one arm has
     parameters.
@@ -107,8 +107,8 @@ def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
 
 
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
-    """Return the joints (from 0) that contradict the others: of their torque's energy one
-    arm leaves far more than a model of the joint alone does.
+    """Return the joints (from 0) that contradict the others: of their torque's energy
+    one arm leaves far more than a model of the joint alone does.
 
     It has to be so with all laws of friction and position fitted as well.
     """

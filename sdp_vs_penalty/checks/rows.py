@@ -41,8 +41,8 @@ def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an issue where a part of the run is in the file twice: RUN rows or more that
-    equal, bit by bit, the rows a fixed distance earlier.
+    """Yield an issue where a part of the run is in the file twice: RUN rows or more
+    that equal, bit by bit, the rows a fixed distance earlier.
 
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
     """
@@ -100,8 +100,8 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _frozen_measurements(glance: RunSummary) -> Rows:
-    """Return the rows (N,) in which no packet came: positions and torques repeat the row
-    before for long, while a logged velocity shows that its joint moves on."""
+    """Return the rows (N,) in which no packet came: positions and torques repeat the
+    row before for long, while a logged velocity shows that its joint moves on."""
     frozen = _frozen_packets(glance, glance.repeats_measured)
     moving_joints = np.flatnonzero(glance.moving).tolist()
     parts = []
@@ -262,10 +262,11 @@ def _on_lines(glance: RunSummary) -> Rows:
 
 
 def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an issue about exact zeros that a logger filled in because it had no sample.
+    """Yield an issue about exact zeros that a logger filled in because it had no
+    sample.
 
-    The joint moves, the channel jumps to zero and back to the same side, and to no other
-    value does it jump so.
+    The joint moves, the channel jumps to zero and back to the same side, and to no
+    other value does it jump so.
 
     A torque that changes its sign passes through zero, in steps of its drive's
     resolution exactly; a joint at rest, with its brake on, may need none; noise returns
@@ -287,8 +288,8 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _filled(x: Array) -> Rows:
-    """Return the rows (N,) of zeros in a channel x (N,) between samples far from zero on
-    the same side; none where the channel jumps to other values and back as often."""
+    """Return the rows (N,) of zeros in a channel x (N,) between samples far from zero
+    on the same side; none where the channel jumps to other values and back as often."""
     if not np.any(x == 0.0):
         return np.zeros(len(x), bool)
     changes = np.abs(np.diff(x))
@@ -339,8 +340,8 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning where all joints skip ahead within one step of an even clock: rows
-    are missing, and the clock was made anew.
+    """Yield a warning where all joints skip ahead within one step of an even clock:
+    rows are missing, and the clock was made anew.
 
     A position that repeats is a packet repeated, and makes up for the skip behind it:
     each position counts once, from its first stamp to that of the next. Only joints
@@ -421,8 +422,8 @@ def find_frozen_channels(
     word: str,
     name: str,
 ) -> Iterator[Issue]:
-    """Yield an issue about channels that are frozen: they repeat a value bit by bit while
-    the arm moves, and did not slow down before.
+    """Yield an issue about channels that are frozen: they repeat a value bit by bit
+    while the arm moves, and did not slow down before.
 
     word : "position" or "torque"; name : first letter of the channels' names.
     """
@@ -450,9 +451,9 @@ def _stuck(
 ) -> Rows:
     """Return the rows (N,) in which the channel x (N,) of joint j is frozen.
 
-    A long stretch of one value is a freeze if what comes behind it does not continue it:
-    a position jumps without having slowed down, a torque jumps while the arm moves. A
-    torque that stays until the end is frozen if its joint turns round meanwhile.
+    A long stretch of one value is a freeze if what comes behind it does not continue
+    it: a position jumps without having slowed down, a torque jumps while the arm moves.
+    A torque that stays until the end is frozen if its joint turns round meanwhile.
     """
     pauses = _long_pauses(glance, x)  # first and last rows
     if not pauses:
@@ -487,8 +488,8 @@ def _velocity_goes_on(
     a: int,
     b: int,
 ) -> bool:
-    """Whether joint j's logged velocity goes on from row a to b: its mean square there is
-    a tenth of that elsewhere, or more. False where none was logged."""
+    """Whether joint j's logged velocity goes on from row a to b: its mean square there
+    is a tenth of that elsewhere, or more. False where none was logged."""
     if dq is None:
         return False
     square = dq[:, j] ** 2
@@ -497,8 +498,8 @@ def _velocity_goes_on(
 
 
 def _joint_goes_round(q: Array, a: int, b: int) -> bool:
-    """Whether a joint turns round from row a to b: of positions q (N,) it covers a tenth
-    of the range, and goes a tenth of that back.
+    """Whether a joint turns round from row a to b: of positions q (N,) it covers a
+    tenth of the range, and goes a tenth of that back.
 
     Friction keeps a coarse torque constant only as long as the joint does not turn.
     """
@@ -541,8 +542,8 @@ def _comes_to_rest(
     a: int,
     jump: float,
 ) -> bool:
-    """Whether a position x (N,) comes to rest at row a: it slows down before, and starts
-    again slowly.
+    """Whether a position x (N,) comes to rest at row a: it slows down before, and
+    starts again slowly.
 
     steps (N - 1,) : its absolute changes; jump : the first change after the rest.
     """

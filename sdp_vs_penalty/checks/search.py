@@ -160,8 +160,8 @@ class RepairSearch:
         likely = [r for r in refined if self.posterior(r) >= threshold]
 
         def rank(repair: LogTransform) -> int:
-            """Sort key: the larger posterior first; a law, which arms have, comes before
-            a fault that explains as much."""
+            """Sort key: the larger posterior first; a law, which arms have, comes
+            before a fault that explains as much."""
             is_law = all(e.severity == "note" for e in self.new_faults(repair, now))
             return -round(self.posterior(repair) + c.ODDS * is_law)
 
@@ -216,9 +216,9 @@ class RepairSearch:
         """Return by how much each repair raises the log-likelihood on a third of the
         rows, without the repairs that cannot reach the odds against a fault.
 
-        A repair cannot reach them if twice its gain is too small: the best size explains
-        at most twice what a rough one does, and physics gives back at most what it takes
-        of ``now``.
+        A repair cannot reach them if twice its gain is too small: the best size
+        explains at most twice what a rough one does, and physics gives back at most
+        what it takes of ``now``.
         """
         fits = self.log.on_third_of_rows.fit_all(repairs)
         fit_now = self.log.on_third_of_rows.fit(now)
@@ -291,8 +291,8 @@ class RepairSearch:
         return 0.5 * c.SIGMAS if is_enough else c.SIGMAS
 
     def _is_decided_by_physics(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether physics (positive inertia, friction that takes power) prefers a repair
-        to ``now`` clearly, where both fit the same."""
+        """Whether physics (positive inertia, friction that takes power) prefers a
+        repair to ``now`` clearly, where both fit the same."""
         gain = self.posterior(repair) - self.posterior(now)
         return not self.is_poor and gain > c.LOUDEST_INERTIA
 
@@ -347,8 +347,8 @@ class RepairSearch:
         repair: LogTransform,
         now: LogTransform,
     ) -> bool:
-        """Whether a fault with a size that all torques share (a delay, a filter) explains
-        more than one joint.
+        """Whether a fault with a size that all torques share (a delay, a filter)
+        explains more than one joint.
 
         Parameters
         ----------
@@ -384,7 +384,8 @@ class RepairSearch:
         Returns
         -------
         (K,) array
-            Whether the error rises by more than WORSE, by more than its scatter over the
+            Whether the error rises by more than WORSE, by more than its scatter over
+            the
             parts (one odd part is no rise), and by so much that it costs a third of the
             likelihood that the falling errors gain.
         """
@@ -397,8 +398,8 @@ class RepairSearch:
         return np.asarray((ratio > c.WORSE) & is_clear & is_costly)
 
     def _errors_beside_physics(self, log: Likelihood, repair: LogTransform) -> Array:
-        """Return the errors (PARTS, K) of the K moving joints on parts left out in turn,
-        with all laws of friction and position as own columns."""
+        """Return the errors (PARTS, K) of the K moving joints on parts left out in
+        turn, with all laws of friction and position as own columns."""
         log_with_laws = log.with_all_laws
         weights = log_with_laws.fit(repair).weights
         _, errors = log_with_laws.jackknife_errors(repair, weights)
@@ -488,8 +489,8 @@ class RepairSearch:
         return self.samples * rise >= (0.5 * c.SIGMAS) ** 2
 
     def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
-        """Return the change of a fault's size to its best value, to first order, and the
-        standard deviation of the size; both in the size's own unit."""
+        """Return the change of a fault's size to its best value, to first order, and
+        the standard deviation of the size; both in the size's own unit."""
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
         now = number.repair_with(number.value)
@@ -689,7 +690,8 @@ class RepairSearch:
             Log-odds of physics (positive inertia, friction that takes power) for the
             present sign.
         clearness : float
-            Rise of the error on held-out parts under the other sign, in standard errors.
+            Rise of the error on held-out parts under the other sign, in standard
+            errors.
         """
         other = net.with_multiplied("gain", (j,), -1.0)
         fits = self.log.fit_all([net, other])
@@ -702,8 +704,8 @@ class RepairSearch:
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
-    """Return the gravity [m/s^2] whose weight the torques hold: that of the repair, less
-    a share that is missing from all torques."""
+    """Return the gravity [m/s^2] whose weight the torques hold: that of the repair,
+    less a share that is missing from all torques."""
     share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
     return tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
 

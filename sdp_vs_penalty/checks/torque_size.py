@@ -33,9 +33,9 @@ _CORRECT_MASSES = "if right, correct the problem's masses"
 def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     """Yield a warning where the torques have an impossible size.
 
-    They may be in another unit, motor currents, torques on the motor's side of the gear,
-    or what is left where a controller's model was subtracted. Or the problem's masses
-    are wrong.
+    They may be in another unit, motor currents, torques on the motor's side of the
+    gear, or what is left where a controller's model was subtracted. Or the problem's
+    masses are wrong.
 
     Parameters
     ----------
@@ -94,10 +94,10 @@ def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
 class _Size:
     """How large the torques are, in two measures [-].
 
-    over : the largest torque over its joint's effort limit; -1 without limits. measured :
-    torque over that of an arm with the problem's nominal links; smallest, largest : the
-    possible range of ``measured``. is_mass_known : whether the masses are known; without
-    them ``measured`` is ``over``. description : in words.
+    over : the largest torque over its joint's effort limit; -1 without limits. measured
+    : torque over that of an arm with the problem's nominal links; smallest, largest :
+    the possible range of ``measured``. is_mass_known : whether the masses are known;
+    without them ``measured`` is ``over``. description : in words.
     """
 
     over: float
@@ -126,8 +126,8 @@ class _Size:
         repair: LogTransform,
         shares: Array,
     ) -> "_Size":
-        """Return the size of the torques of a repaired log; shares (n,) : largest torques
-        over the effort limits."""
+        """Return the size of the torques of a repaired log; shares (n,) : largest
+        torques over the effort limits."""
         over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
         problem = log.problem
         masses = float(problem.nominal_links[:, 0].sum())

@@ -50,8 +50,8 @@ def read_again(measurements: Measurements) -> Measurements:
 def _with_other_steps(t: Array, q: Array) -> Array:
     """Return the positions (N,) that an encoder with shifted steps would have read.
 
-    The true position is taken to lie on straight lines between the instants at which the
-    encoder counted, midway between its levels; from there it is rounded anew.
+    The true position is taken to lie on straight lines between the instants at which
+    the encoder counted, midway between its levels; from there it is rounded anew.
     """
     step = lattice_step(q)
     change = np.flatnonzero(np.diff(q))

@@ -34,8 +34,8 @@ from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps
 
 @dataclass(frozen=True)
 class Rows:
-    """M filtered, decimated rows of one run: states (M, n), torque (M, n) [N m or N], and
-    the regression's columns joint by joint."""
+    """M filtered, decimated rows of one run: states (M, n), torque (M, n) [N m or N],
+    and the regression's columns joint by joint."""
 
     motion: Motion
     torque: Array
@@ -65,7 +65,8 @@ Read = Callable[[], list[Block]]
 
 @dataclass
 class _ChunkCache:
-    """Cache of one chunk of a run, and of the columns of the last model's effects on it.
+    """Cache of one chunk of a run, and of the columns of the last model's effects on
+    it.
 
     read : reads the chunk; shelf : of a long run, the file that holds the chunk and the
     columns of smooth effects, which take the longest; None: all is in memory; columns :
@@ -110,8 +111,8 @@ class _ChunkCache:
         reads: Mapping[int, Read],
         known: Mapping[int, list[Block]],
     ) -> None:
-        """Cache the columns of a model's effects, by place, in place of those of the last
-        model.
+        """Cache the columns of a model's effects, by place, in place of those of the
+        last model.
 
         Left out are columns that depend on a current model's torque and, of a long run,
         those that are quick to make again.
@@ -356,7 +357,8 @@ class FilteredRuns:
         measurements : Measurements
             The runs.
         settings : Preprocessing
-            The filters' settings. Numbers that are not given are chosen from the measurements.
+            The filters' settings. Numbers that are not given are chosen from the
+            measurements.
 
         Returns
         -------

@@ -19,8 +19,8 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 class LowPass:
-    """A low-pass filter on a uniform grid: a symmetric kernel (2 half + 1,), to convolve
-    samples with."""
+    """A low-pass filter on a uniform grid: a symmetric kernel (2 half + 1,), to
+    convolve samples with."""
 
     def __init__(self, value: Array) -> None:
         self.value = value
@@ -34,9 +34,9 @@ _ROWS_PER_BLOCK = 16
 class Decimator:
     """The matrix (M, N) that low-passes N samples and takes M of the outputs.
 
-    Output m is the low-passed signal at sample ``at[m]``, in ascending order. The matrix
-    consists of dense blocks of a few rows: neighbouring rows share most of their samples,
-    which makes it several times as fast as sparse rows.
+    Output m is the low-passed signal at sample ``at[m]``, in ascending order. The
+    matrix consists of dense blocks of a few rows: neighbouring rows share most of their
+    samples, which makes it several times as fast as sparse rows.
     """
 
     def __init__(

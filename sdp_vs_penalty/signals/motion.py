@@ -62,7 +62,8 @@ class MotionRecord(JsonRecord):
             raise ValueError("training_motion: a scale is not above 0")
 
     def new_share(self, runs: FilteredRuns) -> float | None:
-        """Return the share of the runs' filtered rows whose motion is new to the record.
+        """Return the share of the runs' filtered rows whose motion is new to the
+        record.
 
         Parameters
         ----------
@@ -224,8 +225,8 @@ def _near(
 
 
 def _straight(rows: Array, tolerance: float) -> Array:
-    """Return some of the rows (M, d) of a path, so that straight lines between them pass
-    all other rows within ``tolerance`` in every coordinate.
+    """Return some of the rows (M, d) of a path, so that straight lines between them
+    pass all other rows within ``tolerance`` in every coordinate.
 
     Intervals that are too coarse are halved until they are not.
     """

@@ -93,8 +93,8 @@ class Noise:
 
     @cached_property
     def worth(self) -> Array:
-        """(M, n) share of a row's information that remains beside the friction of a joint
-        that stands still, from 0 to 1."""
+        """(M, n) share of a row's information that remains beside the friction of a
+        joint that stands still, from 0 to 1."""
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
     def whiten(
@@ -103,7 +103,8 @@ class Noise:
         joint: int,
         pieces: Pieces,
     ) -> Array:
-        """Whiten columns of a joint by its noise model: noise becomes white, of unit variance.
+        """Whiten columns of a joint by its noise model: noise becomes white, of unit
+        variance.
 
         Parameters
         ----------
@@ -112,7 +113,8 @@ class Noise:
         joint : int
             Index of the joint.
         pieces : Pieces
-            Uninterrupted pieces of rows. The first ORDER rows of each have no past and become
+            Uninterrupted pieces of rows. The first ORDER rows of each have no past and
+            become
             zero.
 
         Returns
@@ -126,7 +128,8 @@ class Noise:
 
 
 def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> Noise:
-    """Measure the noise of each joint's torque, from the best source that the runs have.
+    """Measure the noise of each joint's torque, from the best source that the runs
+    have.
 
     Where motion repeats, it is measured from repetition. Else the floor is taken from
     the torque's spectrum, though no more than the model's residual; else from that
@@ -138,7 +141,8 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
     runs : SegmentedRuns
         The rows.
     noise_runs : SegmentedRuns, optional
-        All that was measured, where ``runs`` are windows of it. The noise is that of all
+        All that was measured, where ``runs`` are windows of it. The noise is that of
+        all
         of it, which may repeat what a window does not.
 
     Returns
@@ -402,8 +406,8 @@ def _without_events(
     tests: int,
     comes_back: Callable[[NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Take drift and events out of differences, in three turns: each spoils the estimate
-    of the other.
+    """Take drift and events out of differences, in three turns: each spoils the
+    estimate of the other.
 
     Parameters
     ----------

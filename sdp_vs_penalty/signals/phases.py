@@ -165,7 +165,8 @@ class PhaseFolds:
         run: int,
         t: ArrayLike,
     ) -> NDArray[np.intp]:
-        """Index of the cell in which given instants lie, between two borders of folds or guards.
+        """Index of the cell in which given instants lie, between two borders of folds
+        or guards.
 
         Parameters
         ----------
@@ -186,8 +187,8 @@ class PhaseFolds:
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
-        """Of each cell the number of its motion, and the instants on that motion's clock
-        at which it begins and ends [s]."""
+        """Of each cell the number of its motion, and the instants on that motion's
+        clock at which it begins and ends [s]."""
         places = []
         for motion, (_, _, edges) in self._motions.items():
             for begin, end in pairwise(edges.tolist()):
@@ -207,7 +208,7 @@ class PhaseFolds:
         list of int
             Cells.
         """
-        return np.flatnonzero(self._apart(fold) < 0.0).tolist()
+        return np.flatnonzero(self._seconds_to_stretch(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
         """Cells on which a fold trains.
@@ -222,7 +223,7 @@ class PhaseFolds:
         list of int
             Cells.
         """
-        return np.flatnonzero(self._apart(fold) >= self.guard).tolist()
+        return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
         """First and last instant of a fold on the clock of the first motion.
@@ -260,7 +261,7 @@ class PhaseFolds:
             first += len(borders) - 1
         return motions
 
-    def _apart(self, fold: int) -> Array:
+    def _seconds_to_stretch(self, fold: int) -> Array:
         """Return the time [s] on its motion's clock from the middle of each cell to the
         stretch that a fold tests, (cells,); -1 for cells within the stretch.
 
@@ -339,7 +340,8 @@ def phase_windows(
         Share of the motion, and of all its repetitions, that is for training, where the
         filters leave enough for testing.
     pause : float
-        Time between training and testing [s]: half of what the filters take of a window.
+        Time between training and testing [s]: half of what the filters take of a
+        window.
     shortest : float
         Shortest window of which the filters leave something [s].
 
@@ -386,8 +388,8 @@ def rotated_windows(
     pause: float,
     shortest: float,
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """Return the windows of another split of a run, whose tested stretches of the motion
-    lie ``offset`` later; training is all that keeps off them.
+    """Return the windows of another split of a run, whose tested stretches of the
+    motion lie ``offset`` later; training is all that keeps off them.
 
     Parameters
     ----------

@@ -63,15 +63,15 @@ _COLUMN_RATE = 30.0
 class Preprocessing:
     """Settings of the filters; None is chosen from the data by :meth:`resolve`.
 
-    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation harmonic (on the slow
-        Panda run: 5 Hz), or more where that bends the motion by more than the positions' noise allows:
-        a robot that sticks at its reversals moves more sharply than it was told to.
-    torque_cutoff : [Hz] of columns and torque. Default: 16 times the highest harmonic (Panda: 8 Hz), or
-        1.6 times the state_cutoff that is given, so that friction at reversals stays visible; less where
-        the torque was smoothed before it was logged.
-    standstill : rows are dropped where no joint has moved faster than this share of its own
-        maximum for half a second: they repeat one static friction state that no model of
-        sliding friction explains.
+    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation
+    harmonic (on the slow Panda run: 5 Hz), or more where that bends the motion by more
+    than the positions' noise allows: a robot that sticks at its reversals moves more
+    sharply than it was told to. torque_cutoff : [Hz] of columns and torque. Default: 16
+    times the highest harmonic (Panda: 8 Hz), or 1.6 times the state_cutoff that is
+    given, so that friction at reversals stays visible; less where the torque was
+    smoothed before it was logged. standstill : rows are dropped where no joint has
+    moved faster than this share of its own maximum for half a second: they repeat one
+    static friction state that no model of sliding friction explains.
     """
 
     state_cutoff: float | None = None
@@ -173,8 +173,8 @@ class RunFilter:
 
     @property
     def every_sample(self) -> RunFilter:
-        """The same filters with columns at the log's rate, for effects with memory, whose
-        state is followed sample by sample."""
+        """The same filters with columns at the log's rate, for effects with memory,
+        whose state is followed sample by sample."""
         fine = copy(self)
         fine.stride = 1
         fine.coarse = self.column
@@ -260,8 +260,9 @@ class RunFilter:
         first: int,
         last: int,
     ) -> tuple[Array, Array, Array]:
-        """Return low-passed positions and their first and second derivative, each (K, n),
-        at the K samples ``first`` to ``last`` of a stretch; q (N, n) : as logged."""
+        """Return low-passed positions and their first and second derivative, each (K,
+        n), at the K samples ``first`` to ``last`` of a stretch; q (N, n) : as logged.
+        """
         positions = part.resampled(
             q,
             first - self.state.half,
@@ -382,8 +383,8 @@ class RunFilter:
 def no_rows(run: Measurements, seconds: float) -> InputError:
     """Return the error for a run of which the filters leave no row.
 
-    seconds : what the filters need. It says whether no joint moves, the run is too short,
-    or its motion is.
+    seconds : what the filters need. It says whether no joint moves, the run is too
+    short, or its motion is.
     """
     if not moving_joints(run).any():
         return no_motion(run)

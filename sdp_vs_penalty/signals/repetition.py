@@ -150,9 +150,9 @@ def _valleys(
 ) -> list[tuple[float, float]]:
     """List the lags at which track b may repeat track a: minima of their difference.
 
-    The difference is the mean square D(lag) of b(t_b0 + k step + lag) - a(t_a0 + k step)
-    over k and joints, each joint in units of its scale. All lags are computed by one
-    correlation, as sum x^2 + sum y^2 - 2 sum x y. Between lags D is a parabola.
+    The difference is the mean square D(lag) of b(t_b0 + k step + lag) - a(t_a0 + k
+    step) over k and joints, each joint in units of its scale. All lags are computed by
+    one correlation, as sum x^2 + sum y^2 - 2 sum x y. Between lags D is a parabola.
 
     Parameters
     ----------
@@ -207,8 +207,8 @@ def _valleys(
 
 
 def _evenly(track: Track, step: float, scale: Array) -> Array:
-    """Return the positions (n, M) of a track in units of the scale (n,), interpolated at
-    instants ``step`` [s] apart."""
+    """Return the positions (n, M) of a track in units of the scale (n,), interpolated
+    at instants ``step`` [s] apart."""
     t, q = track
     return interpolated(np.arange(t[0], t[-1], step), t, q / scale).T
 
@@ -217,8 +217,8 @@ def _correlation(x: Array, y: Array) -> Array:
     """Return the cross-correlation (L,) of signals x (n, M) and y (n, N): the sum over
     joints and k of x(k) y(k + lag), at place ``lag``.
 
-    Negative lags count from the end, as in x[-1]. It is computed by FFT, one joint after
-    the other, which needs the memory of one.
+    Negative lags count from the end, as in x[-1]. It is computed by FFT, one joint
+    after the other, which needs the memory of one.
     """
     length = scipy.fft.next_fast_len(x.shape[1] + y.shape[1], real=True)
     spectrum = np.zeros(length // 2 + 1, complex)
@@ -282,8 +282,8 @@ class Repeat:
 
 
 def is_part(window: Filtered, longer: Filtered) -> bool:
-    """Whether a segment is a part of a longer one: it has the same positions at the same
-    instants, within a tenth of ALIKE."""
+    """Whether a segment is a part of a longer one: it has the same positions at the
+    same instants, within a tenth of ALIKE."""
     t = window.t_dense
     span = longer.t_dense
     inside = (t >= span[0]) & (t <= span[-1])
@@ -354,17 +354,19 @@ def _same_positions(
 
 
 def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
-    """List the two rows of each difference.
+    """Return the two rows whose motion is the same, for each repeated row.
+
+    Noise is measured on the D differences of the torque's residual between them.
 
     Parameters
     ----------
     repeats
-        What comes back.
+        What repeats.
 
     Returns
     -------
     NDArray
-        (D, 2) rows at the two instants of D differences.
+        (D, 2) numbers of the rows, at the earlier and at the later instant.
     """
     rows = [np.column_stack([r.rows, r.there]) for r in repeats]
     return np.concatenate(rows)

@@ -29,8 +29,8 @@ def sample_rate(run: Measurements) -> float:
     """Return the sample rate of a run [Hz]: one over the median time step.
 
     Of a long run the steps of stretches spread over it are used. Where stamps come in
-    bursts the median step is nearly 0: the rate is at most FINEST times that of the mean
-    step, in which long pauses count as short ones.
+    bursts the median step is nearly 0: the rate is at most FINEST times that of the
+    mean step, in which long pauses count as short ones.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     """Return which joints (n,) move at all, rather than flicker about one position.
 
     A joint moves if the standard deviation of its position is large, or large compared
-    with its changes from row to row. A noisy position changes as much from row to row as
-    it ever does (the ratio is 0.7 for white noise, up to 1.5 for the idle joints of a
-    real arm), a smooth motion far less (over 100).
+    with its changes from row to row. A noisy position changes as much from row to row
+    as it ever does (the ratio is 0.7 for white noise, up to 1.5 for the idle joints of
+    a real arm), a smooth motion far less (over 100).
     """
     # Sums over the rows of displacements, their squares, and squared steps.
     total = np.zeros(run.n)
@@ -215,7 +215,8 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     Returns
     -------
     (M, n) array
-        Their values; each column is contiguous in memory. Beyond the ends they are those
+        Their values; each column is contiguous in memory. Beyond the ends they are
+        those
         of the ends.
     """
     out = np.empty((values.shape[1], len(at)))

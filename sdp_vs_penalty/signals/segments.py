@@ -145,8 +145,8 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them
     (events); columns : of effects on the rows; repeats : says which rows come back
-    where; with_shifted_encoders : the same read by encoders whose steps lie elsewhere; attached : the
-    arguments of :meth:`with_model`.
+    where; with_shifted_encoders : the same read by encoders whose steps lie elsewhere;
+    attached : the arguments of :meth:`with_model`.
     """
 
     segments: tuple[Segment, ...]

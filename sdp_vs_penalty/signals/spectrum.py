@@ -23,8 +23,8 @@ _SMALLEST_POWER = 1e-4
 
 
 def highest_harmonic(run: Measurements) -> float:
-    """Return the highest frequency at which some joint's position has 1 % of its largest
-    amplitude.
+    """Return the highest frequency at which some joint's position has 1 % of its
+    largest amplitude.
 
     The largest amplitude is that of the whole run: in a short stretch between two gaps,
     in which a joint hardly moves, its noise is no motion.
@@ -61,8 +61,8 @@ def highest_harmonic(run: Measurements) -> float:
 
 
 def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
-    """Return the highest frequency [Hz] at which one of n signals has 1 % of its largest
-    amplitude in any stretch; signals : (N, n) for each stretch."""
+    """Return the highest frequency [Hz] at which one of n signals has 1 % of its
+    largest amplitude in any stretch; signals : (N, n) for each stretch."""
     spectra = []
     frequencies = []
     for part, signal in zip(parts, signals, strict=True):

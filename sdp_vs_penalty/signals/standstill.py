@@ -110,8 +110,8 @@ def _spread(positions: Array, half: int) -> Array:
 
 
 def _displacement(positions: Array, steps: int) -> Array:
-    """Return the distance (n, N) of positions (n, N) from those ``steps`` samples before
-    or after, whichever is larger."""
+    """Return the distance (n, N) of positions (n, N) from those ``steps`` samples
+    before or after, whichever is larger."""
     ends = np.pad(positions, ((0, 0), (steps, steps)), mode="edge")
     before = np.abs(ends[:, : -2 * steps] - positions)
     after = np.abs(ends[:, 2 * steps :] - positions)

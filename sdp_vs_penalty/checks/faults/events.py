@@ -35,7 +35,9 @@ class Beside(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with one more torque that is not the arm's: a law of
+        each poorly explained joint's motion, the likeliest drift, and the likeliest
+        step."""
         yield from _laws(log, now, fit)
         ramp = LogEvent(0).shape(log.data.motion.t)  # (M, 1), the same for any joint
         mask = log.torque_mask(now)[:, :, None]
@@ -46,7 +48,8 @@ class Beside(Transformation):
         yield from _likeliest_step(log, now, fit)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a note for each law, and a fault for each drift and each step, that a
+        repair takes out of a joint's torque."""
         for event in repair.events:
             if isinstance(event.at, str):
                 yield _law(log, repair, event)
@@ -61,9 +64,8 @@ def _laws(
     now: LogTransform,
     fit: ArmFit,
 ) -> Iterator[LogTransform]:
-    """Yield, for each joint that the arm explains poorly, the law of its own motion that
-    lowers its squared residual most: a spring, drag, hysteresis.
-    """
+    """Yield, for each joint that the arm explains poorly, the law of its own motion
+    that lowers its squared residual most: a spring, drag, hysteresis."""
     order = list(now.order)
     names = [*log.data.laws]
     mask = log.torque_mask(now)[:, :, None]

@@ -82,11 +82,11 @@ class FaultSize:
     """The size of a fault: one number of a repair, 0 where the log is right.
 
     value : the size, in the number's own unit (rad, m, s, a share, or the natural
-    logarithm of a factor); repair_with : gives the repair with another size; tolerance :
-    by how much arms and loggers differ anyway; search_radius : how far to either side of
-    ``value`` the best size is looked for; in_words : size with its unit; round_values :
-    round sizes, tried beside it (90 degrees, a factor of 1000); widest : widest 95 %
-    interval, to either side, with which a size is claimed.
+    logarithm of a factor); repair_with : gives the repair with another size; tolerance
+    : by how much arms and loggers differ anyway; search_radius : how far to either side
+    of ``value`` the best size is looked for; in_words : size with its unit;
+    round_values : round sizes, tried beside it (90 degrees, a factor of 1000); widest :
+    widest 95 % interval, to either side, with which a size is claimed.
     """
 
     value: float

@@ -35,7 +35,9 @@ class Place(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with each joint at another place: its distance from
+        the joint before, or its encoder's zero, changed by a first-order step or by
+        quarter turns."""
         places = [
             *_distances(log, now),
             *_zeros(log, now, bool(fit.is_poorly_explained.any())),
@@ -60,7 +62,8 @@ class Place(Transformation):
                 yield place.repair_with(place.value + change)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for each link length and each encoder's zero that a repair
+        changes."""
         for j in np.flatnonzero(repair.longer).tolist():
             yield _link_length(log, repair, j)
         for j in np.flatnonzero(repair.zero).tolist():
