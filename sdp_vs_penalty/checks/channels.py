@@ -390,18 +390,16 @@ def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     counts of a drive, and not N m."""
     tau = glance.run.tau[:, glance.moving]
     n_values = [len(np.unique(x)) for x in tau.T]
-    if np.all(tau == np.round(tau)) and np.min(n_values) > _FEWEST_COUNTS:
+    is_whole = bool(np.all(tau == np.round(tau)))
+    if is_whole and np.min(n_values) > _FEWEST_COUNTS:
         largest = float(np.abs(tau).max())
+        unit = ", as permil of its rated torque" if largest <= _LARGEST_PERMIL else ""
         yield Issue.of(
             kind="torque in counts",
             severity="warning",
             joints=(),
-            what=f"every torque is a whole number, up to {largest:.4g}: counts of the drive"
-            + (
-                ", as permil of its rated torque."
-                if largest <= _LARGEST_PERMIL
-                else "."
-            ),
+            what=f"every torque is a whole number, up to {largest:.4g}: counts of the"
+            f" drive{unit}.",
             certainty="likely: the whole numbers are read from the file, not what they"
             " count",
             remedy="multiply each channel by its rated torque / 1000 (or its gain, gear"

@@ -123,8 +123,7 @@ class RunSummary:
             Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
         what : str
             The sentence, with places for the figures ``{rows}``, ``{named}``
-            (channels),
-            ``{seconds}`` (the longest part) and ``{parts}``.
+            (channels), ``{seconds}`` (the longest part) and ``{parts}``.
         sure : str
             How certain it is, and why.
         unusable : bool

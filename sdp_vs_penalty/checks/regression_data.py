@@ -125,9 +125,8 @@ class RegressionData:
         -------
         RegressionData
             With about as many rows as one log: of L logs every L-th row. Each log's
-            clock
-            begins a second after the end of the log before. Each log has an offset of
-            its torques of its own, as further own columns.
+            clock begins a second after the end of the log before. Each log has an
+            offset of its torques of its own, as further own columns.
         """
         n_logs = len(logs)
         every = slice(None, None, n_logs)

@@ -385,9 +385,8 @@ class RepairSearch:
         -------
         (K,) array
             Whether the error rises by more than WORSE, by more than its scatter over
-            the
-            parts (one odd part is no rise), and by so much that it costs a third of the
-            likelihood that the falling errors gain.
+            the parts (one odd part is no rise), and by so much that it costs a third of
+            the likelihood that the falling errors gain.
         """
         rises = np.log(after / before)
         clearness = np.array([standard_errors_above_zero(x) for x in rises.T])

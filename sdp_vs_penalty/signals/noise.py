@@ -114,8 +114,7 @@ class Noise:
             Index of the joint.
         pieces : Pieces
             Uninterrupted pieces of rows. The first ORDER rows of each have no past and
-            become
-            zero.
+            become zero.
 
         Returns
         -------
@@ -142,8 +141,7 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
         The rows.
     noise_runs : SegmentedRuns, optional
         All that was measured, where ``runs`` are windows of it. The noise is that of
-        all
-        of it, which may repeat what a window does not.
+        all of it, which may repeat what a window does not.
 
     Returns
     -------
@@ -493,13 +491,11 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     dt = stretches[0].dt
     frequency = noise.frequency
     kernel = Kernel(runs.cutoff, dt).value
+    # Power |H|^2 that the low-pass passes at each frequency of the spectrum.
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
     gain = np.abs(np.fft.rfft(kernel, size))
-    passed = np.interp(
-        frequency,
-        np.fft.rfftfreq(size, dt),
-        gain**2,
-    )
+    passed = np.interp(frequency, np.fft.rfftfreq(size, dt), gain**2)
+    # All frequencies but 0 and the last one stand for a negative one as well.
     has_negative = (frequency > 0.0) & (frequency < 0.5 / dt)
     weight = np.where(has_negative, 2.0, 1.0)
     return np.asarray(np.sqrt(noise.spectrum @ (weight * passed) / np.sum(weight)))

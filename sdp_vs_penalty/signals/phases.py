@@ -196,7 +196,7 @@ class PhaseFolds:
         return places
 
     def tested(self, fold: int) -> list[int]:
-        """Cells on which a fold tests.
+        """List the cells on which a fold tests.
 
         Parameters
         ----------
@@ -211,7 +211,8 @@ class PhaseFolds:
         return np.flatnonzero(self._seconds_to_stretch(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
-        """Cells on which a fold trains.
+        """List the cells on which a fold trains: those farther than the guard from the
+        tested ones.
 
         Parameters
         ----------
@@ -226,7 +227,8 @@ class PhaseFolds:
         return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
-        """First and last instant of a fold on the clock of the first motion.
+        """Return the first and last instant of a fold's stretch on the clock of the first
+        run's motion.
 
         Parameters
         ----------

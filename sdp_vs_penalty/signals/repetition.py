@@ -29,9 +29,10 @@ _FEWEST_ROWS = 2 * ORDER
 
 
 def motion_scale(q: Array) -> Array | None:
-    """Measure the size of each joint's motion.
+    """Measure the size of each joint's motion, by its standard deviation.
 
-    A small motion counts too, but for what is alike beside the largest.
+    It is at least ALIKE times the largest joint's: the noise of a joint that hardly moves
+    is no motion.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def motion_scale(q: Array) -> Array | None:
     Returns
     -------
     Array or None
-        (n,) sizes [rad or m]; None of no motion at all.
+        (n,) sizes [rad or m]; None where no joint moves.
     """
     size = q.std(axis=0)
     largest = size.max()
@@ -373,10 +374,10 @@ def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
 
 
 def new_differences(both: NDArray[np.intp], count: int) -> int:
-    """Count the differences that say something new.
+    """Count the independent differences between rows with the same motion.
 
-    Of K instants with the same motion, K - 1 do. Six equal runs make fifteen pairs, but
-    at most five such differences an instant.
+    Of K rows with the same motion K - 1 differences are independent. Six equal runs make
+    fifteen pairs of each row, but five independent differences.
 
     Parameters
     ----------
@@ -471,17 +472,17 @@ def recurring(
 
 
 def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
-    """Cut the differences of all repeats where rows are not consecutive.
+    """Cut the differences of all repeats into pieces of consecutive rows.
 
     Parameters
     ----------
     repeats
-        What comes back.
+        Rows whose motion repeats; each makes one difference.
 
     Returns
     -------
     list of NDArray
-        Numbers of the differences, piece by piece.
+        Numbers of the differences, from 0, of each piece.
     """
     none = np.arange(0)
     rows = np.concatenate([none, *(repeat.rows for repeat in repeats)])

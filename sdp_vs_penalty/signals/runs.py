@@ -216,8 +216,7 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     -------
     (M, n) array
         Their values; each column is contiguous in memory. Beyond the ends they are
-        those
-        of the ends.
+        those of the ends.
     """
     out = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):

@@ -220,7 +220,8 @@ class SegmentedRuns:
         return np.concatenate(shares)
 
     def seen(self, joint: int) -> JointCoverage:
-        """Say what all runs show of a joint.
+        """Return how much of a joint all runs show: its travel, and the resolution of its
+        positions.
 
         Parameters
         ----------
@@ -230,7 +231,7 @@ class SegmentedRuns:
         Returns
         -------
         JointCoverage
-            How far it went, how fine its positions are, and the standstill.
+            Travel and resolution [rad or m], and the share of rows at standstill.
         """
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
         resolutions = [resolution(s.stretch.q[:, joint]) for s in self.segments]

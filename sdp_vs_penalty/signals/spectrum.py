@@ -353,9 +353,11 @@ def _autoregression(
         Median over the band of the absolute deviation in natural logarithms; of the
         joint with the largest.
     """
-    a = np.linspace(-0.9, 0.9, 181)[:, None]  # beyond, its corner is far below the band
-    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * np.cos(angle))
-    # (n, colours, frequencies)
+    # Colours that are tried; beyond, the corner is far below the band.
+    a = np.linspace(-0.9, 0.9, 181)[:, None]
+    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * np.cos(angle))  # (colours, F)
+    # The level c of each joint and colour is the mean of this; the best colour has the
+    # smallest variance. (n, colours, frequencies of the band)
     log_ratio = np.log(powers[band].T[:, None] / shapes[:, band])
     best = np.argmin(np.var(log_ratio, axis=2), axis=1)
     # Of each joint the best colour, (n, frequencies).
