@@ -38,6 +38,7 @@ def printable(text: object) -> str:
 
 
 def _escaped(character: str) -> str:
+    r"""Write a character as a Python escape; a byte of a file name (PEP 383) as \xNN."""
     number = ord(character)
     if 0xDC80 <= number <= 0xDCFF:  # how Python keeps a byte of a name (PEP 383)
         return f"\\x{number - 0xDC00:02x}"
@@ -66,6 +67,9 @@ def command_line(words: Iterable[object]) -> str:
 
 
 def _shell_word(word: object) -> str:
+    """Quote a word for a shell; if it holds control characters, as $'...' with
+    escapes.
+    """
     import shlex
 
     text = str(word)
@@ -77,6 +81,9 @@ def _shell_word(word: object) -> str:
 
 
 def _shell_byte(byte: int) -> str:
+    r"""Write a byte inside of $'...': a printable character as it is, another one as
+    \xNN.
+    """
     if 0x20 <= byte < 0x7F and byte not in b"\\'":
         return chr(byte)
     return f"\\x{byte:02x}"
@@ -109,6 +116,17 @@ class InputError(ValueError):
         remedy: str = "",
         where: Any = None,
     ) -> None:
+        """Compose the sentence "where: what: remedy.", at most 1500 characters long.
+
+        Parameters
+        ----------
+        what : str
+            What is wrong.
+        remedy : str
+            What the user can do about it.
+        where : str or Path, optional
+            The file, row, field or option.
+        """
         self.what = what
         self.remedy = remedy
         self.where = where
@@ -118,7 +136,10 @@ class InputError(ValueError):
         super().__init__(text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...")
 
     def within(self, where: Any) -> InputError:
-        """The same error of a place that holds this one's: a file that holds the field."""
+        """Return the same error with its place extended by what contains it.
+
+        For an error at a field, ``where`` is the file that holds the field.
+        """
         place = where if self.where is None else f"{where}: {self.where}"
         return type(self)(self.what, self.remedy, place)
 
@@ -136,11 +157,15 @@ class RepairableError(InputError):
         where: Any = None,
         apply: tuple[str, ...] = (),
     ) -> None:
+        """Compose the sentence of an InputError, and keep what `check --fix` needs.
+
+        apply : words for the option `--apply`, without which the repair is not made.
+        """
         super().__init__(what, remedy, where)
         self.apply = apply
 
     def within(self, where: Any) -> RepairableError:
-        """As of InputError; what the repair needs stays."""
+        """Return the same error with its place extended by what contains it."""
         outer = super().within(where)
         return RepairableError(outer.what, outer.remedy, outer.where, self.apply)
 
@@ -166,6 +191,7 @@ class ColumnsRemark(Remark):
         sentence: str,
         rows: tuple[str, ...] = (),
     ) -> None:
+        """Store the sentence, and the first rows of the file as they were read."""
         super().__init__(sentence)
         self.rows = rows
 
@@ -184,6 +210,17 @@ class Infeasible(InputError):  # noqa: N818 (the field's word)
         families: Sequence[str] = (),
         proof: tuple[Any, Any] | None = None,
     ) -> None:
+        """Compose the sentence of an InputError, and keep the proof of infeasibility.
+
+        Parameters
+        ----------
+        *arguments : Any
+            Those of InputError: what, remedy, where.
+        families : sequence of str
+            Families of constraints that exclude each other.
+        proof : tuple, optional
+            The constraints, and their multipliers that prove infeasibility (Farkas).
+        """
         super().__init__(*arguments)
         self.families = tuple(families)
         self.proof = proof
@@ -193,6 +230,9 @@ class MissingJoints(InputError):  # noqa: N818 (what is missing)
     """A log that lacks joints of the robot; joints : their names."""
 
     def __init__(self, joints: Sequence[str], where: Any) -> None:
+        """Name the joints without a column, and how to hold them if they did not
+        move.
+        """
         self.joints = tuple(joints)
         is_or_are = "is" if len(joints) == 1 else "are"
         held = ",".join(f"{name}=0" for name in joints)
@@ -207,7 +247,8 @@ def require_known(
     known: Iterable[object],
     where: Any = None,
 ) -> None:
-    """Refuse a name that does not exist; suggest the nearest one.
+    """Raise InputError for a name that does not exist, and suggest the most similar
+    one.
 
     Parameters
     ----------
@@ -218,12 +259,7 @@ def require_known(
     known : iterable
         All names.
     where : Any
-        Where the name stands: a file or a field.
-
-    Raises
-    ------
-    InputError
-        Where the name is unknown.
+        Place of the name: a file or a field.
 
     Examples
     --------
@@ -246,7 +282,7 @@ def require_known(
 
 
 def unreadable(error: Exception, where: Any) -> InputError:
-    """Error for a file that the operating system does not let us read.
+    """Return the error for a file that the operating system does not let us read.
 
     Parameters
     ----------
@@ -275,21 +311,22 @@ def other_robot(
     choose: str = "problem",
     names: Sequence[str] = (),
 ) -> InputError:
-    """Error for data or a model with another number of joints than the robot.
+    """Return the error for data or a model with another number of joints than the
+    robot.
 
     Parameters
     ----------
     joints : int
-        Joints of the data or of the model.
+        Number of joints of the data or model.
     expected : int
-        Joints of the robot.
+        Number of joints of the robot.
     where : Any
         The file.
     choose : str
-        What the user is to choose anew.
+        What the user should choose instead.
     names : sequence of str
-        Names of the robot's joints. Where as many sound like a gripper or a wheel as the log
-        lacks, the sentence proposes to hold them.
+        Names of the robot's joints. If as many of them as are missing sound like a
+        gripper or a wheel, the sentence proposes to hold these.
 
     Returns
     -------
@@ -320,7 +357,8 @@ def other_robot(
 
 
 def install_command(extra: str) -> str:
-    """The command that installs an optional part, from the package or from a checkout.
+    """Return the command that installs an optional part, from the package or a
+    checkout.
 
     Parameters
     ----------
@@ -339,12 +377,12 @@ def install_command(extra: str) -> str:
 
 
 def missing_extra(what: str, extra: str) -> InputError:
-    """Error for a verb whose optional part is not installed.
+    """Return the error for a verb whose optional part is not installed.
 
     Parameters
     ----------
     what : str
-        What needs the part, as the subject of the sentence.
+        What needs the part, as the beginning of the sentence ("Plots need").
     extra : str
         Name of the extra.
 
@@ -357,6 +395,8 @@ def missing_extra(what: str, extra: str) -> InputError:
 
 
 def given(value: object) -> str:
-    """A value as a message shows it: short, on one line."""
+    """Return a value as an error message shows it: one line of at most 60
+    characters.
+    """
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -60,7 +60,11 @@ _inputs = ContextVar[set[tuple[int, int]] | None]("inputs", default=None)
 
 @contextmanager
 def protecting() -> Iterator[None]:
-    """While this runs, no output may replace a file that :func:`opened` has heard of."""
+    """Keep the outputs of a command from replacing files that it reads, while this
+    runs.
+
+    :func:`opened` registers these files.
+    """
     before = _inputs.set(set())
     try:
         yield
@@ -69,12 +73,12 @@ def protecting() -> Iterator[None]:
 
 
 def opened(path: str | Path) -> None:
-    """Note that the running command reads a file, so that it cannot overwrite it.
+    """Register a file that the running command reads, so that it cannot overwrite it.
 
     Parameters
     ----------
     path : path
-        A file, or a folder of which all files count.
+        A file, or a folder whose files all count.
     """
     inputs = _inputs.get()
     path = Path(path)
@@ -98,7 +102,17 @@ def _bounded(
     size: int,
     largest: int,
 ) -> None:
-    """InputError unless it is a file that may be read whole."""
+    """Raise InputError unless a file is regular and not too large.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error message.
+    mode : int
+        Its mode, as os.stat gives it.
+    size, largest : int
+        Its size, and the largest one allowed [bytes].
+    """
     if stat.S_ISDIR(mode):
         raise InputError("is a folder", "name a file", path)
     if not stat.S_ISREG(mode):
@@ -120,7 +134,7 @@ def _bounded(
 
 @contextmanager
 def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
-    """Open a file for a library that takes a path, with memory limited while it reads.
+    """Let a library read a file by its path, with limited memory.
 
     Parameters
     ----------
@@ -137,8 +151,8 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
     Raises
     ------
     InputError
-        Where the path is no such file, is too large, or unpacks to more than its size
-        allows.
+        If the path is no such file, is too large, or unpacks to more memory than a file
+        of its size should.
     """
     path = Path(path)
     try:
@@ -166,7 +180,9 @@ def reading(path: str | Path, largest: int = LARGEST_RUN) -> Iterator[Path]:
 
 
 def memory_for(size: int) -> int:
-    """Memory that unpacking a file may take.
+    """Return how much memory the unpacking of a file may take.
+
+    Measured channels unpack to 3 to 20 times the size of their file.
 
     Parameters
     ----------
@@ -176,21 +192,22 @@ def memory_for(size: int) -> int:
     Returns
     -------
     int
-        Bytes.
+        [bytes].
     """
     return _ROOM + _PER_BYTE * size
 
 
 @contextmanager
 def limited_memory(room: int) -> Iterator[None]:
-    """Limit the memory that this process may add, and the size of files that it may write.
+    """Limit the memory that this process may add, and the size of files that it may
+    write.
 
-    Mapped files do not count. Where the system has no such limits, nothing is limited.
+    Memory-mapped files do not count. On systems without such limits nothing is limited.
 
     Parameters
     ----------
     room : int
-        Memory beyond what the process has now [bytes].
+        Memory beyond what the process uses now [bytes].
     """
     try:  # private memory, as the limit counts it; the sixth figure is its pages
         pages = int(Path("/proc/self/statm").read_text("utf-8").split()[5])
@@ -216,17 +233,18 @@ def limited_memory(room: int) -> Iterator[None]:
 
 
 def path_or_file(path: Path) -> Path | BinaryIO:
-    """What to hand to a library that takes UTF-8 paths only.
+    """Return a path, or the opened file if its name is not UTF-8.
+
+    Some libraries take UTF-8 paths only.
 
     Parameters
     ----------
     path : Path
-        A path whose name may be no UTF-8.
+        Any path.
 
     Returns
     -------
     Path or BinaryIO
-        The path; the opened file where the name is no UTF-8.
     """
     try:
         str(path).encode()
@@ -240,7 +258,7 @@ def read_bytes(
     largest: int = LARGEST_TEXT,
     is_own: bool = False,
 ) -> bytes:
-    """Read a whole file.
+    """Read a complete file.
 
     Parameters
     ----------
@@ -249,7 +267,7 @@ def read_bytes(
     largest : int
         Largest size [bytes].
     is_own : bool
-        Whether the command keeps this file itself and may write it again.
+        Whether the command maintains this file itself, and may write it again.
 
     Returns
     -------
@@ -259,7 +277,7 @@ def read_bytes(
     Raises
     ------
     InputError
-        Where it is no regular file, is too large, or cannot be read.
+        If it is no regular file, is too large, or cannot be read.
     """
     path = Path(path)
     try:
@@ -285,7 +303,7 @@ def read_text(
     largest: int = LARGEST_TEXT,
     is_own: bool = False,
 ) -> str:
-    """Read a whole file of UTF-8 text.
+    """Read a complete file of UTF-8 text.
 
     Parameters
     ----------
@@ -294,7 +312,7 @@ def read_text(
     largest : int
         Largest size [bytes].
     is_own : bool
-        Whether the command keeps this file itself and may write it again.
+        Whether the command maintains this file itself, and may write it again.
 
     Returns
     -------
@@ -304,7 +322,7 @@ def read_text(
     Raises
     ------
     InputError
-        Where it cannot be read, as :func:`read_bytes` does, or is no UTF-8.
+        If it cannot be read, as for :func:`read_bytes`, or is not UTF-8.
     """
     try:
         return read_bytes(path, largest, is_own).decode("utf-8-sig")
@@ -327,7 +345,7 @@ def read_table(path: str | Path) -> list[dict[str, str]]:
     Returns
     -------
     list of dict
-        A row each: text by heading.
+        Each row as text by heading.
     """
     try:
         return [
@@ -397,7 +415,7 @@ def require_format(
     older: str = "",
     remedy: str = "write it anew with this version",
 ) -> int:
-    """Format number of a JSON document, which has to be one that this version reads.
+    """Return the format number of a JSON document, if this version can read it.
 
     Parameters
     ----------
@@ -406,9 +424,9 @@ def require_format(
     newest, oldest : int
         Formats that this version reads.
     unmarked : int or None
-        Format of a document without the field; None: such a document is refused.
+        Format of a document without the field "format"; None refuses such a document.
     older : str
-        What an older format lacks, for the error's sentence.
+        What an older format lacks, for the error message.
     remedy : str
         What to do about it.
 
@@ -420,7 +438,7 @@ def require_format(
     Raises
     ------
     InputError
-        Where the format is older or newer.
+        If the format is older or newer.
     """
     number = data.get("format", unmarked)
     if not isinstance(number, int) or isinstance(number, bool):
@@ -440,13 +458,14 @@ def require_format(
 
 
 def _parse_json(text: str) -> Any:
+    """Parse JSON text; a field that comes twice raises ValueError."""
     return json.loads(text, object_pairs_hook=unique_fields)
 
 
 def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Fields of a JSON object, none of which may come twice.
+    """Return the fields of a JSON object; raise ValueError if one comes twice.
 
-    Programs differ in which of two equal fields they read.
+    Programs differ in which of two equal fields they read, so such a file is refused.
 
     Parameters
     ----------
@@ -457,11 +476,6 @@ def unique_fields(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     -------
     dict
         The fields.
-
-    Raises
-    ------
-    ValueError
-        Where a field comes twice.
     """
     fields_ = dict(pairs)
     if len(fields_) < len(pairs):
@@ -508,6 +522,21 @@ def _built(
     build: Callable[[Any], T],
     else_: str,
 ) -> T:
+    """Parse a text and build a record from it; turn every error into one sentence.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for the error message.
+    text : str
+        Its content.
+    parse : callable
+        Parser of JSON or TOML.
+    build : callable
+        Makes the record from the parsed data.
+    else_ : str
+        What the user can do if a field is wrong.
+    """
     try:
         data = parse(text)
     except (ValueError, RecursionError) as error:
@@ -542,11 +571,12 @@ def _built(
 
 @contextmanager
 def writing(path: str | Path) -> Iterator[BinaryIO]:
-    """Write a file whole or not at all: the new file replaces the old one once it is complete.
+    """Write a file atomically: the new file replaces the old one once it is complete.
 
-    A writer that is killed leaves nothing behind. On systems where a file cannot be without
-    a name it leaves at most one file beside the target, which the next writer removes. A
-    link stays and its target is replaced. A device or a pipe is written to directly.
+    A writer that is killed leaves nothing behind. On systems where a file cannot exist
+    without a name, it leaves at most one file, which the next writer removes. A
+    symbolic link stays, and its target is replaced. A device or a pipe is written to
+    directly.
 
     Parameters
     ----------
@@ -561,7 +591,7 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
     Raises
     ------
     InputError
-        Where the file is an input of this command, or cannot be written.
+        If the file is an input of this command, or cannot be written.
     """
     path = Path(path)
     try:
@@ -592,6 +622,7 @@ def writing(path: str | Path) -> Iterator[BinaryIO]:
 
 
 def _unwritable(error: Exception, path: Path) -> InputError:
+    """Return the InputError for a file that cannot be written, with the reason."""
     what = error.strerror if isinstance(error, OSError) else error
     return InputError(
         f"cannot be written ({what})",
@@ -601,7 +632,7 @@ def _unwritable(error: Exception, path: Path) -> InputError:
 
 
 def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write a file, whole or not at all.
+    """Write a file atomically: completely or not at all.
 
     Parameters
     ----------
@@ -613,7 +644,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     Raises
     ------
     InputError
-        As :func:`writing` does.
+        If it is an input of this command, or cannot be written.
     """
     with writing(path) as file:
         file.write(content)
@@ -621,8 +652,11 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 @contextmanager
 def _replacing(path: Path) -> Iterator[BinaryIO]:
-    """The new file without a name, whole and on the disk, and only then under the old
-    name."""
+    """Yield a new file, and put it in the place of ``path`` once it is on the disk.
+
+    If possible the file has no name until then, so that it vanishes if the writer is
+    killed.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = _part_name(path)
     handle = _nameless_file(path.parent)
@@ -652,8 +686,11 @@ def _replacing(path: Path) -> Iterator[BinaryIO]:
 
 
 def _part_name(path: Path) -> Path:
-    """What to call a new file until it takes the place of the old one. Removes what a
-    writer that was killed has left: such a name holds the number of its process."""
+    """Return a temporary name for the file that will replace ``path``.
+
+    The name holds this process's number. Files of processes that no longer exist are
+    removed.
+    """
     # A name has at most 255 bytes.
     prefix = f".{os.fsdecode(os.fsencode(path.name)[:100])}."
     end = ".part"
@@ -667,8 +704,11 @@ def _part_name(path: Path) -> Path:
 
 
 def _nameless_file(folder: Path) -> int | None:
-    """A file of the folder that is gone when its writer is, as Linux has them; None
-    where the system or the file system has none."""
+    """Open a file without a name in a folder; it vanishes with its writer.
+
+    Returns the file descriptor, or None if the system or the file system cannot do
+    that.
+    """
     if not hasattr(os, "O_TMPFILE"):
         return None
     try:
@@ -680,7 +720,7 @@ def _nameless_file(folder: Path) -> int | None:
 
 
 def _name_file(handle: int, path: Path) -> None:
-    """Give a nameless file a name."""
+    """Give a nameless file (its descriptor) the name ``path``."""
     folder = os.open(path.parent, os.O_RDONLY)
     try:
         # With the handle of a folder Python follows the link to the file.
@@ -690,7 +730,7 @@ def _name_file(handle: int, path: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Put the names of a folder on the disk."""
+    """Flush the names of a folder's files to the disk."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -699,7 +739,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def lives(process: int) -> bool:
-    """Whether a process of this number exists.
+    """Whether a process exists, perhaps of another user.
 
     Parameters
     ----------
@@ -709,7 +749,6 @@ def lives(process: int) -> bool:
     Returns
     -------
     bool
-        True where it exists.
     """
     try:
         os.kill(process, 0)
@@ -722,10 +761,10 @@ def lives(process: int) -> bool:
 
 @contextmanager
 def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
-    """Keep other commands from adding results to a folder while this one runs.
+    """Keep other commands from writing results into a folder while this one runs.
 
     The lock ends with the process. A folder that was made for the lock is removed again
-    where nothing was written into it.
+    if nothing was written into it.
 
     Parameters
     ----------
@@ -737,7 +776,7 @@ def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
     Raises
     ------
     InputError
-        Where the other command is still writing then, or the folder cannot be made.
+        If the other command is still writing after that, or the folder cannot be made.
     """
     try:
         import fcntl
@@ -773,9 +812,9 @@ def folder_lock(folder: Path, patience: float = 0.0) -> Iterator[None]:
 
 
 def write_text(path: str | Path, content: str) -> None:
-    """Write a text as UTF-8, whole or not at all.
+    """Write a text as UTF-8, atomically: completely or not at all.
 
-    Bytes of a file name that are no text (PEP 383) are written as escapes.
+    Bytes of a file name that are not text (PEP 383) are written as escapes.
 
     Parameters
     ----------
@@ -787,45 +826,47 @@ def write_text(path: str | Path, content: str) -> None:
     Raises
     ------
     InputError
-        As :func:`writing` does.
+        If it is an input of this command, or cannot be written.
     """
     write_bytes(path, content.encode("utf-8", "backslashreplace"))
 
 
 def problems_folder() -> Path:
-    """Where the built-in problems are: inside the installed package, or beside it in a
-    checkout."""
+    """Return the folder of the built-in problems.
+
+    It is part of the installed package, or stands next to the package in a checkout.
+    """
     package = Path(__file__).parent
     inside = package / "problems"
     return inside if inside.is_dir() else package.parent / "problems"
 
 
 class JsonRecord:
-    """A dataclass of numbers, texts, arrays, other ``Plain`` ones, and tuples and
-    mappings of these."""
+    """A dataclass of numbers, texts, arrays, other records, and tuples and mappings of
+    these, which becomes JSON and back.
+    """
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; null where a number is not finite."""
+        """Return the fields as JSON; a number that is not finite becomes null."""
         return {f.name: _plain(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """Make the record that :meth:`to_dict` wrote.
+        """Make a record from the JSON of :meth:`to_dict`.
 
         Parameters
         ----------
         data : mapping
-            Fields by name; null stands for a field's default, where it has one.
+            Fields by name; null stands for a field's default, if it has one.
 
         Returns
         -------
         JsonRecord
-            The record.
 
         Raises
         ------
         KeyError, TypeError, ValueError
-            Where a field is missing or of another kind.
+            If a field is missing or of another type.
         """
         kinds = _kinds(cls)  # type: ignore[arg-type]
         required = [
@@ -840,9 +881,10 @@ class JsonRecord:
 
 
 class JsonRecordSkippingNone(JsonRecord):
-    """The same, without fields that hold nothing: infinite limits, what a robot lacks."""
+    """A JsonRecord that leaves out fields without a value, such as infinite limits."""
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the fields that have a value as JSON."""
         return {k: x for k, x in super().to_dict().items() if x is not None}
 
 
@@ -851,6 +893,9 @@ _kinds = cache(get_type_hints)
 
 
 def _plain(value: Any) -> Any:
+    """Return a field's value as JSON: arrays and tuples become lists, infinity
+    becomes null.
+    """
     import numpy as np  # which `--help` does not pay for
 
     if hasattr(value, "to_dict"):
@@ -865,7 +910,20 @@ def _plain(value: Any) -> Any:
 
 
 def _restored(kind: Any, value: Any) -> Any:
-    """A value of a type hint; an absent one may be None."""
+    """Return a value of a type hint from its JSON.
+
+    Parameters
+    ----------
+    kind : type or generic alias
+        Type hint of the field, such as ``tuple[int, ...]`` or ``Array | None``.
+    value : Any
+        Its JSON.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If the value is of another type.
+    """
     import numpy as np
 
     origin = get_origin(kind)

@@ -15,7 +15,7 @@ def axes(
     columns: int = 1,
     **settings: Any,
 ) -> Any:
-    """Axes to draw into: those that are given, or those of a new matplotlib figure.
+    """Return axes to draw into: the given ones, or those of a new matplotlib figure.
 
     Parameters
     ----------
@@ -29,12 +29,12 @@ def axes(
     Returns
     -------
     axes or array of axes
-        One entry a panel.
+        One for each panel.
 
     Raises
     ------
     InputError
-        Where matplotlib (extra ``plot``) is not installed.
+        If matplotlib (extra ``plot``) is not installed.
     """
     if panels is not None:
         return panels
@@ -46,7 +46,7 @@ def axes(
 
 
 def plain_unit(unit: str) -> str:
-    """A unit as people write it: N*m as N m, kg*m^2 as kg m²; empty for a pure number.
+    """Write a unit for people: N*m as N m, kg*m^2 as kg m²; "" for a pure number ("-").
 
     Parameters
     ----------
@@ -56,7 +56,6 @@ def plain_unit(unit: str) -> str:
     Returns
     -------
     str
-        Unit as a sentence holds it.
     """
     return (
         ""
@@ -99,7 +98,8 @@ def escape_markdown(text: str) -> str:
 
 
 def finite(x: float) -> float | None:
-    """A number for JSON, which has no NaN and no infinity.
+    """Return a number for JSON, which has no NaN and no infinity: None instead of
+    these.
 
     Parameters
     ----------
@@ -109,23 +109,21 @@ def finite(x: float) -> float | None:
     Returns
     -------
     float or None
-        The number; None where it is not finite.
     """
     return float(x) if math.isfinite(x) else None
 
 
 def words(items: Sequence[object]) -> str:
-    """An enumeration: "1, 2 and 3".
+    """Enumerate items in words: "1, 2 and 3".
 
     Parameters
     ----------
     items : sequence
-        What is enumerated.
+        At least one item.
 
     Returns
     -------
     str
-        The items, with commas and "and".
 
     Examples
     --------
@@ -181,21 +179,20 @@ def joints(numbers: Sequence[int]) -> str:
 
 
 def number(x: float | None, digits: int = 3) -> str:
-    """A number with some significant digits.
+    """Write a number with a number of significant digits.
 
-    Whole numbers below a million have no exponent; an unknown number is a dash.
+    Integers below a million get no exponent; an unknown number is a dash.
 
     Parameters
     ----------
     x : float or None
-        The number; None where it is unknown.
+        The number; None if it is unknown.
     digits : int
         Significant digits.
 
     Returns
     -------
     str
-        The number as text.
 
     Examples
     --------
@@ -213,7 +210,7 @@ def times_noise(
     error: float,
     unit: str,
 ) -> str:
-    """An error in multiples of its noise, and in its own unit.
+    """Write an error as a multiple of its noise, and in its unit.
 
     Parameters
     ----------
@@ -227,7 +224,6 @@ def times_noise(
     Returns
     -------
     str
-        Words for a sentence.
 
     Examples
     --------
@@ -242,7 +238,7 @@ def milli(
     unit: str,
     digits: int = 3,
 ) -> str:
-    """A quantity in thousandths of its unit.
+    """Write a quantity in thousandths of its unit.
 
     Parameters
     ----------
@@ -256,7 +252,6 @@ def milli(
     Returns
     -------
     str
-        Number and unit.
 
     Examples
     --------
@@ -267,19 +262,18 @@ def milli(
 
 
 def percent(share: float, digits: int = 3) -> str:
-    """A share in per cent.
+    """Write a share (1 is all) in per cent.
 
     Parameters
     ----------
     share : float
-        The share; 1 is all.
+        The share.
     digits : int
         Significant digits.
 
     Returns
     -------
     str
-        Number and per cent sign.
 
     Examples
     --------
@@ -290,7 +284,7 @@ def percent(share: float, digits: int = 3) -> str:
 
 
 def command(*words: object) -> str:
-    """A command of this program as one line that can be pasted into a shell.
+    """Return a command of this program as one line that can be pasted into a shell.
 
     >>> command("convert", "my run.csv", "--rate", 200)
     "sdp-vs-penalty convert 'my run.csv' --rate 200"
@@ -299,7 +293,7 @@ def command(*words: object) -> str:
 
 
 def convert_command(path: object, *words: object) -> str:
-    """The ``convert`` command for a file, quoted for a shell.
+    """Return the ``convert`` command for a file, quoted for a shell.
 
     Parameters
     ----------
@@ -311,32 +305,31 @@ def convert_command(path: object, *words: object) -> str:
     Returns
     -------
     str
-        A command that writes a new file beside the old one.
+        A command that writes a new file in the current folder.
     """
     out = "run.csv" if Path(str(path)).name != "run.csv" else "run_converted.csv"
     return command("convert", path, *words, "--out", out)
 
 
 def count(number: int, noun: str) -> str:
-    """A number of things: "1 problem", "2 problems".
+    """Write a number with its noun: "1 problem", "2 problems".
 
     Parameters
     ----------
     number : int
-        How many there are.
+        The number.
     noun : str
         The noun in the singular.
 
     Returns
     -------
     str
-        Number and noun.
     """
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def change_of(before: float, after: float) -> str:
-    """The relative change of an error, in per cent.
+    """Write the relative change of an error in per cent, with its sign.
 
     Parameters
     ----------
@@ -346,7 +339,7 @@ def change_of(before: float, after: float) -> str:
     Returns
     -------
     str
-        The change with its sign.
+        "0 %" below half a per cent; "-" if there was no error before.
     """
     if before <= 0.0:
         return "-"

@@ -8,15 +8,16 @@ LONG_RECORDING = 50_000
 
 
 def give_back_memory(samples: int) -> None:
-    """Free what nothing refers to, and give whole free pages back to the system.
+    """Free unused objects, and return free memory to the system.
 
-    Arrays below some megabytes come from the C library's heap, which keeps them for
-    later. What a check has used would count beside what a diagnosis needs.
+    The C library keeps the memory of arrays below some megabytes for later. Without
+    this, the memory that a check has used would count in addition to that of a
+    diagnosis.
 
     Parameters
     ----------
     samples : int
-        Of the recording; below ``LONG_RECORDING`` nothing is done.
+        Length of the recording; below ``LONG_RECORDING`` nothing is done.
     """
     if samples < LONG_RECORDING:
         return

@@ -38,9 +38,9 @@ def spread(
     scheduler: str | None = None,
     jobs: int = 2,
 ) -> Iterator[tuple[int, Result]]:
-    """Map a function over items in several processes, yielding results as they come.
+    """Map a function over items in several processes, and yield results as they come.
 
-    A task whose worker died is done again by another worker, a few times.
+    A task whose worker died is repeated by another worker, a few times.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def spread(
     items : iterable
         The items.
     scheduler : str or None
-        Address of a Dask scheduler; None: processes of this machine.
+        Address of a Dask scheduler; None for processes of this computer.
     jobs : int
-        Number of processes on this machine.
+        Number of processes on this computer.
 
     Yields
     ------
@@ -61,7 +61,7 @@ def spread(
     Raises
     ------
     InputError
-        Where Dask is not installed, nobody answers at the address, or the scheduler ends.
+        If Dask is not installed, nobody answers at the address, or the scheduler ends.
     """
     todo = list(enumerate(items))
     if scheduler is None:
@@ -100,11 +100,11 @@ def spread(
 
 
 def _each(name: str, items: Sequence[tuple[int, Any]]) -> list[tuple[int, Any]]:
-    """What a variable of the scheduler's holds, applied to each item of a batch, with
-    its place.
+    """Apply the function in a variable of the Dask scheduler to a batch of indexed
+    items.
 
-    No worker holds it for others, as they hold scattered values: where such a holder is
-    killed, Dask waits for ever.
+    The function is not scattered to the workers: Dask waits for ever if a worker that
+    holds scattered data is killed.
     """
     function = _fetched(name)
     return [(place, function(item)) for place, item in items]
@@ -112,8 +112,10 @@ def _each(name: str, items: Sequence[tuple[int, Any]]) -> list[tuple[int, Any]]:
 
 @lru_cache(maxsize=1)
 def _fetched(name: str) -> Callable[[Any], Any]:
-    """On a worker, asked for once: by its own connection, since a client of its own
-    would have to end when it does."""
+    """Fetch the function from the Dask scheduler; a worker does so once.
+
+    The worker's own connection is used, since a client would need to be closed.
+    """
     from distributed import get_worker
     from distributed.protocol.serialize import deserialize_bytes
     from distributed.utils import sync
@@ -135,8 +137,11 @@ def _here(
     todo: list[tuple[int, Item]],
     jobs: int,
 ) -> Iterator[tuple[int, Result]]:
-    """By processes that begin as this one is where the system can fork: they import and
-    read nothing."""
+    """Map a function over indexed items by processes of this computer.
+
+    On Linux they are forked, so that they import and read nothing again. An item whose
+    process died is repeated; after more than _RETRIES deaths InputError is raised.
+    """
     context: Any = get_context("fork" if sys.platform == "linux" else "spawn")
     # processes by their pipes
     lines = dict[Any, Any]()
@@ -191,7 +196,9 @@ _HELD = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def _signals_held() -> Iterator[None]:
-    """While this runs, Ctrl-C and SIGTERM wait, as in a process that starts here."""
+    """Delay Ctrl-C and SIGTERM while this runs, also in a process that is started
+    here.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -207,7 +214,17 @@ def _serve(
     line: Any,
     parent: int,
 ) -> None:
-    """A worker process: to each item an answer, or an error."""
+    """Serve as a worker process: answer each item with its result, or an error.
+
+    Parameters
+    ----------
+    function : callable
+        A function of one item.
+    line : Connection
+        The worker's end of the pipe.
+    parent : int
+        Process number of the parent, with which the worker ends.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent ends it
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
@@ -252,12 +269,12 @@ class Workers:
         Returns
         -------
         list
-            A result an item.
+            The result of each item.
 
         Raises
         ------
         InputError
-            As :func:`spread` does.
+            As for :func:`spread`.
         """
         todo = list(items)
         result_by_place: dict[int, Result] = {}
@@ -273,8 +290,10 @@ class Workers:
 
 
 def _progress_words(done: int, total: int, begin: float) -> str:
-    """How much of the work is done, and how long the rest takes at this pace; begin :
-    by the monotonic clock [s]."""
+    """Say how many items are done, and how long the others take at this pace.
+
+    begin : when the work began, by the monotonic clock [s].
+    """
     left = (time.monotonic() - begin) * (total - done) / done
     words = f"{done} of {total} done"
     return words if left < 1.0 else f"{words}, about {left:.0f} s left"
@@ -285,7 +304,7 @@ ALONE = Workers()
 
 
 def end_with(parent: int) -> None:
-    """Make this worker process end when its parent ends, whatever ends the parent.
+    """Make this worker process end when its parent ends, for whatever reason.
 
     Parameters
     ----------
@@ -302,6 +321,9 @@ def end_with(parent: int) -> None:
 
 
 def _connected(scheduler: str) -> Any:
+    """Connect to a Dask scheduler. Raises InputError if Dask or the scheduler is
+    missing.
+    """
     try:
         from distributed import Client
     except ImportError:

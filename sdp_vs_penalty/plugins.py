@@ -16,7 +16,7 @@ def modules(
     path: Iterable[str],
     mark: str = "",
 ) -> Iterator[ModuleType]:
-    """Modules of a package, imported one by one.
+    """Import the modules of a package, one by one.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ def modules(
     path : iterable of str
         The package's ``__path__``.
     mark : str
-        Only modules with an attribute of this name; empty: all.
+        Only modules with an attribute of this name; "" for all.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def classes(
     path: Iterable[str],
     base: type,
 ) -> dict[str, Any]:
-    """Plug-in classes of a package, by name.
+    """Return the plug-in classes of a package, by name.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def classes(
     Raises
     ------
     InputError
-        Where two classes have the same name.
+        If two classes have the same name.
     """
     return by_word(
         (value.name, value)
@@ -78,15 +78,15 @@ def load_class(
     name: str,
     all_classes: Callable[[], dict[str, Any]],
 ) -> Any:
-    """Plug-in class of a given name, importing one file only where the name allows.
+    """Return the plug-in class of a name, importing a single file if possible.
 
-    The class ``torque-offset`` is looked for in ``torque_offset.py`` first. Only where it is
-    not there are all files of the package imported.
+    The class ``torque-offset`` is looked for in ``torque_offset.py`` first. Only if it
+    is not there are all files of the package imported.
 
     Parameters
     ----------
     kind : str
-        What the plug-ins are, for the error's sentence.
+        What the plug-ins are, for the error message.
     package : str
         The package's ``__name__``.
     path : iterable of str
@@ -96,7 +96,7 @@ def load_class(
     name : str
         Name of the plug-in.
     all_classes : callable
-        Result of :func:`classes`, made when it is needed.
+        Returns all plug-ins by name, as :func:`classes` does.
 
     Returns
     -------
@@ -106,7 +106,7 @@ def load_class(
     Raises
     ------
     InputError
-        Where no plug-in has this name.
+        If no plug-in has this name.
     """
     file = name.replace("-", "_")
     if any(module.name == file for module in iter_modules(path)):
@@ -122,14 +122,14 @@ def load_class(
 
 
 def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, Any]:
-    """Index plug-ins by a word that each has alone, such as its name.
+    """Index plug-ins by a word that is unique to each, such as its name.
 
     Parameters
     ----------
     pairs : iterable of tuples
         Word and plug-in.
     word : str
-        What the word is, for the error's sentence.
+        What the word is, for the error message.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     Raises
     ------
     InputError
-        Where two plug-ins have the same word.
+        If two plug-ins have the same word.
     """
     out: dict[Any, Any] = {}
     for value, thing in pairs:
@@ -159,19 +159,19 @@ def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
 
 
 def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:
-    """Make a package's ``__getattr__``, which imports an exported name when it is first used.
+    """Make a package's ``__getattr__`` that imports an exported name on first use.
 
     Parameters
     ----------
     package : str
         The package's ``__name__``.
     **homes : str
-        By module of the package, the names that it exports, separated by spaces.
+        For each module of the package the names that it exports, separated by spaces.
 
     Returns
     -------
     callable
-        The function to bind to ``__getattr__`` in the package's ``__init__``.
+        To be assigned to ``__getattr__`` in the package's ``__init__``.
     """
     module_of = {
         name: module for module, names in homes.items() for name in names.split()
@@ -186,7 +186,7 @@ def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:
 
 
 def summary_line(thing: Any) -> str:
-    """Summary of a docstring, on one line.
+    """Return the summary of a docstring on one line.
 
     The summary ends at the first line that ends with a full stop, or at an empty line.
 
@@ -198,7 +198,7 @@ def summary_line(thing: Any) -> str:
     Returns
     -------
     str
-        The summary; empty without a docstring.
+        "" without a docstring.
     """
     sentence = []
     for line in (inspect.getdoc(thing) or "").splitlines():

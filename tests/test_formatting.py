@@ -64,10 +64,17 @@ def test_errors_stand_beside_each_other_with_the_noise():
         [0.1, 0.2],
         ["rad", "N*m"],
     )
-    assert table.headings == ["joint", "a", "b", "change", "noise floor"]
+    assert table.headings == [
+        "joint",
+        "a",
+        "b",
+        "change",
+        "noise floor",
+        "error / noise",
+    ]
     assert table.rows == [
-        ["1 [rad]", "1", "0.5", "-50 %", "0.1"],
-        ["2 [N m]", "2", "2", "0 %", "0.2"],
+        ["1 [rad]", "1", "0.5", "-50 %", "0.1", "5"],
+        ["2 [N m]", "2", "2", "0 %", "0.2", "10"],
     ]
 
 
@@ -79,8 +86,8 @@ def test_errors_of_one_model_have_its_r2():
         ["N"],
         [0.98765],
     )
-    assert table.headings == ["joint", "a", "R2", "noise floor"]
-    assert table.rows == [["1 [N]", "1", "0.9877", "-"]]
+    assert table.headings == ["joint", "a", "R2", "noise floor", "error / noise"]
+    assert table.rows == [["1 [N]", "1", "0.9877", "-", "-"]]
 
 
 def test_a_markdown_table_has_a_head_and_rows():

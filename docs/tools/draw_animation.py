@@ -20,6 +20,8 @@ from PIL import Image
 
 from sdp_vs_penalty import compare, load_estimate
 from sdp_vs_penalty.diagnosis.comparison import Comparison
+from sdp_vs_penalty.effects import effect_name
+from sdp_vs_penalty.render.words import error_in_words
 from sdp_vs_penalty.reports.demo import demo
 
 ROOT = Path(__file__).parents[2]
@@ -67,7 +69,7 @@ class Story:
             before,
             after,
             joint,
-            effect.name.replace("_", " "),
+            effect_name(effect.name),
         )
 
     def errors(self, share: float) -> np.ndarray:
@@ -164,18 +166,12 @@ def text_of(story: Story, k: int) -> tuple[str, str]:
     """What the frame says: the verb of the command line, and what came of it."""
     joint = story.joint + 1
     if k < PASS // 2:
-        error = story.errors(0.0)[story.joint]
-        return (
-            "identify",
-            f"every link can exist, but joint {joint} errs {error:.1f} times its noise",
-        )
+        error = error_in_words(story.before, joint)
+        return "identify", f"every link can exist, but joint {joint} errs {error}"
     if k < PASS:
         return "diagnose", f"what is missing: {story.finding} on joint {joint}"
-    error = story.errors(1.0)[story.joint]
-    return (
-        "add",
-        f"joint {joint} now errs {error:.1f} times its noise, on motion never seen",
-    )
+    error = error_in_words(story.after, joint)
+    return "add", f"joint {joint} now errs {error}, on motion never seen"
 
 
 def draw_arm(

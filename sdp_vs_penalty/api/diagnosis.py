@@ -131,10 +131,22 @@ def diagnose_and_add(
     check_command: CheckCommand | None = None,
     judged_recordings: Source = None,
 ) -> tuple[Diagnosis, Estimate | None]:
-    """:func:`diagnose`, and the model with all that is sure added; None where nothing is.
+    """Diagnose a model, and add all confident findings to it.
 
-    Sizes and intervals of the sure findings are those of this model, so that `add`
-    prints the same ones. Everything else is as in :func:`diagnose`.
+    Sizes and intervals of these findings are those of the new model, so that `add`
+    prints the same ones.
+
+    Parameters
+    ----------
+    estimate, measurements, test, ...
+        As in :func:`diagnose`.
+
+    Returns
+    -------
+    Diagnosis
+        What the model misses.
+    Estimate or None
+        The model with all confident findings added; None if there are none.
     """
     model = as_estimate(estimate, "diagnose(estimate=...)")
 

@@ -70,10 +70,24 @@ def judge_as_exported(
     measurements: Source,
     noise_from: Source = None,
 ) -> tuple[Verdict, str] | None:
-    """The verdict on what a file of this name holds of a model, and what its missing
-    effects do to each joint's error, in words ("" where nothing).
+    """Judge a model without the effects that a file of this name cannot hold.
 
-    None without measurements, and for formats that hold no model of the torque.
+    Parameters
+    ----------
+    model : Estimate
+        The model.
+    out : str or Path
+        Name of the file.
+    measurements : path, arrays, DataFrame, Measurements, list of these
+        Runs to judge on.
+    noise_from : the same, optional
+        The recordings of which the measurements are windows.
+
+    Returns
+    -------
+    (Verdict, str) or None
+        The verdict, and how each joint's error changes, in words ("" if it does not).
+        None without measurements, and for formats that hold no model of the torque.
     """
     if measurements is None:
         return None

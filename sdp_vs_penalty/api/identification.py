@@ -219,7 +219,8 @@ def identify_and_judge(
     without_check: str = WITHOUT_CHECK,
     check_command: CheckCommand | None = None,
 ) -> tuple[Estimate, Comparison | None]:
-    """:func:`identify`, and the comparison that its verdict rests on.
+    """Identify a model as :func:`identify`, and return the comparison behind its
+    verdict.
 
     Problem and runs are read, checked and filtered once.
 
@@ -230,11 +231,11 @@ def identify_and_judge(
     options : PoseOptions
         The other arguments of :func:`identify`.
     warn : callable
-        Hears the remarks of the check, a sentence each.
+        Called with each remark of the data check.
     without_check : str
-        How an error says to go on without the check, in words.
+        How an error message says to skip the check, in words.
     check_command : CheckCommand, optional
-        How a user checks these runs.
+        The command by which a user checks these runs.
 
     Returns
     -------
@@ -296,5 +297,5 @@ def identify_and_judge(
 
 
 def _warn_caller(text: str) -> None:
-    """A UserWarning at the line that called the verb."""
+    """Issue a UserWarning that points to the line which called the verb."""
     warnings.warn(text, stacklevel=5)

@@ -27,7 +27,9 @@ err = Console(stderr=True, highlight=False)
 
 
 def _shown(text: str) -> str:
-    """A text within what rich lays out: no markup, no control character."""
+    """Return a text that rich prints literally: without markup and control
+    characters.
+    """
     return escape(printable(text))
 
 
@@ -48,8 +50,10 @@ transcript = Transcript()
 
 @contextmanager
 def listening(is_quiet: bool) -> Iterator[Transcript]:
-    """A new transcript of what is said meanwhile; is_quiet : nothing is printed but
-    remarks and errors."""
+    """Yield a new transcript of what is printed while this runs.
+
+    is_quiet : whether to print remarks and errors only.
+    """
     global transcript
     before = transcript
     transcript = Transcript()
@@ -63,11 +67,11 @@ def listening(is_quiet: bool) -> Iterator[Transcript]:
 
 @contextmanager
 def progress(start: str) -> Iterator[Callable[[str], None]]:
-    """A line on stderr that says where a long computation stands, with the elapsed
-    time; with the time left where the text counts ("3 of 40").
+    """Show a line on stderr with the state of a long computation and the elapsed time.
 
-    It is silent where nobody watches, and with --quiet. Variables that force colours
-    (as notebooks set them) make no terminal of a pipe.
+    Yields a function that takes the state as text. If the text counts ("3 of 40"), the
+    time left is added. Nothing is shown with --quiet, or if stderr is no terminal;
+    variables that force colours, as notebooks set them, do not change that.
     """
     if out.quiet or not (err.is_terminal and err.file.isatty()):
         yield lambda _: None
@@ -91,7 +95,7 @@ def progress(start: str) -> Iterator[Callable[[str], None]]:
 
 
 def say(text: str, style: str | None = None) -> None:
-    """A line on stdout, to be copied or searched: not broken, no markup."""
+    """Print a line on stdout for copying or searching: not wrapped, without markup."""
     transcript.sentences.append(text)
     out.print(
         printable(text),
@@ -102,44 +106,47 @@ def say(text: str, style: str | None = None) -> None:
 
 
 def paragraph(text: str) -> None:
-    """Sentences on stdout, broken between words at the terminal's width."""
+    """Print sentences on stdout, wrapped at the terminal's width."""
     transcript.sentences.append(text)
     out.print(printable(text), markup=False)
 
 
 def warn(text: str) -> None:
-    """A sentence on stderr, as it is."""
+    """Print a sentence on stderr, not wrapped."""
     err.print(printable(text), markup=False, soft_wrap=True)
 
 
 def written(path: str | Path, note: str = "") -> None:
-    """The line about a file that was written."""
+    """Print the path of a file that was written, perhaps with a note."""
     transcript.written.append(str(path))
     _line(f"written: {path}" + (f" ({note})" if note else ""))
 
 
 def save_json(path: Path | None, content: object) -> None:
-    """Write what --json asks for, if it does."""
+    """Write the JSON that the option --json asks for; without a path, do nothing."""
     if path is not None:
         write_text(path, json.dumps(content, indent=1) + "\n")
         written(path)
 
 
 def next_step(words: Sequence[object]) -> None:
-    """The command to run next, ready to be copied."""
+    """Print the command to run next, ready to be copied."""
     command = command_line(["sdp-vs-penalty", *words])
     transcript.next.append(command)
     _line(f"Next: {command}")
 
 
 def _line(text: str) -> None:
-    """A line on stdout that is no sentence of the transcript."""
+    """Print a line on stdout that is not part of the transcript's sentences."""
     out.print(printable(text), markup=False, soft_wrap=True)
 
 
 def table(table: Table) -> None:
-    """A table under its title, never cut: as blocks of columns in a terminal that is
-    too narrow for it, as wide as it is where nobody looks."""
+    """Print a table under its title; no column is ever cut.
+
+    In a terminal that is too narrow it is split into blocks of columns. If the output
+    is no terminal, it gets the width that it needs.
+    """
     transcript.tables.append(table.to_dict())
     if table.title:
         out.print(
@@ -160,7 +167,9 @@ def table(table: Table) -> None:
 
 
 def details(entries: Sequence[tuple[str, str]]) -> None:
-    """Names and texts, a line each; empty texts are left out."""
+    """Print pairs of name and text, one on each line; those with an empty text are
+    left out.
+    """
     transcript.sentences += [f"{name}: {text}" for name, text in entries if text]
     grid = Grid.grid(padding=(0, 2))
     grid.add_column(no_wrap=True)

@@ -131,7 +131,10 @@ OUTPUTS = frozenset({"out", "json_", "fix", "proof"})
 
 
 def _paths(value: Any) -> Iterable[Path]:
-    """Paths, and texts that may be one (a problem is a name or a file)."""
+    """Return the paths in a parameter's value, and texts that may be one.
+
+    A problem, for example, is a built-in name or a file.
+    """
     if isinstance(value, Path):
         return [value]
     if isinstance(value, str):
@@ -142,8 +145,11 @@ def _paths(value: Any) -> Iterable[Path]:
 
 
 def _require_memory() -> None:
-    """InputError where a limit (``ulimit -v``) leaves less than the libraries need:
-    OpenBLAS ends the process in words of its own where it finds no room."""
+    """Raise InputError if a limit (``ulimit -v``) leaves less memory than libraries
+    need.
+
+    Without this, OpenBLAS ends the process with a message of its own.
+    """
     try:
         import resource
     except ImportError:  # a system without such limits
@@ -157,7 +163,7 @@ def _require_memory() -> None:
 
 
 def _require_folder() -> None:
-    """InputError where the current folder was removed."""
+    """Raise InputError if the current folder was removed."""
     try:
         os.getcwd()
     except OSError as error:
@@ -168,7 +174,7 @@ def _require_folder() -> None:
 
 
 def _help() -> str:
-    """The program's, without importing a verb."""
+    """Return the program's help text, without importing any verb."""
     lines = ["Usage: sdp-vs-penalty [--version] [--debug] COMMAND ...", "", _ABOUT, ""]
     lines += ["--debug shows the traceback of an error, of any verb.", ""]
     for purpose, verbs in VERBS.items():
@@ -182,7 +188,7 @@ def _help() -> str:
 
 
 def named(name: str) -> Callable[..., None]:
-    """The verb of this name, imported. Raises InputError where there is none."""
+    """Import and return the verb of this name. Raises InputError if there is none."""
     names = [name for verbs in VERBS.values() for name in verbs]
     require_known("command", name, names)
     home = import_module(f"sdp_vs_penalty.cli.verbs.{name.replace('-', '_')}")
@@ -190,8 +196,11 @@ def named(name: str) -> Callable[..., None]:
 
 
 def _run(words: Sequence[str]) -> None:
-    """Do what the words say. Every path among the parameters that is not an output is
-    an input."""
+    """Run the command that these words are.
+
+    Every path among its parameters that is no output is registered as an input, so that
+    it cannot be overwritten.
+    """
     first = words[0] if words else "--help"
     if first in ("--help", "--version"):
         print(_help() if first == "--help" else f"sdp-vs-penalty {__version__}")
@@ -226,8 +235,11 @@ def _transcribed(
     is_quiet: bool,
     json_file: Path | None,
 ) -> Iterator[None]:
-    """Meanwhile nothing is printed where ``is_quiet``; at the end what was said is
-    written as JSON, with the exit code, where a file is named."""
+    """Record what the command prints while this runs.
+
+    At the end it is written as JSON, with the exit code, if ``json_file`` is given.
+    With ``is_quiet`` nothing is printed but remarks and errors.
+    """
     from sdp_vs_penalty.cli import console
 
     with console.listening(is_quiet) as transcript:
@@ -248,8 +260,11 @@ def _transcribed(
 def _naming_the_repair(
     error: RepairableError, arguments: Mapping[str, Any]
 ) -> InputError:
-    """The error of runs that `check --fix` can repair, with this command where the verb
-    names a problem and its data."""
+    """Add the `check --fix` command to an error of runs that it can repair.
+
+    arguments : the verb's parameters. Without a problem and data among them the error
+    stays as it is.
+    """
     problem = arguments.get("problem")
     data = arguments.get("data")
     if not problem or not data:
@@ -269,8 +284,10 @@ def _naming_the_repair(
 
 
 def _require_different(outputs: Mapping[str, Any]) -> None:
-    """InputError where two outputs of a command are one file: the second would replace
-    the first."""
+    """Raise InputError if two outputs of a command are the same file.
+
+    Links are followed, since the second output would replace the first.
+    """
     seen: dict[object, str] = {}
     for name, value in outputs.items():
         for path in _paths(value):
@@ -290,12 +307,21 @@ def _require_different(outputs: Mapping[str, Any]) -> None:
 
 
 def _complain(message: object) -> None:
+    """Print a message on stderr after the program's name."""
     print(f"sdp-vs-penalty: {printable(message)}", file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line: exit code 0, 2 for what the user can mend, 130 after
-    Ctrl-C."""
+    """Run the command line, and exit.
+
+    Exit code 0, 1 for an internal error or a negative verdict, 2 for what the user can
+    correct, 130 after Ctrl-C, 143 after SIGTERM.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        The words after the program's name; by default those of this process.
+    """
     words = list(sys.argv[1:] if arguments is None else arguments)
     words_without_debug = [word for word in words if word != "--debug"]
     # Matrices here have a hundred columns: threads of the linear algebra cost more than
@@ -344,8 +370,9 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def _ending_politely() -> Iterator[None]:
-    """While this runs, SIGTERM ends the command as Ctrl-C does: nothing temporary is
-    left."""
+    """Make SIGTERM end the command as Ctrl-C does, so that no temporary file is
+    left.
+    """
 
     import signal
 
@@ -381,7 +408,7 @@ _OF_THE_SYSTEM = (
 
 
 def explain(error: BaseException) -> tuple[str, int]:
-    """One sentence about an error and the exit code that it deserves."""
+    """Return one sentence about an error, and the exit code."""
     if isinstance(error, Terminated):
         return "ended by SIGTERM; existing files are unchanged.", 143
     if isinstance(error, KeyboardInterrupt):

@@ -25,7 +25,7 @@ models model.json ...: Models written by `identify` or `add`.
 --data RUN.csv ...: Measured runs: .csv, .npz, .mat, .parquet, .mcap, .bag; a folder or pattern of these;
     a.csv+b.csv is one run.
 --test TEST.csv: Run for the held-out error only.
---frozen: Fixed model parameters: the only way to identify a payload.
+--frozen: Keep the model fixed (needed for payloads).
 --window START:STOP: Part of each run to use, in seconds from its start; or A:B,C:D.
 --test-window START:STOP: Part of the test run to use, in seconds from its start.
 --seed >=0: Random seed.
@@ -56,9 +56,15 @@ models model.json ...: Models written by `identify` or `add`.
 Budget = StrEnum("Budget", "quick single paper")
 
 
-def _told(lines: str) -> dict[str, Any]:
-    """By parameter, without the underscore that keeps it apart from a word of Python's:
-    its flags, an example of a value, what it is, its limits."""
+def _parsed_option_lines(lines: str) -> dict[str, Any]:
+    """Parse lines that describe options, such as "--jobs >=1: Number of processes."
+
+    Returns
+    -------
+    dict
+        By name of the parameter: its flags, an example of a value, its help text, and
+        its lower and upper limit (None for no limit).
+    """
     out = {}
     for line in re.sub(r"\n +", " ", lines).strip().splitlines():
         head, _, text = line.partition(": ")
@@ -81,7 +87,15 @@ def _value(
     low: float | None,
     high: float | None,
 ) -> Callable[[str], Any]:
-    """A word's value: a text, path, number within limits, or one of several words."""
+    """Return a function that converts a word to a value, for argparse.
+
+    Parameters
+    ----------
+    kind : type
+        str, int, float, Path or a StrEnum, whose words are the allowed ones.
+    low, high : float or None
+        Limits of a number.
+    """
 
     def made(word: str) -> Any:
         if issubclass(kind, StrEnum) and word not in list(kind):
@@ -110,6 +124,18 @@ class Parser(argparse.ArgumentParser):
         name: str,
         verb: Callable[..., None],
     ) -> None:
+        """Make the parser of a verb from its signature and its docstring.
+
+        The docstring holds the description, "Example: ..." and a line for each option;
+        options that several verbs share are described in SHARED.
+
+        Parameters
+        ----------
+        name : str
+            Name of the verb.
+        verb : callable
+            Its function.
+        """
         text, _, tail = inspect.cleandoc(verb.__doc__ or "").partition("Example: ")
         example, _, lines = tail.partition("\n")
         super().__init__(
@@ -121,7 +147,9 @@ class Parser(argparse.ArgumentParser):
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
         )
-        option_lines = _told(SHARED) | _told(inspect.cleandoc(lines))
+        option_lines = _parsed_option_lines(SHARED) | _parsed_option_lines(
+            inspect.cleandoc(lines)
+        )
         kinds = get_type_hints(verb)
         self.options = {
             p.name: self._declared(p, kinds[p.name], *option_lines[p.name.rstrip("_")])
@@ -155,6 +183,23 @@ class Parser(argparse.ArgumentParser):
         text: str,
         limits: Any,
     ) -> argparse.Action:
+        """Declare one parameter of the verb to argparse.
+
+        Parameters
+        ----------
+        p : Parameter
+            Name and default.
+        kind : type
+            Its type hint; a list takes several values, ``| None`` is dropped.
+        flags : list of str
+            Its flags; none for a positional argument.
+        metavar : str
+            Example of a value.
+        text : str
+            Help text.
+        limits : (float or None, float or None)
+            Limits of a number.
+        """
         kind = (
             get_args(kind)[0] if isinstance(kind, UnionType) else kind
         )  # "... | None"
@@ -206,7 +251,7 @@ class Parser(argparse.ArgumentParser):
         )
 
     def given(self, words: Sequence[str]) -> dict[str, Any]:
-        """Parse the words behind a verb.
+        """Parse the words after a verb.
 
         Parameters
         ----------
@@ -216,7 +261,8 @@ class Parser(argparse.ArgumentParser):
         Returns
         -------
         dict
-            Values by the verb's parameters, and ``quiet``; ``json_`` of every verb.
+            Values by the verb's parameters, with ``quiet`` and ``json_`` for every
+            verb.
         """
         words = self._in_current_order(words)
         known = [flag for option in self._actions for flag in option.option_strings]
@@ -237,8 +283,10 @@ class Parser(argparse.ArgumentParser):
         return vars(self.parse_intermixed_args(joined))
 
     def _in_current_order(self, words: Sequence[str]) -> Sequence[str]:
-        """Rewrite ``RUN.csv ... --problem P``, the order of versions before 0.1, as
-        ``P --data RUN.csv ...``, with a remark."""
+        """Rewrite ``RUN.csv ... --problem P``, the order of versions before 0.1.
+
+        The result is ``P --data RUN.csv ...``; a remark says so.
+        """
         robot = self.options.get("problem")
         has_old_order = any(word.partition("=")[0] == "--problem" for word in words)
         if robot is None or robot.option_strings or not has_old_order:
@@ -276,7 +324,7 @@ class Parser(argparse.ArgumentParser):
         ]
 
     def _n_values(self, flag: str) -> float:
-        """How many words a flag takes at most; 1 for an unknown one."""
+        """Return how many words may follow a flag; 1 for an unknown flag."""
         for option in self._actions:
             if flag in option.option_strings:
                 most: dict[Any, float] = {
@@ -287,4 +335,5 @@ class Parser(argparse.ArgumentParser):
         return 1.0
 
     def error(self, message: str) -> Any:
+        """Raise InputError for words that argparse cannot parse, instead of exiting."""
         raise InputError(message, f"see `{self.prog} --help`")

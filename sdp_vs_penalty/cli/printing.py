@@ -29,9 +29,16 @@ def estimate(
     fit: Comparison | None,
     seconds: float,
 ) -> None:
-    """What was identified, how well it fits, and what the certificate says of it.
+    """Print what was identified, how well it fits, and what the certificate says.
 
-    fit : against the measurements that it came from; None for a black box's answers.
+    Parameters
+    ----------
+    result : Estimate
+        The model.
+    fit : Comparison or None
+        With the measurements that it came from; None for a black box's answers.
+    seconds : float
+        How long the identification took [s].
     """
     runs = formatting.count(len(result.provenance["runs"]), "run")
     error = ""
@@ -55,7 +62,9 @@ def estimate(
 
 
 def gains(result: Estimate) -> None:
-    """Gains of torque channels, of servos in place of a torque, and of loops."""
+    """Print the gains of torque channels, servos and control loops, if any were
+    estimated.
+    """
     if channels := channel_gains(result):
         words = [f"{gain.value:.3f} ± {gain.spread}" for gain in channels]
         say(
@@ -69,7 +78,11 @@ def gains(result: Estimate) -> None:
 
 
 def servo_loop(result: Estimate, loop: dict[str, Any]) -> None:
-    """How much of the logged torque the servos' loop makes, and its gains."""
+    """Print how much of the logged torque the servos' control loop explains, and its
+    gains.
+
+    loop : share of the torque of each joint, and the loop's delay [s].
+    """
     shares = ", ".join(map(formatting.percent, loop["share"]))
     delay = formatting.milli(loop["delay"], "s", 2)
     say(f"the servos' law, {delay} late, makes {shares} of the joints' logged torque")
@@ -77,8 +90,11 @@ def servo_loop(result: Estimate, loop: dict[str, Any]) -> None:
 
 
 def servo(result: Estimate, law: dict[str, Any]) -> None:
-    """The law of the servos that stood for a torque, its gains, and what sets the
-    scale."""
+    """Print the servo law that replaced a logged torque, its gains, and what sets the
+    scale.
+
+    law : the law in words, its delay [s], errors of other laws, and the scale.
+    """
     delay = "no delay"
     if law["delay"] > 0.0:
         delay = f"commands act {formatting.milli(law['delay'], 's', 2)} late"
@@ -101,12 +117,13 @@ def servo(result: Estimate, law: dict[str, Any]) -> None:
 
 
 def _gains(title: str, entries: Sequence[Any]) -> None:
+    """Print a table of gains with their 95 % intervals."""
     rows = [(gain.name, gain.value, gain.spread, gain.unit) for gain in entries]
     console.table(tables.gain_table(title, rows))
 
 
 def verdict(record: Verdict, name: str = "") -> None:
-    """The grade with its reason, the weakest of three lines, then the other two."""
+    """Print a verdict: the grade with its reason, then the other two criteria."""
     headline = f"{name}: {record.headline}" if name else record.headline
     say(headline, style="bold")
     for line in record.lines[1:]:
@@ -116,8 +133,9 @@ def verdict(record: Verdict, name: str = "") -> None:
 
 
 def certificate(result: Estimate) -> None:
-    """What the certificate says, a line each; which bounds the estimate lies on; how
-    many parameters the data determine, and which base parameters the prior decides."""
+    """Print what the certificate says, bounds that are reached, and what data
+    determine.
+    """
     entries = list(result.certificate.summary())
     if bounds := result.details.get("on_bounds"):
         advice = f"{', '.join(bounds)}: widen the bounds, or measure more"
@@ -134,11 +152,11 @@ def comparison(
     title: str = "Error (RMS)",
     names: Sequence[str] = (),
 ) -> None:
-    """One row a joint: error beside the noise floor, and R2 of a single model, of
-    several how the first became the last.
+    """Print each joint's error next to its noise floor, a row for each joint.
 
-    Several models are columns [1], [2], ... so that figures stay readable in a narrow
-    terminal, or have ``names``.
+    A single model gets R2 as well; several get the change from the first to the last.
+    They are columns [1], [2], ..., so that the table fits a narrow terminal, unless
+    ``names`` are given.
     """
     last = results[-1]
     is_alone = len(results) == 1
@@ -161,8 +179,9 @@ def comparison(
 
 
 def where_it_fails(failures: Failures, model: str) -> None:
-    """Where a model's error is large, in words: a line for each joint of which
-    something can be said."""
+    """Print where a model's error is large: a line for each joint with a known
+    cause.
+    """
     from sdp_vs_penalty.render.words import describe_failures
 
     say(f"Where {model} fails (shares of the error on data left out)", style="italic")
@@ -171,7 +190,7 @@ def where_it_fails(failures: Failures, model: str) -> None:
 
 
 def failure_tables(failures: Failures) -> None:
-    """All figures of :func:`where_it_fails`."""
+    """Print all figures of the analysis of where a model's error is large."""
     console.table(tables.failure_table(failures))
 
 
@@ -182,10 +201,21 @@ def diagnosis(
     has_findings: bool,
     verbose: bool = False,
 ) -> None:
-    """The verdict, the findings with the falling error, and what is left.
+    """Print a diagnosis: the verdict, the findings with the decreasing error, and the
+    rest.
 
-    model : the file that was diagnosed; has_findings : whether there is anything to be
-    added; verbose : the weak findings at the end as well.
+    Parameters
+    ----------
+    result : Diagnosis
+        What the model misses.
+    units : sequence of str
+        Torque unit of each joint.
+    model : Path or str
+        File of the diagnosed model.
+    has_findings : bool
+        Whether there is anything to add.
+    verbose : bool
+        Whether to print weak findings at the end as well.
     """
     from sdp_vs_penalty.render.words import describe_diagnosis
 
@@ -215,6 +245,7 @@ def diagnosis(
 
 
 def _events(words: DiagnosisWords, verbose: bool) -> None:
+    """Print disturbances at single instants; with ``verbose`` all of them."""
     lines = words.all_events if verbose else words.events
     hint = "" if len(lines) == len(words.all_events) else "; --verbose lists them"
     for line in lines:
@@ -227,7 +258,10 @@ def _findings(
     units: Sequence[str],
     shown: Sequence[Finding],
 ) -> None:
-    """The table of errors, then a paragraph a finding; what is not shown in a line."""
+    """Print the table of errors, and a paragraph for each finding that is shown.
+
+    Findings that are not shown are named in one line.
+    """
     from sdp_vs_penalty.render.words import finding_table
 
     console.table(finding_table(result, shown, units))
@@ -242,7 +276,9 @@ def _findings(
 
 
 def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:
-    """The history without the weak findings at its end, but for the first two of them."""
+    """Return the findings without the weak ones at their end, except for two of
+    these.
+    """
     places = [k for k, f in enumerate(effects, start=1) if f.torque_is_certain]
     tail = effects[places[-1] :] if places else effects
     return [
@@ -257,7 +293,11 @@ def before_after(
     units: Sequence[str],
     what: str,
 ) -> None:
-    """What became of each joint's error, the verdict after, and both errors as a table."""
+    """Print how each joint's error changed, the verdict on the new model, and both
+    errors.
+
+    what : the data that both are judged on, in words.
+    """
     from sdp_vs_penalty.render.words import describe_change
 
     say(f"On {what}: {describe_change(before, after)}", style="bold")
@@ -268,7 +308,9 @@ def before_after(
 
 
 def checks(reports: Sequence[Report]) -> None:
-    """What the check says: of all runs together first, then of each."""
+    """Print the issues of the data check: those that all runs share first, then each
+    run's.
+    """
     first = reports[0].issues if reports else ()
     others = reports[1:]
     common = [
@@ -288,7 +330,7 @@ def checks(reports: Sequence[Report]) -> None:
 
 
 def _has(issues: Sequence[Issue], issue: Issue) -> bool:
-    """Whether the same is said already."""
+    """Whether an issue with the same place and text is among these."""
     return any((f.where, f.what) == (issue.where, issue.what) for f in issues)
 
 
@@ -297,7 +339,7 @@ _COLOURS = {"error": "red", "warning": "yellow", "note": "dim"}
 
 
 def _issue(issue: Issue) -> None:
-    """One issue: severity and kind, what, how sure, what to do."""
+    """Print an issue: severity and kind, what it is, how sure it is, and what to do."""
     from rich.markup import escape
 
     word = f"[{_COLOURS[issue.severity]}]{issue.severity}[/]"

@@ -12,24 +12,26 @@ class Remaining:
     """The time left, estimated from texts that count, such as "run 3 of 40"."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Start the clock, which returns seconds."""
         self._clock = clock
         self._begin = clock()
         self._first = 0
         self._work = ""
 
     def with_time_left(self, text: str) -> str:
-        """Append the time left, by the pace so far.
+        """Append the time left to the state of some work, estimated from its pace so
+        far.
 
         Parameters
         ----------
         text : str
-            The state of the work.
+            The state, such as "run 3 of 40".
 
         Returns
         -------
         str
-            The same text where it counts nothing, says the time left already, or
-            less than five seconds are left.
+            The same text if it counts nothing, says the time left already, or less than
+            five seconds are left.
         """
         count = _COUNT.search(text)
         if count is None or " left" in text:

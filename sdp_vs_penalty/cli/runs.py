@@ -28,8 +28,11 @@ def problem_from_options(
     filters: str | None = None,
     hold: str | None = None,
 ) -> Problem:
-    """The problem named ``source`` with --gravity, --bounds, --filters and --hold as
-    they are written."""
+    """Load a problem with the options --gravity, --bounds, --filters and --hold
+    applied.
+
+    The options are texts as the user wrote them.
+    """
     mounting = None if gravity is None else numbers("--gravity", gravity, 3)
     problem = load_problem(source, mounting, parse_held(hold) if hold else None)
     return with_filters(with_bounds(problem, bounds), filters)
@@ -40,11 +43,24 @@ def read_and_hold(
     hold: str | None,
     read: Callable[[Problem], Sequence[Measurements | BlackBox]],
 ) -> tuple[Problem, Sequence[Measurements | BlackBox], str | None]:
-    """The problem, its runs, and --hold as it is then.
+    """Read runs, and hold the joints that do not move in any of them.
 
-    make : the problem with --hold as written; read : the runs for a problem. Joints that
-    the runs do not have, or that stand still without torque in all of them, are held;
-    one line says so.
+    A joint that the runs lack, or that stands still without torque in all of them,
+    becomes fixed: its link belongs to its parent. One line on stderr says so.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the problem from the text of --hold.
+    hold : str or None
+        That text as the user wrote it.
+    read : callable
+        Reads the runs for a problem.
+
+    Returns
+    -------
+    Problem, sequence of runs, str or None
+        The last is the text of --hold with the joints that were found.
     """
     problem = make(hold)
     try:
@@ -82,8 +98,13 @@ def runs_from_options(
     data: Sequence[Path],
     window: str | None,
 ) -> tuple[Measurements | BlackBox, Measurements | BlackBox]:
-    """The runs, or a black box's answers, behind --data: whole, and what --window
-    leaves of them."""
+    """Load the runs, or a black box's answers, of the option --data.
+
+    Returns
+    -------
+    two Measurements or BlackBox
+        The full runs, and what --window leaves of them.
+    """
     windows = time_windows(window)
     robot = problem.robot
     runs = load_answers(list(data), joints=robot.n) or load_measurements(
@@ -95,7 +116,7 @@ def runs_from_options(
 
 
 def model_from_options(path: Path, gravity: str | None = None) -> Estimate:
-    """The model in a file, with --gravity as it is written."""
+    """Load a model, with the direction of gravity of the option --gravity."""
     estimate = load_estimate(path)
     if gravity is None:
         return estimate
@@ -103,7 +124,7 @@ def model_from_options(path: Path, gravity: str | None = None) -> Estimate:
 
 
 def parsed_known_load(text: str) -> tuple[Path, float]:
-    """FILE:MASS, the mass in kg.
+    """Parse FILE:MASS of the option --known-load; the mass is in kg.
 
     >>> parsed_known_load("load.csv:2.805")
     (PosixPath('load.csv'), 2.805)
@@ -117,7 +138,7 @@ def parsed_known_load(text: str) -> tuple[Path, float]:
 
 
 def parsed_known(text: str | None) -> dict[str, float]:
-    """Known parameters, "kp2=600,kd2=20"; none for None.
+    """Parse the known parameters of the option --known, "kp2=600,kd2=20".
 
     >>> parsed_known("kp2=600")
     {'kp2': 600.0}
@@ -133,7 +154,7 @@ def parsed_known(text: str | None) -> dict[str, float]:
 
 
 def words(data: Sequence[Path], window: str | None) -> list[str]:
-    """The runs as they stand behind --data."""
+    """Return the runs as words of a command, as they stand after --data."""
     return [
         *map(str, data),
         *([] if window is None else ["--window", window]),
@@ -145,8 +166,11 @@ def judging_runs(
     data: list[Path] | None,
     window: str | None,
 ) -> Runs | None:
-    """The runs behind --data, else those that the model was judged on last, where they
-    are still there; None where they are not."""
+    """Return the runs to judge a model on: those of --data, or those it was judged on
+    last.
+
+    None if the latter no longer exist.
+    """
     if data is None:
         kept = list(estimate.provenance.get("judged_data", ()))
         if "--window" in kept:
@@ -164,8 +188,12 @@ def next_diagnosis(
     window: str | None,
     gravity: str | None = None,
 ) -> None:
-    """The diagnosis of a model on the runs that it was identified from, judged on those
-    given; gravity : of a model that is judged as mounted otherwise."""
+    """Print the command that diagnoses a model.
+
+    It searches in the runs that the model was identified from, and is judged on the
+    given ones. gravity : direction of gravity, if it differs from that of the model;
+    runs of two mountings cannot be mixed, so the given runs are searched then.
+    """
     train = estimate.provenance.get("data", ["TRAIN.csv"])
     if gravity is not None:  # runs of another mounting cannot be mixed
         train = words(data, window)
@@ -184,7 +212,19 @@ def runs_for(
     test: Path | None = None,
     test_window: str | None = None,
 ) -> Runs:
-    """The runs to fit and the run to test on, both possible for the model's robot."""
+    """Load the runs to fit, and the run to test on, and check that they suit the model.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model; the runs need its number of joints and plausible positions.
+    data : list of Path
+        Runs to fit.
+    window, test_window : str or None
+        Parts of the runs and of the test run to use, as the user wrote them.
+    test : Path, optional
+        Run to test on; without it the runs to fit are judged on as well.
+    """
     robot = estimate.robot
     train = time_windows(window)
     judge = time_windows(test_window, "--test-window")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.constants import MINOR
 from sdp_vs_penalty.diagnosis.white_rows import WhiteData
 from sdp_vs_penalty.files import JsonRecord
-from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 from sdp_vs_penalty.signals.coloured_noise import (
     FALSE_EVENT,
     RARE,
@@ -28,8 +28,8 @@ from sdp_vs_penalty.signals.coloured_noise import (
     robust_scale,
 )
 from sdp_vs_penalty.signals.constants import SAME_PHASE
-from sdp_vs_penalty.signals.noise import REPETITION, differences
-from sdp_vs_penalty.signals.repetition import consecutive
+from sdp_vs_penalty.signals.noise import differences
+from sdp_vs_penalty.signals.repetition import Repeat, consecutive
 from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW
 
@@ -106,14 +106,17 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 
 
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
-    """(M, n) rows of which the residual, white (M, n), is an outlier beside what repeats.
+    """(M, n) rows of which the residual, white (M, n), is an outlier: what happens once.
 
-    Near reversals any law of friction is only nearly right. What stands out there is an
-    event only if no like motion comes near it.
+    An outlier that comes back with the motion is an error of the model. Where no motion
+    comes back, an event stands out of all windows in the same state of motion. So does
+    what one repetition has near reversals, where any law of friction is only nearly
+    right.
     """
     rows = data.rows
     noise = data.noise
     unrepeated = _unrepeated_rows(data, residual)
+    comes_back = _rows_that_come_back(noise.repeats, len(rows.t))
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
         # The noise may be larger than was thought; its median does not see an event.
@@ -123,19 +126,76 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
         suspect = unrepeated[:, j]
         if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            lone = lone_windows(
-                white[:, j],
-                rows.pieces[j],
-                slow,
-                rows.rate,
-                rows.n,
-            )
-            # Where no repetition tells it from noise, it stands out of the joint's error.
-            is_outlier &= lone if noise.source != REPETITION else lone | ~slow
+            lone = _lone_rows(data, white[:, j], j, slow)
+            # A push of a second stands out in N m rather than in what is white.
+            torque = residual[:, j] * (white[:, j] != 0.0)
+            lone |= _lone_rows(data, torque, j, slow)
+            lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
+            is_outlier &= lone | (comes_back & ~slow)
             suspect = suspect & (lone | ~slow)
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
         out[:, j] |= suspect
+    return out & ~_repeated_outliers(data, out)
+
+
+def _rows_that_come_back(repeats: Sequence[Repeat], count: int) -> Mask:
+    """(M,) whether the motion of a row comes back."""
+    out = np.zeros(count, bool)
+    for repeat in repeats:
+        out[repeat.rows] = True
+        out[repeat.there] = True
+    return out
+
+
+def _lone_rows(
+    data: WhiteData,
+    series: Array,
+    joint: int,
+    slow: Mask,
+) -> Mask:
+    """(M,) rows of a joint's series (M,) to which no window in the same state of motion
+    comes near."""
+    rows = data.rows
+    return lone_windows(
+        series,
+        rows.pieces[joint],
+        slow,
+        rows.rate,
+        rows.n,
+    )
+
+
+def _stands_out(
+    torque: Array,
+    pieces: Sequence[NDArray[np.intp]],
+    tests: int,
+) -> Mask:
+    """(M,) rows of windows in which a residual (M,) [N m or N] swells as in no others."""
+    degrees = max(float(np.count_nonzero(torque)), 1.0)
+    usual = float(nonzero_or_one(np.sqrt(np.sum(torque**2) / degrees)))
+    return local_excess(torque / usual, pieces, tests, degrees)
+
+
+def _near_in_time(mask: Mask, rate: float) -> Mask:
+    """(M, n) rows within which two windows are at the same phase of those of a mask."""
+    return np.asarray(_sums_near_in_time(mask.astype(float), rate) > 0.5)
+
+
+def _sums_near_in_time(series: Array, rate: float) -> Array:
+    """(M, n) sums of a series over the rows at the same phase."""
+    width = np.ones(2 * max(1, round(SAME_PHASE * rate)) + 1)
+    return np.array([np.convolve(x, width, mode="same") for x in series.T]).T
+
+
+def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
+    """(M, n) outliers that another repetition of the motion has, too."""
+    near = _near_in_time(is_outlier, data.rows.rate)
+    out = np.zeros_like(is_outlier)
+    for repeat in data.noise.repeats:
+        in_both = near[repeat.rows] & near[repeat.there]
+        out[repeat.rows] |= in_both
+        np.logical_or.at(out, repeat.there, in_both)
     return out
 
 
@@ -147,30 +207,9 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
     suspect = data.noise.suspect
     if not suspect.any():
         return suspect
-    # Within so many rows two windows are at the same phase.
-    width = np.ones(2 * max(1, round(SAME_PHASE * rows.rate)) + 1)
-    near = np.array(
-        [
-            np.convolve(
-                x,
-                width,
-                mode="same",
-            )
-            for x in suspect.T
-        ]
-    ).T
-    energy = np.array(
-        [
-            np.convolve(
-                x,
-                width,
-                mode="same",
-            )
-            for x in (residual**2).T
-        ]
-    ).T
+    near = _near_in_time(suspect, rows.rate)
+    energy = _sums_near_in_time(residual**2, rows.rate)
     out = suspect.copy()
-    near = near > 0.5
     for one, other in ((r.rows, r.there) for r in repeats):
         first_less = energy[one] <= energy[other]
         out[one] &= ~(near[other] & first_less)

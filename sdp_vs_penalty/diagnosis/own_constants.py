@@ -20,7 +20,7 @@ from sdp_vs_penalty.diagnosis.library import Candidate
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect, WhiteFit
 from sdp_vs_penalty.diagnosis.refine import STEPS
 from sdp_vs_penalty.diagnosis.white_rows import ConstantErrors, WhiteData
-from sdp_vs_penalty.effects import effect_types
+from sdp_vs_penalty.effects import effect_name, effect_types
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.effects.model import Model
 from sdp_vs_penalty.estimation.constants import TURNS
@@ -171,12 +171,12 @@ def retune(
     unit = plain_unit(robot.torque_units[s.joint])
     errors = float(before[s.joint]), float(after[s.joint])
     explanation = (
-        f"joint {s.joint + 1}: {s.effect} has {s.shape} = {new}, not {old}; held-out"
-        f" error {errors[0]:.3g} to {errors[1]:.3g} {unit}"
+        f"joint {s.joint + 1}: {effect_name(s.effect)} has {s.shape} = {new}, not {old};"
+        f" error on data left out {errors[0]:.3g} to {errors[1]:.3g} {unit}"
     )
     remarks = []
     if s.at_end:
-        remarks.append("it lies at the end of the range in which it was looked for")
+        remarks.append(REASONS["at_end"])
     if is_harmful:
         remarks.append(REASONS["alone"])
     return Retune(

@@ -121,7 +121,7 @@ class StatefulEffect(Effect):
         if self.at_rest == "turns" and hidden:
             return (
                 "it turns round within what the positions tell apart: any sharp"
-                " friction looks so"
+                " friction makes a similar torque"
             )
         return super().looks_like(size, coverage)
 

@@ -216,7 +216,7 @@ class LmiSdpTwoStep(Estimator):
     """
 
     name = "lmi-sdp-two-step"
-    description = "Sousa and Cortesao's chain: beta', beta*, beta*e, delta"
+    description = "Two-step SDP (Sousa and Cortesao)"
 
     solver: str = "clarabel"
     accuracy: float = 1e-10

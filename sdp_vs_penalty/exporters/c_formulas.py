@@ -15,7 +15,7 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 def _sign(estimate: Estimate, joint: int) -> str:
-    """The smooth sign of a joint's velocity."""
+    """Return C code for the smooth sign of a joint's velocity, tanh(dq / width)."""
     width = number(estimate.model.sign_width[joint])
     return f"tanh(dq[{joint}] / {width})"
 
@@ -26,6 +26,10 @@ def _asymmetric_viscous(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for a torque of joint j proportional to its speed |dq|.
+
+    e : the effect; theta : its parameters on this joint; m : the model.
+    """
     return f"{number(theta[0])} * fabs(dq[{j}])"
 
 
@@ -35,6 +39,10 @@ def _asymmetric_coulomb(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for a torque of joint j that is constant while it moves.
+
+    e : the effect; theta : its parameters on this joint; m : the model.
+    """
     return f"{number(theta[0])} * fabs({_sign(m, j)})"
 
 
@@ -44,6 +52,10 @@ def _power_law(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for friction of joint j that grows with a power of the speed.
+
+    e : the effect; theta : its parameters on this joint; m : the model.
+    """
     alpha = number(e.shape["alpha"])
     return f"{number(theta[0])} * {_sign(m, j)} * pow(fabs(dq[{j}]), {alpha})"
 
@@ -54,6 +66,11 @@ def _sigmoid(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for the slowly rising part of the friction of joint j.
+
+    It is zero if it rises as fast as the smooth sign, which is subtracted. e : the
+    effect; theta : its parameters on this joint; m : the model.
+    """
     if e.shape["v0"] < WIDER_THAN_SIGN * m.model.sign_width[j]:
         return "0.0"
     x = f"dq[{j}] / {number(e.shape['v0'])}"
@@ -71,6 +88,11 @@ def _stribeck(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for the friction of joint j that falls with speed (Stribeck).
+
+    It falls exponentially (law 1) or as 1 / (1 + x). e : the effect; theta : its
+    parameters on this joint; m : the model.
+    """
     vs = number(e.shape["vs"])
     delta = number(e.shape["delta"])
     x = f"pow(fabs(dq[{j}]) / {vs}, {delta})"
@@ -84,6 +106,10 @@ def _load_dependent(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for dry friction of joint j proportional to its load.
+
+    e : the effect; theta : its parameters on this joint; m : the model.
+    """
     return f"{number(theta[0])} * fabs(load[{j}]) * {_sign(m, j)}"
 
 
@@ -93,11 +119,18 @@ def _spring(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for a spring at joint j.
+
+    e : the effect; theta : its parameters on this joint; m : the model.
+    """
     return f"{number(theta[0])} * q[{j}]"
 
 
 def _waves(e: Effect, j: int, theta: Array) -> str:
-    """A sum of waves of a joint's position: cosine and sine of each."""
+    """Return C code for a sum of waves of joint j's position.
+
+    theta : amplitudes of cosine and sine of each harmonic in turn.
+    """
     k = e.shape["k"]
     terms = []
     for i, (a, b) in enumerate(theta.reshape(-1, 2), start=1):
@@ -112,6 +145,10 @@ def _ripple(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for the torque ripple of joint j.
+
+    e : the effect; theta : its parameters on this joint; m : the model.
+    """
     return _waves(e, j, theta)
 
 
@@ -121,6 +158,10 @@ def _position_dependent(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for dry friction of joint j that varies with its position.
+
+    e : the effect; theta : its parameters on this joint; m : the model.
+    """
     return f"{_sign(m, j)} * ({_waves(e, j, theta)})"
 
 
@@ -130,6 +171,12 @@ def _coupling(
     theta: Array,
     m: Estimate,
 ) -> str:
+    """Return C code for friction of joint j that depends on its partner joint's
+    velocity.
+
+    The form is one of four: the velocity itself, its sign, or the sign of sum or
+    difference. e : the effect; theta : its parameters on this joint; m : the model.
+    """
     i = e.partner(j)
     form = int(e.shape["form"])
     width = number(m.model.sign_width[j])
@@ -159,7 +206,9 @@ FORMULAS: Mapping[str, Formula] = {
 
 
 def formulas(estimate: Estimate) -> Iterator[str]:
-    """A line of C for each effect of the model and each joint that it acts on.
+    """Yield a line of C for each effect of the model and each joint that it acts on.
+
+    Effects without a formula are left out.
 
     Parameters
     ----------

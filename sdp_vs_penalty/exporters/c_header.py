@@ -8,6 +8,7 @@ from string import Template
 
 import numpy as np
 
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
@@ -27,10 +28,10 @@ _TEMPLATE = Path(__file__).parent / "c_header.h"
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """Inverse dynamics as a C header.
+    """Make a C header without dependencies that computes the inverse dynamics.
 
-    The module is an :class:`ExportFormat`.
-    Raises InputError for an impossible link, and for joints that follow others.
+    This module is an :class:`ExportFormat`. Returns the file's bytes and the effects
+    left out. Raises InputError for an inconsistent link, or joints that follow others.
     """
     robot = estimate.robot
     model = estimate.model
@@ -51,7 +52,7 @@ def write(estimate: Estimate, options: Options) -> Written:
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),
-        left=_comment(", ".join(left) or "nothing"),
+        left=_comment(", ".join(map(effect_in_words, left)) or "nothing"),
         n=robot.n,
         parent=_braces(
             np.array([j.parent if j.parent >= 0 else robot.n for j in joints])
@@ -73,7 +74,7 @@ def write(estimate: Estimate, options: Options) -> Written:
 
 
 def _link_arrays(links: Array) -> dict[str, str]:
-    """Mass, first moments and inertias of links (n, 10) as C writes arrays."""
+    """Write mass, first moments and inertias of links (n, 10) as C arrays, by name."""
     full_inertias = links[:, 4:][:, [[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
     return {
         "mass": _braces(links[:, 0]),
@@ -83,9 +84,12 @@ def _link_arrays(links: Array) -> dict[str, str]:
 
 
 def _load_without_payload(estimate: Estimate, name: str) -> list[str]:
-    """Lines of C that set ``load`` to the torque of the links alone: friction under
-    load does not count a payload, which ``tau`` holds. None where no effect or no
-    payload needs them."""
+    """Return lines of C that set ``load`` to the torque of the links without the
+    payload.
+
+    Friction that depends on load was identified without the payload, which ``tau``
+    holds. Empty if the model lacks one of the two.
+    """
     names = {effect.name for effect in estimate.model.effects}
     if not {"payload", "load_dependent_friction"} <= names:
         return []
@@ -100,7 +104,7 @@ def _load_without_payload(estimate: Estimate, name: str) -> list[str]:
 
 
 def _braces(values: Array) -> str:
-    """An array as C writes its initial value."""
+    """Write an array as C initialises it, with braces."""
     return (
         json.dumps((np.asarray(values) + 0).tolist())
         .replace("[", "{")
@@ -109,5 +113,5 @@ def _braces(values: Array) -> str:
 
 
 def _comment(text: str) -> str:
-    """Text that cannot end the comment it stands in."""
+    """Replace characters of a text that could end the C comment it stands in."""
     return re.sub(r"[^\x20-\x7e]|\*/|/\*", "?", text)

@@ -71,24 +71,25 @@ class Content:
 
     @classmethod
     def plausible(cls, estimate: Estimate, options: Options) -> Self:
-        """As :meth:`of`, with every link inside of its body.
+        """Return the content of a simulator's file, with every link inside of its body.
 
         Parameters
         ----------
         estimate : Estimate
             The model.
         options : Options
-            How the user wants the file.
+            How the user wants the file; ``force`` accepts links outside of their
+            bodies.
 
         Returns
         -------
         Content
-            What a simulator's file can hold of the model.
 
         Raises
         ------
         InputError
-            As :meth:`of`; for a link that lies outside of its body, unless forced.
+            As :meth:`of`; for a link whose mass lies farther out than its body reaches,
+            unless forced.
         """
         content = cls.of(estimate)
         gyration = inertia.gyration(estimate.links)
@@ -108,7 +109,7 @@ class Content:
 
     @classmethod
     def of(cls, estimate: Estimate) -> Self:
-        """What a simulator's file can hold of a model.
+        """Return what a simulator's file can hold of a model.
 
         Parameters
         ----------
@@ -118,7 +119,8 @@ class Content:
         Returns
         -------
         Content
-            Links about the joints' frames, friction, armature, springs.
+            Links about the joints' frames, friction, armature, springs; names of the
+            effects that have no place there.
 
         Raises
         ------
@@ -180,19 +182,18 @@ class Content:
         armature: bool,
         springs: bool = False,
     ) -> tuple[str, ...]:
-        """Effects that are lost in a file.
+        """Return the effects that are lost in a file, as they are written.
 
         Parameters
         ----------
         armature : bool
-            Whether it has a place for armature.
+            Whether the format has a place for rotor inertia.
         springs : bool
-            Whether it has one for springs and offsets.
+            Whether it has one for springs and torque offsets.
 
         Returns
         -------
         tuple of str
-            As they are written.
         """
         lost = (
             ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
@@ -201,7 +202,9 @@ class Content:
 
 
 def _with_payload(estimate: Estimate) -> Array:
-    """(links, 10) standard parameters, a payload as part of the last link."""
+    """Return the links (links, 10) with a payload, if there is one, as part of the
+    last.
+    """
     links = np.array(estimate.links)
     load = np.array([p.effect == "payload" for p in estimate.model.parameters])
     if load.any():
@@ -210,21 +213,21 @@ def _with_payload(estimate: Estimate) -> Array:
 
 
 def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
-    """A copy of a model without the effects that are not held, and without a verdict.
+    """Return a copy of a model with some of its effects only, and without a verdict.
+
+    This is the model that a file holds which has a place for these effects only.
+    Nothing is identified again. The servo loops of a model without torques stay.
 
     Parameters
     ----------
     estimate : Estimate
         The model.
     held : collection of str
-        Names of effects.
+        Names of the effects to keep.
 
     Returns
     -------
     Estimate
-        Nothing is identified again: this is the model that a file holds which
-        has a place for these effects only. The servo loops of a model without
-        torques stay.
     """
     model = estimate.model
     known = estimate.uncertainty
@@ -256,7 +259,7 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
 
 
 def verdict_line(estimate: Estimate) -> str:
-    """The verdict that a model came with, and its servos' gains.
+    """Return the model's verdict, and the gains of its servos, as one line.
 
     Parameters
     ----------
@@ -266,7 +269,7 @@ def verdict_line(estimate: Estimate) -> str:
     Returns
     -------
     str
-        One line of printable ASCII.
+        Printable ASCII, for a comment in a file.
     """
     line = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
     both = zip(
@@ -283,19 +286,19 @@ def verdict_line(estimate: Estimate) -> str:
 
 
 def about_joints(robot: Robot, links: Array) -> Array:
-    """Standard parameters about the joints' frames.
+    """Return standard parameters about the joints' frames instead of the links' frames.
 
     Parameters
     ----------
     robot : Robot
         Its kinematics.
     links : (links, 10)
-        About the links' frames.
+        About the links' frames [kg, kg m, kg m^2].
 
     Returns
     -------
     (links, 10)
-        In Pinocchio's order.
+        About the joints' frames, as Pinocchio and simulators take them.
 
     Raises
     ------
@@ -313,24 +316,16 @@ def about_joints(robot: Robot, links: Array) -> Array:
 
 
 def require_consistent(link: Array, name: str) -> None:
-    """Refuse a link that no mass distribution has.
+    """Raise InputError for a link that no mass distribution has.
+
+    Its pseudo-inertia has a negative eigenvalue then.
 
     Parameters
     ----------
     link : (10,)
-        Standard parameters.
+        Standard parameters [kg, kg m, kg m^2].
     name : str
-        What to call the link.
-
-    Returns
-    -------
-    None
-        Nothing.
-
-    Raises
-    ------
-    InputError
-        Where its pseudo-inertia has a negative eigenvalue.
+        Name of the link in the error message.
     """
     pseudo = inertia.pseudo_inertia(link)
     smallest = float(np.linalg.eigvalsh(pseudo)[0])
@@ -356,17 +351,16 @@ class Inertial:
 
     @classmethod
     def of(cls, link: Array) -> Self:
-        """The inertial of a link.
+        """Return mass, centre of mass and inertia about it of a link.
 
         Parameters
         ----------
         link : (10,)
-            Standard parameters.
+            Standard parameters [kg, kg m, kg m^2].
 
         Returns
         -------
         Inertial
-            Mass, centre of mass, and inertia about it.
         """
         if link[0] == 0.0:  # consistent and massless: nothing at all
             return cls(
@@ -383,7 +377,9 @@ class Inertial:
 
     @property
     def urdf_attributes(self) -> dict[str, str]:
-        """ixx ... izz as text of full precision."""
+        """The inertia as URDF attributes: ixx, ixy, ..., izz as text of full
+        precision.
+        """
         pairs = combinations_with_replacement(range(3), 2)
         return {
             f"i{'xyz'[i]}{'xyz'[j]}": number(self.about_com[i, j]) for i, j in pairs
@@ -391,17 +387,17 @@ class Inertial:
 
 
 def number(value: float) -> str:
-    """The shortest text that reads back to the same double.
+    """Return the shortest text that reads back to the same double.
 
     Parameters
     ----------
     value : float
-        Finite.
+        A finite number.
 
     Returns
     -------
     str
-        No negative zero.
+        Never "-0.0".
     """
     return repr(float(value) + 0.0)  # + 0.0: no negative zero
 
@@ -411,7 +407,7 @@ _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 def xml_name(text: str) -> str:
-    """A name whose characters an XML document can hold.
+    """Return a name that an XML document can hold.
 
     Parameters
     ----------
@@ -421,7 +417,7 @@ def xml_name(text: str) -> str:
     Returns
     -------
     str
-        What XML cannot hold is written as Python writes it.
+        Characters that XML cannot hold are written as Python escapes.
     """
     return _NOT_XML.sub(lambda found: printable(found[0]), text)
 
@@ -432,18 +428,19 @@ def element(
     text: Any = None,
     **attributes: Any,
 ) -> Any:
-    """Append a child with text and attributes.
+    """Append a child with text and attributes to an XML element.
 
     Parameters
     ----------
     parent : element
-        To which it is appended.
+        The element to append to.
     tag : str
-        Its name.
+        Name of the child.
     text : str, number or array, optional
-        What stands in it.
+        Its text.
     attributes : str, number or array
-        Numbers and arrays of them are written by :func:`number`.
+        Its attributes. Numbers are written by :func:`number`, arrays separated by
+        spaces.
 
     Returns
     -------
@@ -466,14 +463,14 @@ def element(
 
 
 def xml_text(root: Any, declaration: bool = True) -> bytes:
-    """The indented document.
+    """Return an XML document as indented bytes.
 
     Parameters
     ----------
     root : element
-        Of the document.
+        Its root element.
     declaration : bool
-        Whether it begins with one.
+        Whether it begins with an XML declaration.
 
     Returns
     -------
@@ -507,19 +504,20 @@ class LinkPart:
 
 
 def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
-    """Every joint in the tree's order, with its link and inertial.
+    """Yield every joint of a robot's tree, from the base on, with the link that it
+    carries.
 
     Parameters
     ----------
     robot : Robot
         Its kinematics.
     links : (links, 10)
-        About the joints' frames.
+        Standard parameters about the joints' frames.
 
     Returns
     -------
     iterator of LinkPart
-        From the base on.
+        A link that is declared massless has a zero inertial.
     """
     link_of = dict(zip(robot.link_joints, links, strict=True))
     places = {name: k for k, name in enumerate(robot.joint_names)}
@@ -539,7 +537,8 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
 
 
 def payload(estimate: Estimate) -> Inertial:
-    """The model's payload in the last link's frame.
+    """Return the model's payload: mass, centre of mass and inertia, in the last link's
+    frame.
 
     Parameters
     ----------
@@ -549,12 +548,11 @@ def payload(estimate: Estimate) -> Inertial:
     Returns
     -------
     Inertial
-        Mass, centre of mass, and inertia about it.
 
     Raises
     ------
     InputError
-        Where it has none.
+        If it has no payload, or one without mass.
     """
     is_payload = [p.effect == "payload" for p in estimate.model.parameters]
     if not any(is_payload):

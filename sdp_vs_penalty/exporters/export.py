@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 
 from sdp_vs_penalty import exporters
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError, printable
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import Verdict
@@ -17,13 +18,15 @@ from sdp_vs_penalty.plugins import by_word, modules
 
 @cache
 def formats() -> dict[str, ExportFormat]:
-    """The formats by the ending of their files' names."""
+    """Return the modules of this folder that are export formats, by their file
+    suffix.
+    """
     homes = modules(exporters.__name__, exporters.__path__, "ENDING")
     return by_word((home.ENDING, home) for home in homes)
 
 
 def format_of(out: str | Path) -> ExportFormat:
-    """The format of files of this name.
+    """Return the format that a file's name chooses; the longest matching suffix wins.
 
     Parameters
     ----------
@@ -38,7 +41,7 @@ def format_of(out: str | Path) -> ExportFormat:
     Raises
     ------
     InputError
-        Where there is none.
+        If no format has this suffix.
     """
     name = Path(out).name.lower()
     endings = [ending for ending in formats() if name.endswith(ending)]
@@ -59,8 +62,12 @@ def write_model(
     flange: tuple[float, float, float] = (0.0, 0.0, 0.0),
     judged: Verdict | None = None,
 ) -> tuple[str, ...]:
-    """What :func:`sdp_vs_penalty.export` does with a model that is read and, as the file
-    holds it, judged."""
+    """Write a model in the format that the file's name chooses.
+
+    Parameters are those of :func:`sdp_vs_penalty.export`, but the model is loaded
+    already. judged : verdict on the model without the effects that the file cannot
+    hold. Returns the effects left out.
+    """
     out = Path(out)
     home = format_of(out)
     if urdf is not None and not getattr(home, "EDITS", False):
@@ -81,7 +88,7 @@ def write_model(
 
 
 def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
-    """The model that a file of this name holds.
+    """Return the model as a file of this name holds it.
 
     Parameters
     ----------
@@ -93,7 +100,7 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
     Returns
     -------
     Estimate or None
-        A copy without the effects that it has no place for. None for formats
+        A copy without the effects that the format has no place for. None for formats
         that hold no model of the torque (tables, payloads).
     """
     held = getattr(format_of(out), "HOLDS", None)
@@ -101,21 +108,21 @@ def as_exported(estimate: Estimate, out: str | Path) -> Estimate | None:
 
 
 def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
-    """The verdict on a file that lacks effects.
+    """Return the sentence on a file that lacks some effects, with the verdict on it.
 
     Parameters
     ----------
     left_out : sequence of str
-        The effects.
+        The effects that it lacks.
     judged : Verdict or None
-        On the model without them.
+        Verdict on the model without them.
 
     Returns
     -------
     str
         Printable ASCII.
     """
-    lacks = f"without {', '.join(left_out)}"
+    lacks = f"without {', '.join(map(effect_in_words, left_out))}"
     if judged is None:
         sentence = f"Not judged as exported, {lacks}: `sdp-vs-penalty export --data` judges it."
     else:
@@ -124,8 +131,10 @@ def exported_verdict(left_out: Sequence[str], judged: Verdict | None) -> str:
 
 
 def _with_verdict(content: bytes, suffix: str, line: str) -> bytes:
-    """A file with the verdict as a comment at its head, where its format has comments
-    (.json holds it as a field; tables of numbers stay as they are)."""
+    """Put the verdict as a comment at the head of a file, if its format has comments.
+
+    A .json file has a field for it instead; tables stay as they are.
+    """
     line = printable(line)
     if suffix in (".urdf", ".xml", ".sdf"):
         comment = f"<!-- {re.sub('-(?=-)', '- ', line)} -->\n".encode()

@@ -15,10 +15,10 @@ ABOUT = "payload for Franka"
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """JSON with mass [kg], centerOfMass in the flange's frame [m], and inertia (9, by
-    columns) about it [kg m^2]; the tool's transformation is the flange itself.
+    """Make the JSON file of an end effector for Franka's controllers, from the payload.
 
-    The module is an :class:`ExportFormat`.
+    It holds mass [kg], centerOfMass in the flange's frame [m], and inertia about it (9
+    entries by columns) [kg m^2]. This module is an :class:`ExportFormat`.
     """
     load = payload(estimate)
     fields_of_file = {

@@ -30,12 +30,13 @@ class FrictionCurve:
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """CSV with joint, velocity [rad/s, m/s], torque [N m, N] and its standard
-    deviation: what all effects that follow the velocity alone make, to be added to
-    what the links need.
+    """Make a CSV table of friction torque over velocity for each joint.
 
-    The module is an :class:`ExportFormat`.
-    Raises InputError for a model without any such effect.
+    Columns: joint, velocity [rad/s, m/s], torque [N m, N] and its standard deviation.
+    The torque is that of all effects that depend on the joint's velocity alone.
+
+    This module is an :class:`ExportFormat`. Returns the file's bytes and the effects
+    left out. Raises InputError for a model without such an effect.
     """
     curves = friction_curves(estimate)
     if not curves:
@@ -57,7 +58,7 @@ def write(estimate: Estimate, options: Options) -> Written:
 
 
 def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
-    """Friction by velocity.
+    """Return the friction torque of each joint over its velocity.
 
     Parameters
     ----------
@@ -67,8 +68,8 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     Returns
     -------
     list of FrictionCurve
-        One a joint, over 61 velocities that lie closest where dry friction
-        turns round; none without an effect that follows the velocity alone.
+        One for each joint, at 61 velocities that lie closest around zero, where dry
+        friction changes sign. Empty without an effect that depends on velocity alone.
     """
     model = estimate.model
     robot = estimate.robot

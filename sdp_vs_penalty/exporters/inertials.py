@@ -60,21 +60,22 @@ class LinkCheck:
         theta: Array,
         reach: float,
     ) -> "LinkCheck":
-        """Check a link.
+        """Check the inertial of one link.
 
         Parameters
         ----------
         link : str
-            Its name.
+            Name of the link.
         theta : (10,)
-            Standard parameters.
+            Standard parameters [kg, kg m, kg m^2].
         reach : float
-            How far the link reaches [m].
+            How far the link's body reaches [m].
 
         Returns
         -------
         LinkCheck
-            Its margins and verdict.
+            Its margins, verdict, and the nearest consistent inertial if it is
+            inconsistent.
         """
         inertial = Inertial.of(theta)
         verdict = "consistent"
@@ -120,13 +121,17 @@ class LinkCheck:
 
     @property
     def distance(self) -> float:
-        """|I - I_nearest| in the Frobenius norm [kg m^2]."""
+        """Distance of the inertia from the nearest consistent one, Frobenius norm
+        [kg m^2].
+        """
         nearest = self.nearest or self.inertial_given
         return float(np.linalg.norm(self.inertial_given.about_com - nearest.about_com))
 
     @property
     def has_wrong_signs(self) -> bool:
-        """Whether the moments on the diagonal are possible with their signs changed."""
+        """Whether the inertia would be consistent with positive moments on its
+        diagonal.
+        """
         diagonal = np.diagonal(self.inertial_given.about_com)
         if np.all(diagonal >= 0.0) or self.inertial_given.mass <= 0.0:
             return False
@@ -136,16 +141,18 @@ class LinkCheck:
 
     @property
     def consistent(self) -> bool:
+        """Whether a body with this mass and inertia can exist."""
         return self.verdict == "consistent"
 
     @property
     def unlikely(self) -> bool:
-        """A body that can exist, but not in this arm: its mass lies farther out than it
-        reaches."""
+        """Whether the body can exist, but its mass lies farther out than its link
+        reaches.
+        """
         return self.gyration > self.reach
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Return the check as JSON; a margin that is not known is null."""
         names = ("link", "pseudo_inertia_margin", "consistent", "verdict")
         out = {name: getattr(self, name) for name in names} | {
             "radius_of_gyration": self.gyration
@@ -165,7 +172,7 @@ class LinkCheck:
 
 
 def check_urdf(path: str | Path) -> list[LinkCheck]:
-    """Check every inertial of a URDF.
+    """Check every inertial of a URDF file.
 
     Parameters
     ----------
@@ -211,7 +218,7 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
-    """A row a link.
+    """Return one row for each link: name, verdict, mass [kg] and both margins.
 
     Parameters
     ----------
@@ -221,7 +228,7 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     Returns
     -------
     list of tuple
-        Name, verdict, mass [kg] and margins, negative where they are violated.
+        Text; margins are negative if they are violated.
     """
     margins = [
         (c.inertial_given.mass, c.triangle_margin, c.pseudo_inertia_margin)
@@ -232,19 +239,19 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
 
 
 def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]:
-    """What is implausible or missing.
+    """Say what is impossible, implausible or missing in a URDF.
 
     Parameters
     ----------
     checks : sequence of LinkCheck
         Of all links.
     massless : sequence of str
-        Moving links without inertial.
+        Names of moving links without inertial.
 
     Returns
     -------
     list of str
-        The verdict, then a sentence each.
+        The verdict, then a sentence for each remark.
     """
     if not checks:
         return ["The file has no inertials."]
@@ -279,7 +286,7 @@ def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]
 
 
 def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
-    """What of the file is in other units than m and kg.
+    """Say which numbers of a URDF seem to be in other units than m and kg.
 
     Parameters
     ----------
@@ -291,7 +298,7 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
     Returns
     -------
     list of str
-        A sentence each, with what to do.
+        A sentence for each, with what to do.
 
     Raises
     ------
@@ -315,18 +322,18 @@ def unit_remarks(path: str | Path, checks: Sequence[LinkCheck]) -> list[str]:
 
 
 def massless_links(path: str | Path) -> list[str]:
-    """Links that a joint moves and that have no inertial, nor anything fixed to them
-    has.
+    """Return the names of moving links without an inertial.
+
+    A link that is fixed to them may have one instead.
 
     Parameters
     ----------
     path : path
-        The file.
+        The URDF file.
 
     Returns
     -------
     list of str
-        Their names.
 
     Raises
     ------
@@ -342,20 +349,21 @@ def massless_links(path: str | Path) -> list[str]:
 
 
 def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
-    """The consistent inertia nearest to a symmetric matrix, in the Frobenius norm.
+    """Return the consistent inertia that is nearest to a symmetric matrix (Frobenius
+    norm).
 
-    The consistent ones, I = tr(S) 1 - S with S >= 0 the second moment of the mass, are
-    invariant to rotation: the projection keeps the principal axes and acts on the
-    principal moments, D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM J.
-    Optimization 1996, for spectral sets in general).
+    Consistent inertias are I = tr(S) 1 - S with the second moment of the mass S >= 0.
+    They are invariant to rotation, so the projection keeps the principal axes and acts
+    on the principal moments, D = (s2 + s3, s1 + s3, s1 + s2) with s >= 0 (Lewis, SIAM
+    J. Optimization 1996, for spectral sets in general).
 
     Parameters
     ----------
     about_com : (3, 3)
-        Symmetric [kg m^2].
+        Symmetric matrix [kg m^2].
     mass : float
-        [kg]; of a positive one the result is strictly inside: no thinner than a
-        millimetre, as simulators ask.
+        Mass [kg]. With a positive one the result is strictly consistent: no thinner
+        than a millimetre, as simulators demand.
 
     Returns
     -------
@@ -376,7 +384,10 @@ def write_nearest(
     checks: list[LinkCheck],
     out: str | Path,
 ) -> None:
-    """The same URDF, byte for byte, but for the inertials that were inconsistent.
+    """Write a copy of a URDF in which inconsistent inertials are replaced by the
+    nearest.
+
+    Every other byte stays.
 
     Parameters
     ----------
@@ -387,15 +398,10 @@ def write_nearest(
     out : path
         The file to write.
 
-    Returns
-    -------
-    None
-        Nothing.
-
     Raises
     ------
     InputError
-        Where a link has no positive mass: no inertia is nearest then.
+        If a link has no positive mass: no inertia is nearest then.
     """
     document = Document.read(path)
     links = {link.get("name"): link for link in document.root.findall("link")}

@@ -28,9 +28,10 @@ HOLDS = HELD | {"rotor_inertia", "joint_spring", "torque_offset"}
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """MJCF with links, damping, dry friction, armature, springs and offsets.
+    """Make a MuJoCo model: links, damping, dry friction, armature, springs and offsets.
 
-    The module is an :class:`ExportFormat`.
+    This module is an :class:`ExportFormat`. Returns the file's bytes and the effects
+    left out.
     """
     content = Content.plausible(estimate, options)
     return make_mjcf(estimate.robot, content), content.left_out(
@@ -39,8 +40,10 @@ def write(estimate: Estimate, options: Options) -> Written:
 
 
 def make_mjcf(robot: Robot, content: Content) -> bytes:
-    """MJCF with one body a link; gravity, ranges and motors included; capsules only to
-    be seen.
+    """Make an MJCF document with one body for each link, gravity, joint ranges and
+    motors.
+
+    Capsules show the links; they neither collide nor weigh anything.
 
     Parameters
     ----------
@@ -57,8 +60,7 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
     Raises
     ------
     InputError
-        For a link that MuJoCo cannot load: one without mass or without
-        thickness.
+        For a link without mass or without thickness, which MuJoCo cannot load.
     """
     root = etree.Element("mujoco", model=xml_name(robot.name))
     # Nothing is to be guessed or mended: the numbers are those that were identified.
@@ -172,10 +174,10 @@ _SOFT = 1e-10
 
 
 def _spring(stiffness: float, offset: float) -> dict[str, float]:
-    """The joint's attributes for a torque k q + c of the drive: MuJoCo's spring pulls
-    with -stiffness (q - springref).
+    """Return MuJoCo's joint attributes for a drive torque k q + c.
 
-    An offset without a spring is one so soft and so far away that its torque stays.
+    MuJoCo's spring pulls with -stiffness (q - springref). An offset without a spring
+    becomes a spring so soft and so far away that its torque hardly changes.
     """
     if not offset:
         return (
@@ -199,7 +201,9 @@ def _actuator(
     content: Content,
     k: int,
 ) -> None:
-    """A position servo where its gains were identified, else a motor."""
+    """Append the actuator of joint k: a position servo if its gains are known, else
+    a motor.
+    """
     names: dict[str, Any] = {
         "name": joint.name,
         "joint": joint.name,

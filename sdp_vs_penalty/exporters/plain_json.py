@@ -13,10 +13,10 @@ ABOUT = "every effect as plain JSON, with its equation"
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """Links in readable form, every effect with equation, reference, shape constants
-    and values.
+    """Make a JSON file with links in readable form, and every effect.
 
-    The module is an :class:`ExportFormat`.
+    Effects have equation, reference, constants, and parameters with values and units.
+    This module is an :class:`ExportFormat`; nothing is left out.
     """
     model = estimate.model
     robot = estimate.robot

@@ -26,10 +26,10 @@ HOLDS = HELD
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """SDF 1.9 of a model's kinematics, inertials, damping and friction; the base
-    stands in the world.
+    """Make an SDF 1.9 document: kinematics, inertials, damping and friction.
 
-    The module is an :class:`ExportFormat`.
+    The base is fixed to the world. This module is an :class:`ExportFormat`. Returns the
+    file's bytes and the effects left out.
     """
     content = Content.plausible(estimate, options)
     root = etree.Element("sdf", version="1.9")
@@ -98,5 +98,6 @@ def write(estimate: Estimate, options: Options) -> Written:
 
 
 def _texts(parent: Any, /, **texts: Any) -> None:
+    """Append child elements that hold text only, by their names."""
     for name, text in texts.items():
         element(parent, name, text)

@@ -42,7 +42,9 @@ SDPA_METHOD = "lmi-sdp-thickness"
 
 
 def check_format(path: str | Path, exponential: bool) -> None:
-    """Refuse a file that cannot hold the problem.
+    """Raise InputError if a file of this name cannot hold the problem.
+
+    Its suffix must be .dat-s or .cbf; the former has no exponential cone.
 
     Parameters
     ----------
@@ -50,17 +52,6 @@ def check_format(path: str | Path, exponential: bool) -> None:
         The file to write.
     exponential : bool
         Whether the problem has an exponential cone.
-
-    Returns
-    -------
-    None
-        Nothing.
-
-    Raises
-    ------
-    InputError
-        For an ending that is no format's, or whose format lacks the exponential
-        cone.
     """
     name = Path(path).name
     if not name.endswith((_SDPA, ".cbf")):
@@ -86,17 +77,16 @@ def export_sdp(
     status: str = "optimum proved",
     **more: Any,
 ) -> dict[str, Any]:
-    """Write the problem, and beside it FILE.json with what its optimum means.
+    """Write a semidefinite program, and FILE.json that explains its optimum.
 
     Parameters
     ----------
     sdp : SdpProblem
         The problem.
     path : path
-        The file to write.
+        The file to write, .dat-s or .cbf.
     interval : tuple of str, or None
-        Lower and upper bound of the loss as decimal text, rounded outward; None
-        where none is proved.
+        Proved lower and upper bound of the loss as decimal text, rounded outward.
     status : str
         What is proved.
     more : any
@@ -105,13 +95,12 @@ def export_sdp(
     Returns
     -------
     dict
-        What FILE.json holds.
+        Content of FILE.json.
 
     Raises
     ------
     InputError
-        For another ending than .dat-s and .cbf, or where the format lacks one
-        of the problem's cones.
+        For another suffix, or a format without one of the problem's cones.
     """
     check_format(path, any(c.kind == "exp" for c in sdp.conic.cones))
     sdpa = Path(path).name.endswith(_SDPA)
@@ -161,35 +150,35 @@ def write_posed(
     options: PoseOptions | None = None,
     progress: Progress = no_progress,
 ) -> dict[str, Any]:
-    """Write the SDP that ``identify`` solves, centred at its answer, and beside it
-    OUT.json with what it means and the proved interval of the loss.
+    """Write the SDP that ``identify`` solves, and OUT.json with the proved interval.
+
+    The problem is centred at its solution, which helps other solvers.
 
     Parameters
     ----------
     problem : Problem, str or Path
-        As of ``identify``.
+        As for ``identify``.
     measurements : Source
-        As of ``identify``.
+        As for ``identify``.
     out : path
-        The file to write.
+        The file to write, .dat-s or .cbf.
     method : str or None
-        None: the default, or for .dat-s, whose format lacks exponential cones,
-        the one of :data:`SDPA_METHOD`.
+        None for the default method; for .dat-s, whose format lacks exponential cones,
+        that is SDPA_METHOD.
     options : PoseOptions, optional
-        As of ``identify``.
+        As for ``identify``.
     progress : callable
-        Hears what is being done.
+        Called with a short text at each step.
 
     Returns
     -------
     dict
-        What OUT.json holds.
+        Content of OUT.json.
 
     Raises
     ------
     InputError
-        Where the method solves no one-step SDP, the input cannot be used, or as
-        :func:`check_format` does.
+        If the method does not solve a single SDP, or the input cannot be used.
     """
     method = method or (
         SDPA_METHOD if Path(out).name.endswith(".dat-s") else DEFAULT_METHOD

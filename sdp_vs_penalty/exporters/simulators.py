@@ -11,19 +11,19 @@ from sdp_vs_penalty.exporters.mjcf import make_mjcf
 
 
 def to_pinocchio(estimate: Estimate, force: bool = False) -> Any:
-    """The links, armature, viscous and Coulomb friction of a model as a Pinocchio Model.
+    """Return a model as a Pinocchio Model: links, armature, viscous and Coulomb
+    friction.
 
-    Its inverse dynamics hold the links and the armature. Friction stands in its fields
-    ``damping`` and ``friction`` (``frictionLoss`` of older versions). What it has no
-    place for is left out: :func:`~sdp_vs_penalty.exporters.export.as_exported` names
-    that of a URDF, which holds the same.
+    Its inverse dynamics hold the links and the armature; friction stands in its fields
+    ``damping`` and ``friction`` (``frictionLoss`` in older versions). Other effects are
+    left out, as in a URDF (see :func:`~sdp_vs_penalty.exporters.export.as_exported`).
 
     Parameters
     ----------
     estimate : Estimate
         A model with a rigid_body effect.
     force : bool
-        Links whose mass lies farther out than their bodies reach are taken too.
+        Whether to accept links whose mass lies farther out than their bodies reach.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def to_pinocchio(estimate: Estimate, force: bool = False) -> Any:
     Raises
     ------
     InputError
-        For a model without links, with an impossible link, or with joints that follow
+        For a model without links, with an inconsistent link, or with joints that follow
         others, which a Pinocchio Model does not couple.
     """
     robot = estimate.robot
@@ -52,15 +52,15 @@ def to_pinocchio(estimate: Estimate, force: bool = False) -> Any:
 
 
 def to_mjspec(estimate: Estimate, force: bool = False) -> Any:
-    """A model as MuJoCo's MjSpec: links, armature, damping, dry friction, springs,
-    offsets and gears.
+    """Return a model as MuJoCo's MjSpec: links, armature, damping, dry friction,
+    springs, offsets and gears.
 
     Parameters
     ----------
     estimate : Estimate
         A model with a rigid_body effect.
     force : bool
-        Links whose mass lies farther out than their bodies reach are taken too.
+        Whether to accept links whose mass lies farther out than their bodies reach.
 
     Returns
     -------

@@ -10,11 +10,11 @@ ABOUT = "payload for UR"
 
 
 def write(estimate: Estimate, options: Options) -> Written:
-    """URScript: set_target_payload(m, cog, inertia): mass [kg], centre of gravity in
-    the flange's frame [m], inertia Ixx, Iyy, Izz, Ixy, Ixz, Iyz about it [kg m^2];
-    set_payload for older controllers.
+    """Make URScript that sets the payload: set_target_payload(m, cog, inertia).
 
-    The module is an :class:`ExportFormat`.
+    Mass [kg], centre of gravity in the flange's frame [m], inertia Ixx, Iyy, Izz, Ixy,
+    Ixz, Iyz about it [kg m^2]; set_payload for older controllers. This module is an
+    :class:`ExportFormat`.
     """
     load = payload(estimate)
     cog = ", ".join(number(x) for x in load.com - options.flange)

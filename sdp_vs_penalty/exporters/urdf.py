@@ -62,7 +62,7 @@ class Document:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """A file that :func:`load_urdf` has read.
+        """Read a URDF file that :func:`load_urdf` has accepted.
 
         Parameters
         ----------
@@ -72,12 +72,12 @@ class Document:
         Returns
         -------
         Document
-            Its source and elements.
+            Its bytes, and where each element lies in them.
 
         Raises
         ------
         InputError
-            Where it has a document type, or is not ASCII-like.
+            If it has a document type, or an encoding that does not contain ASCII.
         """
         source = read_bytes(Path(path))
         if b"<!DOCTYPE" in source:
@@ -114,24 +114,22 @@ class Document:
         attributes: Attributes,
         children: Children = MappingProxyType({}),
     ) -> None:
-        """Put a child in the place of the parent's own, whose other attributes it keeps,
-        or at the parent's end; each element on a line of its own.
+        """Replace a child of an element, or append it; each new element gets its own
+        line.
+
+        A replaced child keeps its other attributes. The change is applied by
+        :meth:`edited`.
 
         Parameters
         ----------
         parent : element
-            Where it is put.
+            The element whose child changes.
         tag : str
-            Its name.
+            Name of the child.
         attributes : mapping
-            Its attributes.
+            Its new attributes.
         children : mapping
-            Its children's attributes.
-
-        Returns
-        -------
-        None
-            Nothing.
+            Attributes of its children, by their names.
         """
         old_child = parent.find(tag)
         new_child = etree.Element(
@@ -165,7 +163,7 @@ class Document:
         )
 
     def edited(self) -> bytes:
-        """The file with all changes."""
+        """Return the file's bytes with all changes applied."""
         out: list[bytes] = []
         last = 0
         # Insertions at one place stay in the order in which they were asked for.
@@ -176,7 +174,11 @@ class Document:
 
 
 def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
-    """Of every element in document order, of a file that a parser has accepted."""
+    """Return where the tags of every element lie in the bytes, in document order.
+
+    For each: begin and end of the start tag, and begin of the end tag (None for <a/>).
+    The file must be well-formed.
+    """
     out: list[tuple[int, int, int | None]] = []
     stack: list[int] = []
     for match in _MARKUP.finditer(source):
@@ -207,10 +209,11 @@ def write(
     options: Options,
     drake: bool = False,
 ) -> Written:
-    """A URDF made from the model, or the user's own with the model's numbers, edited
-    plainly.
+    """Make a URDF of the model, or put the model's numbers into the user's own URDF.
 
-    The module is an :class:`ExportFormat`. drake : with Drake's transmissions.
+    This module is an :class:`ExportFormat`. drake : whether to add Drake's
+    transmissions, which hold rotor inertias. Returns the file's bytes and the effects
+    left out.
     """
     content = Content.plausible(estimate, options)
     robot = estimate.robot
@@ -228,8 +231,9 @@ def make_urdf(
     content: Content,
     drake: bool = False,
 ) -> bytes:
-    """A URDF of a model's kinematics, inertials, damping and friction; link frames on
-    the joints.
+    """Make a URDF with a model's kinematics, inertials, damping and friction.
+
+    Link frames lie on the joints.
 
     Parameters
     ----------
@@ -238,8 +242,8 @@ def make_urdf(
     content : Content
         What a simulator's file can hold of the model.
     drake : bool
-        With a transmission a joint that carries the rotor's inertia in Drake's
-        own tags.
+        Whether each joint gets a transmission with the rotor's inertia in Drake's own
+        tags.
 
     Returns
     -------
@@ -271,17 +275,17 @@ def make_urdf(
 
 
 def inertial_tags(body: Inertial) -> dict[str, dict[str, str]]:
-    """What stands in an inertial.
+    """Return the tags of a URDF <inertial> with their attributes.
 
     Parameters
     ----------
     body : Inertial
-        Of a link.
+        Mass, centre of mass and inertia of a link.
 
     Returns
     -------
     dict
-        The tags and their attributes.
+        Attributes by tag.
     """
     return {
         "origin": {
@@ -299,6 +303,11 @@ def _joint(
     part: LinkPart,
     content: Content,
 ) -> None:
+    """Append a joint to a URDF: frame, axis, limits, and damping and friction or
+    "mimic".
+
+    A limit that is not known becomes +-1e6, because URDF demands a number.
+    """
     joint = part.joint
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
@@ -352,8 +361,11 @@ def _joint(
 
 
 def rpy_of(rotation: Array) -> Array:
-    """Angles of R = Rz(yaw) Ry(pitch) Rx(roll), exact to rounding also where the pitch
-    is 90 degrees.
+    """Return roll, pitch and yaw of R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    They reproduce R up to rounding, also at a pitch of 90 degrees, where roll and yaw
+    turn about the same axis: the roll is computed after yaw and pitch are undone, so
+    that it makes up for the rounding of the yaw.
 
     Parameters
     ----------
@@ -363,9 +375,7 @@ def rpy_of(rotation: Array) -> Array:
     Returns
     -------
     (3,)
-        Roll, pitch and yaw [rad]. Where roll and yaw turn about one axis, the
-        roll is read after the other two are undone, so that it makes up for
-        whatever rounding did to the yaw.
+        [rad].
     """
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
@@ -385,28 +395,29 @@ def edit_urdf(
     robot: Robot,
     content: Content,
 ) -> bytes:
-    """The user's URDF with this model's inertials, damping and friction, else byte for
-    byte the same.
+    """Return the user's URDF with the model's inertials, damping and friction.
+
+    Every other byte stays. Links fixed to a moving one get a mass of zero, because
+    theirs is part of the moving link's.
 
     Parameters
     ----------
     path : path
-        The file.
+        The user's file.
     robot : Robot
-        Its kinematics.
+        The model's kinematics.
     content : Content
         What a simulator's file can hold of the model.
 
     Returns
     -------
     bytes
-        Links fixed to a moving one carry a mass of zero afterwards: theirs is
-        part of the moving link's.
+        The edited document.
 
     Raises
     ------
     InputError
-        Where the file's joints are not those of the model.
+        If the file's joints are not those of the model.
     """
     urdf_robot, _ = load_urdf(path)
     order = _order(path, urdf_robot, robot)
@@ -460,8 +471,11 @@ def _order(
     urdf_robot: Robot,
     mine: Robot,
 ) -> list[int]:
-    """For each joint of the file's tree the model's: by name where all names agree,
-    else in order."""
+    """Return for each joint of the file's tree the index of the model's joint.
+
+    Joints correspond by name if all names agree, else by order. Raises InputError for
+    another number of joints.
+    """
     if (urdf_robot.n, len(urdf_robot.tree), urdf_robot.links) != (
         mine.n,
         len(mine.tree),
@@ -485,12 +499,27 @@ def _in_frames_of(
     links: Array,
     order: list[int],
 ) -> Array:
-    """Standard parameters about the file's link frames; the joint axes must coincide at
-    q = 0.
+    """Return the links' standard parameters about the link frames of a URDF file.
 
-    A model's frames may sit elsewhere on the same axes (a DH table beside a URDF): with
-    T the poses of corresponding joint frames in the base, parameters move by T_file^-1
-    T_model.
+    The model's frames may lie elsewhere on the same joint axes (a DH table against a
+    URDF). With the poses T of corresponding joint frames at q = 0, parameters are
+    transformed by T_file^-1 T_model.
+
+    Parameters
+    ----------
+    path : path
+        The file, for error messages.
+    urdf_robot, mine : Robot
+        Kinematics of the file and of the model.
+    links : (links, 10) array
+        Standard parameters about the model's joint frames.
+    order : list of int
+        For each joint of the file the model's joint.
+
+    Raises
+    ------
+    InputError
+        If two corresponding joint axes do not coincide.
     """
     from_file = urdf_robot.poses(np.zeros((1, len(urdf_robot.tree))))[0]
     from_model = mine.poses(np.zeros((1, len(mine.tree))))[0]

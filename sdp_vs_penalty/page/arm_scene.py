@@ -21,6 +21,8 @@ from sdp_vs_penalty.robot.arrays import Array
 _VIEW = np.array([0.58, -0.63, 0.52])
 _ANGLE = 14.0
 _BONES = "#888888"
+#: Solidity of the links' meshes.
+_SURFACE = 0.35
 #: Of the joints' axes: a colour that no curve has.
 _AXES = "#7c3aed"
 #: Squares of the ground on each side.
@@ -49,13 +51,28 @@ def chart_and_arm(
     arms: int = 1,
     scale: tuple[str, str] | None = None,
 ) -> tuple[Any, Callable[..., None]]:
-    """A chart over time, still empty, with ``label`` as its text, and beside it, where
-    there are links to be drawn, the scene and its clock, of ``arms`` arms in one place.
-    Returns the chart, and what to call with a recording: its name, its t, tf and poses,
-    and the errors (F, n), 0 to 1, that colour the first arm's links, if any.
+    """Draw an empty chart over time and, to its right, the arm in 3D with a clock.
 
-    about : of a model (jobs.py); scale : what the first and the last colour of the
-    links mean, where errors colour them.
+    Parameters
+    ----------
+    view : View
+        The tab; a click on a link selects its joint there.
+    label : str
+        Text alternative of the chart.
+    about : mapping
+        "joints" and "bodies" (ellipsoids) of the arm; without bodies no scene is drawn.
+    caption : str
+        What the scene shows.
+    arms : int
+        1, or 2 for a measured arm with a simulated one in the same place.
+    scale : tuple of str, optional
+        What the first and the last colour of the links mean, if errors colour them.
+
+    Returns
+    -------
+    chart, callable
+        The callable shows a recording: its name, its arrays t, tf and poses, and
+        optionally errors (F, n), 0 to 1, that colour the links of the first arm.
     """
     with tag("div", style="pair"):
         drawn = chart({}, label).classes("timed")
@@ -66,7 +83,7 @@ def chart_and_arm(
 
 
 class ArmScene:
-    """A scene with its clock; a group a joint, in it the links that it carries."""
+    """A scene with its clock; one group for each joint with the links that it carries."""
 
     def __init__(
         self,
@@ -76,6 +93,10 @@ class ArmScene:
         arms: int,
         scale: tuple[str, str] | None,
     ) -> None:
+        """Draw the arm at rest, its clock, the scale of colours, and a note.
+
+        Parameters are those of :func:`chart_and_arm`.
+        """
         self.view = view
         self.about = about
         self.loaded = ""
@@ -98,14 +119,19 @@ class ArmScene:
             self._draw_clock(arms)
             if scale:
                 _draw_scale(scale)
+            has_meshes = bool(view.session.robot.get("meshes"))
+            surfaces = "Grey: the URDF's meshes. " if has_meshes else ""
             note(
-                f"Ellipsoids of uniform density; {caption}. Violet: joint axes. A square"
+                f"{surfaces}Ellipsoids of uniform density; {caption}. Violet: joint axes."
+                " A square"
                 f" of the ground: {ground_size(about) / _SQUARES:g} m. Click a link to"
                 " see its joint."
             )
 
     def select_link(self, event: Any) -> None:
-        """Look at the joint of the link that was clicked."""
+        """Select the joint of the link that was clicked; its object is named
+        "link-<index>".
+        """
         n_joints = len(self.view.session.robot["joints"])
         for hit in event.hits:
             name, _, link = hit.object_name.partition("-")
@@ -119,7 +145,18 @@ class ArmScene:
         read: Mapping[str, Any],
         errors: Any = None,
     ) -> None:
-        """Show another recording, unless it is there already."""
+        """Show the motion of another recording, unless it is shown already.
+
+        Parameters
+        ----------
+        name : str
+            Name of the recording.
+        read : mapping
+            t (M,) [s]; tf (F,) [s] and poses (F, joints, 4, 4), for two arms both in
+            turn.
+        errors : (F, n) array, optional
+            Torque errors, 0 to 1, that colour the links of the first arm.
+        """
         if self.loaded == name:
             return
         self.loaded = name
@@ -136,7 +173,7 @@ class ArmScene:
         ui.run_javascript(f"({arm}).load({json.dumps(moves)})")
 
     def _draw_clock(self, arms: int) -> None:
-        """Play, a bar to drag, and the seconds."""
+        """Draw the play button, a bar to drag through the run, and the seconds."""
         play = f"arms[{self.scene.id}]?.play()"
         with tag("div", style="row"):
             run = lambda: ui.run_javascript(play)  # noqa: E731
@@ -154,7 +191,11 @@ class ArmScene:
             tag("span", "0.0 s", "soft", data_clock="")
 
     def _draw(self, look: _Look) -> list[Any]:
-        """Joints and links of an arm, a group a joint."""
+        """Draw the joints and links of one arm; return a group for each joint.
+
+        Each group holds what moves with its joint, so that the browser sets its pose
+        only.
+        """
         scene = self.scene
         joints = self.about["joints"]
         thin = 0.02 * reach(self.about)
@@ -170,10 +211,22 @@ class ArmScene:
         for body in self.about["bodies"]:
             with groups[body["joint"]]:
                 self._draw_link(body, look)
+        for mesh in self.view.session.robot.get("meshes", ()):
+            with groups[mesh["joint"]]:
+                self._draw_mesh(mesh)
         return groups
 
+    def _draw_mesh(self, mesh: Mapping[str, Any]) -> None:
+        """The surface of a link, through which its ellipsoid is seen."""
+        place = np.array(mesh["place"])
+        url = f"/s/{self.view.session.token}/take/{mesh['file']}"
+        surface = self.scene.stl(url).material(_BONES, _SURFACE)
+        surface.move(*place[:3, 3]).rotate_R(place[:3, :3].tolist())
+
     def _draw_bone(self, end: list[float], thin: float) -> None:
-        """A line from a joint to the next one."""
+        """Draw a tube of radius ``thin`` [m] from a joint to the next one at ``end``
+        [m].
+        """
         middle = [0.5 * x for x in end]
         tube = self.scene.quadratic_bezier_tube(
             [0.0] * 3,
@@ -185,7 +238,9 @@ class ArmScene:
         tube.material(_BONES)
 
     def _draw_axis(self, axis: list[float], thin: float) -> None:
-        """The axis of a joint, a thin stick through it."""
+        """Draw a joint's axis as a thin stick, from -4 to 6 joint radii ``thin``
+        [m].
+        """
         start, end = (np.outer([-4.0, 6.0], axis) * thin).tolist()
         middle = [0.5 * (a + b) for a, b in zip(start, end, strict=True)]
         stick = self.scene.quadratic_bezier_tube(
@@ -202,7 +257,9 @@ class ArmScene:
         body: Mapping[str, Any],
         look: _Look,
     ) -> None:
-        """The ellipsoid of a link."""
+        """Draw a link as the ellipsoid of uniform density with the same mass and
+        inertia.
+        """
         place = np.array(body["place"])
         ball = self.scene.sphere(1.0, 24, 16).scale(*body["half"])
         ball.material(look.colour, look.opacity)
@@ -211,20 +268,17 @@ class ArmScene:
 
 
 def _places_and_turns(poses: Array) -> Array:
-    """(F, k, 7) places and unit quaternions (x, y, z, w) of poses (F, k, 4, 4)."""
-    rotations = scipy.spatial.transform.Rotation.from_matrix(
-        poses[..., :3, :3].reshape(
-            -1,
-            3,
-            3,
-        )
-    )
-    turns = rotations.as_quat().reshape(*poses.shape[:2], 4)
-    return np.dstack([poses[..., :3, 3], turns])
+    """Convert poses (F, k, 4, 4) to positions and unit quaternions x, y, z, w: (F,
+    k, 7).
+    """
+    matrices = poses[..., :3, :3].reshape(-1, 3, 3)
+    rotations = scipy.spatial.transform.Rotation.from_matrix(matrices)
+    quaternions = rotations.as_quat().reshape(*poses.shape[:2], 4)
+    return np.dstack([poses[..., :3, 3], quaternions])
 
 
 def _draw_scale(ends: tuple[str, str]) -> None:
-    """The links' colours, from the smallest error to the largest."""
+    """Draw the scale of the links' colours with the meaning of its two ends."""
     with tag("div", style="scale"):
         tag("span", ends[0])
         tag("i", aria_hidden="true")
@@ -232,19 +286,33 @@ def _draw_scale(ends: tuple[str, str]) -> None:
 
 
 def ground_size(about: Mapping[str, Any]) -> int:
-    """Side of the ground that is drawn [m]: wider than the arm reaches."""
+    """Return the side of the drawn ground [m]: twice the arm's reach, in full
+    metres.
+    """
     return int(np.ceil(2.0 * reach(about)))
 
 
 def reach(about: Mapping[str, Any]) -> float:
-    """Of the arm [m], stretched out."""
+    """Return the length of the arm stretched out [m]; 0.5 m if all joints coincide."""
     return sum(float(np.linalg.norm(j["at"])) for j in about["joints"]) or 0.5
 
 
 def camera_place(poses: Array, about: Mapping[str, Any]) -> dict[str, float]:
-    """Where a camera stands and what it looks at, so that base and links of all poses
-    (F, k, 4, 4) fill its picture, _ANGLE degrees high: the arguments of NiceGUI's
-    ``move_camera``."""
+    """Place the camera so that the base and all links stay in the picture.
+
+    Parameters
+    ----------
+    poses : (F, k, 4, 4) array
+        Poses of the arm's joints over a run.
+    about : mapping
+        "joints" and "bodies" (ellipsoids) of the arm.
+
+    Returns
+    -------
+    dict
+        Position of the camera and the point that it looks at [m]: the arguments of
+        NiceGUI's ``move_camera``.
+    """
     bodies = about["bodies"]
     centres = [poses[:, body["joint"]] @ np.array(body["place"]) for body in bodies]
     frames = [*centres, *poses.swapaxes(0, 1)]
@@ -256,9 +324,9 @@ def camera_place(poses: Array, about: Mapping[str, Any]) -> dict[str, float]:
     )
     centre = 0.5 * (places.min(axis=0) + places.max(axis=0))
     distances = np.linalg.norm(places - centre, axis=1)
-    radius = distances.max() + 0.1 * reach(about)  # and a link's own
-    away = radius / np.sin(0.5 * np.deg2rad(_ANGLE))
-    eye = centre + away * _VIEW / np.linalg.norm(_VIEW)
+    radius = distances.max() + 0.1 * reach(about)  # room for the links' thickness
+    distance = radius / np.sin(0.5 * np.deg2rad(_ANGLE))  # _ANGLE: height of the view
+    eye = centre + distance * _VIEW / np.linalg.norm(_VIEW)
     return {
         "x": float(eye[0]),
         "y": float(eye[1]),

@@ -38,7 +38,11 @@ KEY = "key"
 
 
 def guarded(app: App, port: int, key: str) -> App:
-    """The app behind Starlette's check of the Host header (DNS rebinding) and our own."""
+    """Wrap the app in the checks of who may use it.
+
+    Starlette checks the Host header (against DNS rebinding); :class:`AuthMiddleware`
+    checks the key and the origin.
+    """
     return TrustedHostMiddleware(
         AuthMiddleware(app, port, key),
         _NAMES,
@@ -61,6 +65,12 @@ class AuthMiddleware:
         port: int,
         key: str,
     ) -> None:
+        """Prepare the allowed origins and the response headers for a server at this
+        port.
+
+        The cookie's name holds the port, because browsers share cookies among ports:
+        two servers on one computer must not overwrite each other's.
+        """
         self.app = app
         self.key = key
         # Cookies know no ports: two servers on one computer must not take each other's
@@ -73,6 +83,11 @@ class AuthMiddleware:
         }
 
     async def __call__(self, scope: Scope, receive: Any, send: Any) -> None:
+        """Answer a request, or refuse it.
+
+        A request with the key in its address gets the cookie and is redirected; one
+        with the cookie reaches the app; any other one is refused.
+        """
         if scope["type"] not in ("http", "websocket"):
             await self.app(scope, receive, send)
             return
@@ -95,7 +110,9 @@ class AuthMiddleware:
             _report(error)
 
     def _is_refused(self, connection: HTTPConnection, has_cookie: bool) -> bool:
-        """Whether somebody else asks: without the key, or from another site."""
+        """Whether a request has neither key nor cookie, or comes from another web
+        site.
+        """
         is_socket = connection.scope["type"] == "websocket"
         has_key = self._brings_the_key(connection)
         if not has_cookie and not has_key:
@@ -105,34 +122,38 @@ class AuthMiddleware:
         return is_foreign or self._comes_from_another_site(connection, has_key)
 
     def _brings_the_key(self, connection: HTTPConnection) -> bool:
-        """Whether this is the address that was printed."""
+        """Whether this is a GET request of the printed address, which holds the key."""
         scope = connection.scope
         is_get = scope["type"] == "http" and scope["method"] == "GET"
         return is_get and self._same(connection.query_params.get(KEY, ""))
 
     def _comes_from_another_site(self, connection: HTTPConnection, key: bool) -> bool:
-        """Not every request of another site names its origin; browsers say where it
-        comes from. A link from there opens nothing, unless it is the printed address
-        itself (``key``)."""
+        """Whether the browser says that another web site caused this request.
+
+        Not every such request has an Origin header, but browsers send Sec-Fetch-Site. A
+        link on another site is refused too, unless it is the printed address itself
+        (``key``).
+        """
         site = connection.headers.get("sec-fetch-site")
         is_navigation = connection.headers.get("sec-fetch-mode") == "navigate"
         return site in ("cross-site", "same-site") and not (is_navigation and key)
 
     def _same(self, token: str) -> bool:
+        """Whether a token equals the key, compared in constant time."""
         return hmac.compare_digest(token.encode(), self.key.encode())
 
     def _welcome(self, connection: HTTPConnection) -> Response:
-        """The same address without the key, which stays in a cookie that no script and
-        no site sees."""
+        """Redirect to the same address without the key, and store the key in a cookie.
+
+        The cookie is hidden from scripts and from other sites.
+        """
         other_query = urlencode(
             [(k, v) for k, v in connection.query_params.multi_items() if k != KEY]
         )
         # Never //host: that would lead elsewhere.
-        path = (
-            "/"
-            + connection.scope["path"].lstrip("/")
-            + (f"?{other_query}" if other_query else "")
-        )
+        path = "/" + connection.scope["path"].lstrip("/")
+        if other_query:
+            path += f"?{other_query}"
         cookie = f"{self.cookie}={self.key}; Path=/; HttpOnly; SameSite=Strict"
         return RedirectResponse(
             path,
@@ -142,7 +163,7 @@ class AuthMiddleware:
 
 
 def _refusal(kind: str) -> Any:
-    """The answer to somebody else, who asks for a page or a socket."""
+    """Return the response that refuses an unauthorised request or web socket."""
     if kind == "websocket":
         return WebSocketClose(1008)
     text = (
@@ -153,7 +174,9 @@ def _refusal(kind: str) -> Any:
 
 
 def _report(error: Exception) -> None:
-    """A line on stderr, unless a tab has gone."""
+    """Print an error on stderr in one line, unless it only says that a tab was
+    closed.
+    """
     what = (str(error).splitlines() or [""])[0][:200]
     if what != "No response returned.":
         kind = type(error).__name__

@@ -26,10 +26,25 @@ def torque_chart(
     span: tuple[float, float] | None = None,
     stretches: Sequence[tuple[float, float, str]] = (),
 ) -> dict[str, Any]:
-    """Measured and modelled torque of one joint (from 0), and below it what is left.
+    """Draw measured and modelled torque of one joint, and below them the error.
 
-    span : the seconds to look at; a long run shows more detail there; stretches : where
-    the error is large, by cause.
+    Parameters
+    ----------
+    run : Curves
+        Time (M,) [s], measured torque (M, n) and modelled torque by model.
+    joint : int
+        Index of the joint, from 0.
+    units : sequence of str
+        Torque unit of each joint.
+    span : (float, float), optional
+        Seconds to show; a quarter of their length is drawn on either side as well.
+    stretches : sequence of (begin, end, cause)
+        Seconds in which the error is large; they are shaded by cause.
+
+    Returns
+    -------
+    dict
+        The figure as JSON for plotly's script.
     """
     t = run.t - run.t[0]
     cut = slice(None)
@@ -55,13 +70,24 @@ def torque_chart(
 
 
 def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
-    """Positions, velocities and torques of all joints on one time axis; what the check
-    would put in place of a measured value, as crosses."""
-    shown = [
-        "q",
-        "dq",
-        *["torque"] * bool(np.any(read["torque"])),
-    ]  # a log may hold none
+    """Draw positions, velocities and torques of all joints on one time axis.
+
+    Parameters
+    ----------
+    read : mapping
+        t (M,) [s]; q, dq, torque (M, n); repaired_q, repaired_torque (M, n), which the
+        data check would put in their place: NaN, or drawn as a cross.
+    units : sequence of str
+        Torque unit of each joint; "N" marks a prismatic one.
+
+    Returns
+    -------
+    dict
+        The figure as JSON for plotly's script. A log without torque has two panels.
+    """
+    shown = ["q", "dq"]
+    if np.any(read["torque"]):  # a log may hold none
+        shown.append("torque")
     plot = Figure(rows=len(shown), gap=0.08)
     t = read["t"] - read["t"][0]
     for row, name in enumerate(shown):
@@ -80,8 +106,11 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
                 **look,
                 **named,
             )
-            there = read.get(f"repaired_{name}")
-            if there is not None and (rows := np.isfinite(there[:, j])).any():
+            repaired = read.get(f"repaired_{name}")
+            if repaired is None:
+                continue
+            rows = np.isfinite(repaired[:, j])
+            if rows.any():
                 named["name"] += ", repaired"
                 look = {
                     "marker": {"symbol": "x", "size": 5, "color": colour},
@@ -91,7 +120,7 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
                     "scatter",
                     row,
                     x=t[rows],
-                    y=there[rows, j],
+                    y=repaired[rows, j],
                     mode="markers",
                     **look,
                     **named,
@@ -131,8 +160,9 @@ def _span_without_spikes(read: Mapping[str, Any], name: str) -> list[float] | No
 
 
 def asked_span(event: Any) -> tuple[float, float] | bool | None:
-    """What a plotly_relayout event asks for: a stretch of time, everything (None), or
-    neither (False).
+    """Return the time span that a plotly_relayout event asks for.
+
+    None for the full run (zoom reset), False if the event asks for no span at all.
 
     >>> asked_span({"xaxis2.range[0]": 1, "xaxis2.range[1]": 2.5})
     (1.0, 2.5)
@@ -151,7 +181,11 @@ def missing_chart(
     units: Sequence[str],
     read: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """A measured curve with its band, and where the rows of a recording lie."""
+    """Draw a measured curve of missing torque with its band, and where a run's rows
+    lie.
+
+    The rows are left out for a curve over temperature, which recordings do not hold.
+    """
     motion = Motion(
         read["t"],
         read["q"],
@@ -169,21 +203,40 @@ def failing_stretches(
     j: int,
     start: float,
 ) -> list[tuple[float, float, str]]:
-    """Where joint j (from 0) fails on a run, in its seconds since ``start``, and the
-    cause."""
+    """List the stretches of a run in which a joint's error is large.
+
+    Parameters
+    ----------
+    model : ModelStep
+        The model, with its failures.
+    run : str
+        Name of the run, perhaps with the seconds of its part: "run1, 3 to 9 s".
+    j : int
+        Index of the joint, from 0.
+    start : float
+        Time stamp of the first sample [s], subtracted from the result.
+
+    Returns
+    -------
+    list of (begin [s], end [s], cause)
+    """
     if not model.failures:
         return []
-    name = run.partition(", ")[0]
+    recording = run.partition(", ")[0]
     return [
-        (s["start"] - start, s["stop"] - start, s["cause"])
-        for s in model.failures[j]["stretches"]
-        if s["run"].startswith(name)
+        (stretch["start"] - start, stretch["stop"] - start, stretch["cause"])
+        for stretch in model.failures[j]["stretches"]
+        if stretch["run"].startswith(recording)
     ]
 
 
 def finding_chart(session: Session, finding: Finding) -> dict[str, Any] | None:
-    """The error of a finding's joint against its cause: before, after everything sure
-    was added, and what that models; None where the runs are too short to say a cause."""
+    """Draw the error of a finding's joint against its cause, before and after adding
+    it.
+
+    "After" is the model with every confident finding; it is left out for a finding that
+    is not certain. None if the runs are too short to name a cause.
+    """
     step = session.diagnosed
     if not step.failures or not step.pictures:
         return None
@@ -233,9 +286,28 @@ def residual_chart(
     floor: float | None,
     span: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
-    """What one or two models leave of a joint's torque (joint from 0) against one of
-    SIGNALS, the last one's reversals ringed; span : only these seconds of the run; in
-    the band 95 % of noise lies."""
+    """Draw the torque error of one joint, as dots, against a signal.
+
+    Parameters
+    ----------
+    reads : sequence of mappings
+        Arrays of the same run (t, torque, modelled, q, dq, ...) for one or two models.
+    joint : int
+        Index of the joint, from 0.
+    signal : str
+        Key of SIGNALS.
+    unit : str
+        The joint's torque unit.
+    floor : float, optional
+        Standard deviation of the torque's noise; the band covers 95 % of it.
+    span : (float, float), optional
+        Seconds of the run to draw.
+
+    Returns
+    -------
+    dict
+        The figure as JSON for plotly's script; reversals of the joint are ringed.
+    """
     last = reads[-1]
     t = last["t"] - last["t"][0]
     cut = _rows_of_span(t, span)
@@ -259,6 +331,7 @@ def residual_chart(
         dots(errors[0], "error of the first model", plots.BEFORE)
     dots(errors[-1], "error", plots.AFTER)
     direction = np.sign(last["dq"][cut, joint])
+    # The joint reverses between a row and the next one.
     turns = np.flatnonzero(direction[1:] != direction[:-1])[:POINTS]
     rings = {"size": 8, "symbol": "circle-open", "color": COLOURS[2]}
     plot.add(
@@ -277,7 +350,7 @@ def residual_chart(
 
 
 def _rows_of_span(t: Any, span: tuple[float, float] | None) -> slice:
-    """The rows of these seconds; all of them where there are fewer than two."""
+    """Return the rows within a time span [s]; all rows if fewer than two lie in it."""
     if span is None:
         return slice(None)
     first, last = np.searchsorted(t, span)
@@ -285,7 +358,10 @@ def _rows_of_span(t: Any, span: tuple[float, float] | None) -> slice:
 
 
 def _unit_of(signal: str, unit: str) -> str:
-    """Of one of SIGNALS, for a joint whose torque has this unit."""
+    """Return the unit of a signal for a joint whose torque has this unit.
+
+    A joint with "N" is prismatic and moves in metres, any other one in radians.
+    """
     position = "m" if unit == "N" else "rad"
     units = {
         "q": position,
@@ -298,7 +374,10 @@ def _unit_of(signal: str, unit: str) -> str:
 
 
 def ready(plot: Figure, height: int) -> dict[str, Any]:
-    """Plain JSON; to be zoomed in time only."""
+    """Return the figure as JSON in the page's style, ``height`` pixels high.
+
+    It can be zoomed in time only.
+    """
     plots.styled(plot, height).update_layout(
         margin={"l": 66, "r": 8, "t": 34, "b": 42}, dragmode="zoom"
     )
@@ -312,19 +391,23 @@ _LAST_COLOUR = 4
 
 
 def error_scale(model: ModelStep) -> tuple[str, str]:
-    """What the first and the last colour of :func:`torque_errors` mean."""
+    """Say what the first and the last colour of :func:`torque_errors` mean."""
     is_known = None not in model.comparison["noise_floor"]
-    unit = "noise" if is_known else "noise, or its own RMS"
+    unit = "noise of the joint" if is_known else "noise of the joint, or its own RMS"
     return "no error", f"{_LAST_COLOUR} times the {unit}"
 
 
 def torque_errors(model: ModelStep, read: Mapping[str, Any]) -> Any:
-    """(F, n) torque errors at the instants of the poses, 0 to 1: four times the noise
-    floor, or where that is not known the error's own root mean square."""
+    """Return the torque errors (F, n), scaled to 0 to 1, at the instants of the 3D
+    poses.
+
+    1 means four times the joint's noise floor or more. If that is unknown, the root
+    mean square of the error itself takes its place.
+    """
     error = np.abs(read["torque"] - read["modelled"])
     rms = np.sqrt(np.mean(error**2, axis=0))
     floors = model.comparison["noise_floor"]
-    sizes = [floor or own for floor, own in zip(floors, rms, strict=True)]
-    scale = _LAST_COLOUR * np.maximum(sizes, 1e-12)
-    at = np.searchsorted(read["t"], read["tf"]).clip(0, len(error) - 1)
-    return np.round(np.clip(error[at] / scale, 0.0, 1.0), 2)
+    sizes = [floor or joint_rms for floor, joint_rms in zip(floors, rms, strict=True)]
+    scale = _LAST_COLOUR * np.maximum(sizes, 1e-12)  # no division by zero
+    rows = np.searchsorted(read["t"], read["tf"]).clip(0, len(error) - 1)
+    return np.round(np.clip(error[rows] / scale, 0.0, 1.0), 2)

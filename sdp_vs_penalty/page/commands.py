@@ -20,11 +20,19 @@ def commands_of(
     options: Mapping[str, str],
     has_check: bool,
 ) -> list[str]:
-    """A command a step: simulate where the runs were made so, identify unless a model
-    was opened, add for each further model.
+    """Return the command lines that repeat a session's work.
 
-    robot, runs, history, options : of the session; made_by : the words that simulated
-    the runs; has_check : whether the data check came first.
+    They are `simulate` if the runs were simulated, `identify` unless the first model
+    was opened from a file, and `add` for each further model.
+
+    Parameters
+    ----------
+    robot, runs, history, seed, options
+        Of the session.
+    made_by : sequence of str, optional
+        Arguments of the command that simulated the runs.
+    has_check : bool
+        Whether the data check came before identification.
     """
     if not history:
         return []
@@ -73,8 +81,11 @@ def commands_of(
 
 
 def data_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:
-    """--data with the runs that are identified from; --window of a single run that is
-    split."""
+    """Return the arguments ``--data`` with the training runs, and ``--window`` if
+    needed.
+
+    A single run that is split needs the time windows [s] of its training part.
+    """
     names = [run["name"] for run in runs if run["use"] in ("train", "split")]
     words = ["--data", *names]
     if len(runs) == 1 and runs[0]["use"] == "split":
@@ -86,7 +97,9 @@ def data_words(runs: Sequence[Mapping[str, Any]]) -> list[str]:
 def _option_words(
     gravity: Sequence[float] | None, options: Mapping[str, str]
 ) -> list[str]:
-    """--gravity, and what was written into the fields of options."""
+    """Return the arguments ``--gravity`` and those for the options that were filled
+    in.
+    """
     words = []
     if gravity:
         words += ["--gravity", ",".join(f"{g:g}" for g in gravity)]

@@ -27,8 +27,11 @@ def tag(
     style: str = "",
     **attributes: Any,
 ) -> Any:
-    """An element with escaped text; ``style`` are its CSS classes, ``for_`` and
-    ``aria_label`` work; an attribute that is False is left out."""
+    """Draw an HTML element with escaped text, and return it.
+
+    ``style`` are its CSS classes. Further attributes are written with underscores
+    (``aria_label``, ``for_``); one that is False is left out.
+    """
     element_made = TextElement(tag=name, text=text).classes(style)
     attributes_given = {
         key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()
@@ -40,7 +43,7 @@ def tag(
 
 
 def note(text: str) -> None:
-    """A paragraph beside the matter."""
+    """Draw a paragraph in a softer colour, for remarks."""
     tag("p", text, "soft")
 
 
@@ -51,7 +54,10 @@ def button(
     style: str = "",
     **attributes: Any,
 ) -> Any:
-    """A button; key : by which focus finds it again after a redraw."""
+    """Draw a button that calls ``do`` when it is clicked.
+
+    By ``key`` the browser finds the focused element again after a redraw.
+    """
     element_made = tag(
         "button",
         text,
@@ -66,14 +72,14 @@ def button(
 def tile(
     name: str, caption: str, do: Handler, key: str, style: str = "", **attributes: Any
 ) -> None:
-    """A large button with a name and what it stands for."""
+    """Draw a large button with a name and an explanation of it."""
     with button("", do, key, f"tile {style}", **attributes):
         tag("strong", name)
         tag("span", caption)
 
 
 def tiles(label: str) -> Any:
-    """A group of tiles, to be filled by ``with``."""
+    """Draw a group for tiles; use it in a ``with`` statement."""
     return tag("div", style="tiles", role="group", aria_label=label)
 
 
@@ -85,8 +91,11 @@ def choice(
     key: str,
     hidden_label: bool = False,
 ) -> None:
-    """A labelled <select>; options are (value, text), or texts that are their own
-    values."""
+    """Draw a labelled <select> that calls ``do`` with the value that is chosen.
+
+    options : pairs (value, text), or texts that are their own values; value : the one
+    chosen now; key : by which focus finds the element again after a redraw.
+    """
     with tag("label", style="field"):
         tag("span", label, "unseen" if hidden_label else "")
         with tag("select", data_key=key, aria_label=label) as select:
@@ -106,7 +115,10 @@ def number(
     do: Callable[[int], Any],
     key: str,
 ) -> None:
-    """A labelled field for a whole number from 0."""
+    """Draw a labelled field for a whole number from 0; ``do`` gets the new number.
+
+    Text that is no number is ignored, as the browser marks it already.
+    """
 
     def take(text: str) -> None:
         with suppress(ValueError):  # the browser shows that it is no number
@@ -132,7 +144,10 @@ def text_field(
     example: str = "",
     **how: Any,
 ) -> None:
-    """A labelled line of text; how : attributes of the <input>, and ``style`` of both."""
+    """Draw a labelled text field; ``do`` gets the new text.
+
+    how : attributes of the <input>, and ``style``, the CSS classes of the label.
+    """
     with tag("label", style=how.pop("style", "field")):
         tag("span", label)
         field = tag(
@@ -157,7 +172,7 @@ def slider(
     least: str,
     most: str,
 ) -> None:
-    """A handle to drag between two whole numbers; heard when it is let go."""
+    """Draw a slider between two whole numbers; ``do`` gets the number on release."""
     with tag("label", style="field"):
         tag("span", label)
         handle = tag(
@@ -184,7 +199,7 @@ def check(
     key: str,
     hint: str = "",
 ) -> None:
-    """A labelled checkbox."""
+    """Draw a labelled checkbox; ``do`` gets True or False when it is clicked."""
     with tag("label", style="check", title=hint):
         box = tag("input", type="checkbox", data_key=key, checked=on)
         box.on(
@@ -196,8 +211,11 @@ def check(
 
 
 def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
-    """A field for each of a verb's options (cli/options.py), with what is written in
-    it; ``values`` follows, without the empty ones."""
+    """Draw a field for each option of a command, and keep ``values`` up to date.
+
+    values : the text of each option by name, without the empty ones; it is changed in
+    place. An option without an argument is a checkbox, its text "yes".
+    """
 
     def put(name: str, text: str) -> None:
         if text.strip():
@@ -227,13 +245,16 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
 
 
 def option_help(option: Action) -> str:
-    """What an option is, without the marks of code."""
+    """Return the help text of a command's option, without backticks."""
     return (option.help or "").replace("`", "")
 
 
 def drop(text: str, kind: str) -> None:
-    """A zone to drop files of a kind of SUFFIXES on, which is also a file chooser;
-    workbench.js sends them. Several runs at once, else one file."""
+    """Draw a zone to drop files on, which opens a file chooser when it is clicked.
+
+    kind : what the files are for, a key of SUFFIXES; "runs" takes several at once. The
+    script workbench.js sends them to the server.
+    """
     accept = SUFFIXES[kind]
     several = kind == "runs"
     files = f"choose files: {', '.join(sorted(accept))}"
@@ -260,20 +281,26 @@ def details(
     key: str,
     on: bool = False,
 ) -> Any:
-    """Something that opens on demand, to be filled by ``with``; on : it is open."""
+    """Draw a section that unfolds on a click; fill it in a ``with`` statement.
+
+    on : whether it is unfolded at first.
+    """
     with tag("details", open=on) as element_made:
         tag("summary", title, data_key=key)
     return element_made
 
 
 def table(shown: Table, caption: str = "") -> None:
-    """A table, as one element however many cells: a browser looks at every element when
-    any one changes."""
+    """Draw a table as one HTML element.
+
+    Separate elements for its cells would slow every redraw, since the browser compares
+    all elements.
+    """
     ui.html(framed(shown, caption), sanitize=False)
 
 
 def judged(models: Sequence[ModelStep]) -> None:
-    """How good models are, a row each."""
+    """Draw a table of how good models are, a row for each."""
     numbered = enumerate(models, start=1)
     names = [f"{k} {m.label}" if len(models) > 1 else m.label for k, m in numbered]
     rows = [
@@ -296,7 +323,7 @@ def figures(pairs: Sequence[tuple[str, str]]) -> None:
 
 
 def chart(options: Mapping[str, Any], label: str) -> Any:
-    """A plotly chart with a text alternative."""
+    """Draw a plotly chart; ``label`` is its text for screen readers."""
     plot = ui.plotly(dict(options)).classes("chart")
     plot.props.update({"role": "img", "aria-label": label})
     return plot

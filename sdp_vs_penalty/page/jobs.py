@@ -8,7 +8,7 @@ models there, so that a job that is killed has changed nothing.
 import json
 import time
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -33,6 +33,7 @@ from sdp_vs_penalty.diagnosis.comparison import Comparison, compare, predicted
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.where_it_fails import sentences, where_it_fails
+from sdp_vs_penalty.effects import effect_in_words
 from sdp_vs_penalty.errors import InputError, Remark, other_robot
 from sdp_vs_penalty.estimation.build_problem import PoseOptions, read_and_filter
 from sdp_vs_penalty.estimation.constants import NORMAL_95
@@ -52,10 +53,11 @@ from sdp_vs_penalty.parallel import Workers
 from sdp_vs_penalty.problem.load import convert, load_problem, with_bounds, with_filters
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.render import tables, words
-from sdp_vs_penalty.render.arms import drawn_arm
+from sdp_vs_penalty.render.arms import binary_stl, drawn_arm, simplified
 from sdp_vs_penalty.render.charts import POINTS, spread_rows
 from sdp_vs_penalty.reports import report as write_report
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.geometry import link_surfaces
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.filtered import FilteredRun
 from sdp_vs_penalty.simulation.follow import follow
@@ -64,36 +66,61 @@ from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
 Answer = dict[str, Any]
 #: Rows of which the pictures of a diagnosis are drawn.
 CARD_ROWS = 20_000
+#: Poses of the arm over a run, between which the page's 3D view interpolates.
+POSES_OF_A_RUN = 160
 
 
 class JobRequest(dict[str, Any]):
-    """A request, by its words; progress : hears what is being done."""
+    """A request to a worker: its fields by name, with accessors for what they stand
+    for.
+
+    progress : called with a short text whenever the work reaches a new step.
+    """
 
     def __init__(
         self,
         words: Mapping[str, Any],
         progress: Progress = no_progress,
     ) -> None:
+        """Hold the request's fields and note when the work begins.
+
+        Parameters
+        ----------
+        words : mapping
+            The request as JSON: "folder", "robot", "runs", "model", "options", ...
+        progress : callable
+            Called with a short text whenever the work reaches a new step.
+        """
         super().__init__(words)
         self.progress = progress
         self.begin = time.perf_counter()
 
     @property
     def folder(self) -> Path:
-        """The session's own."""
+        """The session's private folder, which holds its runs and models."""
         return Path(self["folder"])
 
     @property
     def problem(self) -> Problem:
+        """The identification problem of the chosen robot, loaded anew.
+
+        A robot is named or is a URDF file; "gravity" replaces its direction of gravity.
+        """
         return load_problem(self["robot"]["source"], self["robot"].get("gravity"))
 
     @property
     def model(self) -> Estimate:
+        """The session's current model, loaded from its model.json."""
         return load_estimate(self["model"])
 
     @property
     def common_options(self) -> dict[str, Any]:
-        """What several verbs take."""
+        """The keyword arguments that `add`, `diagnose` and `follow` share.
+
+        These are ``frozen`` (hold the model's parameters fixed), ``seed`` and
+        ``progress``. A request without "frozen" leaves it out, so that the function's
+        default applies.
+        """
         options_given = {
             "frozen": self.get("frozen"),
             "seed": self["seed"],
@@ -102,25 +129,30 @@ class JobRequest(dict[str, Any]):
         return {name: x for name, x in options_given.items() if x is not None}
 
     def progress_of(self, name: str, text: str) -> None:
-        """Tell where the work on one of several things stands."""
+        """Report the progress of one of several named tasks."""
         self.progress(f"{name}: {text}")
 
     def number(self, name: str, default: float) -> float:
-        """A number that was written among the options. Raises InputError for another
-        text."""
+        """Return a numeric option by its name, or the default where its field is empty.
+
+        Options arrive as text. Raises InputError for a text that is no number.
+        """
         text = self["options"].get(name)
         return default if text is None else numbers(name.replace("_", " "), text, 1)[0]
 
     def windowed(self, run: Measurements) -> Measurements:
-        """What the option ``window`` leaves of a run."""
+        """Cut a run to the time windows of the option "window"; without it, keep all
+        of it.
+        """
         return windowed(run, time_windows(self["options"].get("window")))
 
     @property
     def runs(self) -> Runs:
-        """The runs for what each is used for, under their shown names.
+        """The session's runs, sorted by their use: training data and test data.
 
-        A run of use "split" gives part of its motion to the first, the rest to the
-        others.
+        A run of use "split" gives some of its time windows to each side. The models are
+        judged on the test data; without any they are judged on the training data.
+        Raises InputError if no run is used for training.
         """
         files = [self.folder / run["file"] for run in self["runs"]]
         if not any(run["use"] in ("train", "split") for run in self["runs"]):
@@ -138,8 +170,10 @@ class JobRequest(dict[str, Any]):
         return Runs(concatenate(sides["train"]), test, loaded, judged)
 
     def _recordings(self, side: str) -> Measurements:
-        """The runs, as they were recorded, of which all or a part is on a side of the
-        split: "train" or "test"."""
+        """Load the full recordings that contribute to one side, "train" or "test".
+
+        A split run contributes to both sides and is loaded uncut.
+        """
         files = [
             self.folder / run["file"]
             for run in self["runs"]
@@ -149,15 +183,18 @@ class JobRequest(dict[str, Any]):
 
     @property
     def training_recordings(self) -> Measurements:
-        """The runs that are identified from, without windows."""
+        """The recordings that contribute training data, uncut by time windows."""
         return self._recordings("train")
 
 
 def _by_use(
     run: Mapping[str, Any], part: Measurements
 ) -> Iterator[tuple[str, Measurements]]:
-    """What a run is used for, "train" or "test", with what of it is; of a split run
-    both."""
+    """Yield the parts of a run with the side that uses each: "train" or "test".
+
+    A split run yields both sides, each cut to its time windows; any other run is
+    yielded whole. ``run`` is the page's record of it, ``part`` its samples.
+    """
     named = replace(part, names=(run["name"],))
     if run["use"] != "split":
         yield run["use"], named
@@ -168,8 +205,17 @@ def _by_use(
 
 
 def read(job: JobRequest) -> Answer:
-    """files : {path, name} of each; those that can be used become runs, the others a
-    sentence each."""
+    """Read the files that a person dropped; keep each usable one as a run.
+
+    ``job["files"]`` lists {path, name} of each file.
+
+    Returns
+    -------
+    dict
+        "runs": a record for each run kept (:func:`keep`); "refused": a sentence for
+        each other file; "remarks": what the readers assumed; "mappings": for each file
+        refused for its columns, what a person needs to assign them.
+    """
     problem = job.problem
     runs = list[Answer]()
     refused = list[str]()
@@ -181,16 +227,9 @@ def read(job: JobRequest) -> Answer:
         try:
             with warnings.catch_warnings(record=True) as heard:
                 warnings.simplefilter("always", Remark)
-                part = _loaded(job, problem, path)
+                part = _load_run(job, problem, path)
             remarks += [str(w.message) for w in heard if issubclass(w.category, Remark)]
-            for twin in (
-                run for run in (*job["runs"], *runs) if run["file"] == _file(part)
-            ):
-                raise InputError(
-                    f"holds the same samples as {twin['name']}",
-                    "name each run once",
-                    path,
-                )
+            _refuse_duplicate(part, [*job["runs"], *runs], path)
             alone = len(job["files"]) == 1 and not job["runs"]
             runs.append(
                 keep(
@@ -214,10 +253,31 @@ def read(job: JobRequest) -> Answer:
     }
 
 
+def _refuse_duplicate(
+    part: Measurements, known_runs: Sequence[Mapping[str, Any]], path: Path
+) -> None:
+    """Raise InputError if a run with the same samples is there already."""
+    file = _run_file_name(part)
+    for run in known_runs:
+        if run["file"] == file:
+            raise InputError(
+                f"holds the same samples as {run['name']}",
+                "name each run once",
+                path,
+            )
+
+
 def _columns_of(path: Path, problem: Problem) -> Answer | None:
-    """What the recogniser makes of a refused file's columns, for a person to correct:
-    its columns with their first cells, our names, and the column chosen for each; None
-    where it lacks no column."""
+    """Return what a person needs to assign a refused file's columns by hand.
+
+    Returns
+    -------
+    dict or None
+        "columns": the file's column names; "cells": the first cells of each; "ours":
+        the names that a run needs (t, q1, ..., tau1, ...); "chosen": the file's column
+        recognised for each of ours, "" for none. None if the file was not refused for
+        its columns, or has too few of them.
+    """
     joints = problem.robot.joint_names
     with suppress(InputError):
         report = describe_columns(path, joints)
@@ -239,8 +299,11 @@ def _columns_of(path: Path, problem: Problem) -> Answer | None:
     return None
 
 
-def _loaded(job: JobRequest, problem: Problem, path: Path) -> Measurements:
-    """A run; by the options of `convert` where any is given."""
+def _load_run(job: JobRequest, problem: Problem, path: Path) -> Measurements:
+    """Load a run from a file, converting it if the person set any option of `convert`.
+
+    Raises InputError if the file has another number of joints than the robot.
+    """
     options = job["options"]
     names = problem.robot.joint_names
     if not options:
@@ -261,7 +324,10 @@ def _loaded(job: JobRequest, problem: Problem, path: Path) -> Measurements:
 
 
 def look_again(job: JobRequest) -> Answer:
-    """The runs, checked for the robot as it is now."""
+    """Check all runs anew after the robot has changed, such as its gravity.
+
+    Returns {"runs": a record for each run}, as :func:`keep` makes it.
+    """
     problem = job.problem
     parts = ((load_measurements(job.folder / run["file"]), run) for run in job["runs"])
     return {
@@ -279,14 +345,19 @@ def look_again(job: JobRequest) -> Answer:
 
 
 def simulate(job: JobRequest) -> Answer:
-    """Runs of these names, the last for testing, with an effect hidden; the truth is not
-    shown."""
+    """Simulate runs of the chosen robot with one effect hidden in them.
+
+    The job names the runs ("names", the last one is for testing), the "effect" and its
+    "joints" (from 1), the "level" of its strength and the "seed". "effects" of the
+    answer are those that the first model should have; the hidden one is not among them.
+    """
     problem = job.problem
     names = job["names"]
     job.progress(f"simulating {len(names)} runs of 20 s")
-    hidden = [(job["effect"], [j - 1 for j in job["joints"]])] * (
-        job["effect"] != "none"
-    )
+    hidden = []
+    if job["effect"] != "none":
+        joint_indices = [number - 1 for number in job["joints"]]
+        hidden.append((job["effect"], joint_indices))
     hidden_result = hidden_runs(
         problem,
         hidden,
@@ -308,8 +379,10 @@ def simulate(job: JobRequest) -> Answer:
 
 
 def mend(job: JobRequest) -> Answer:
-    """What `check --fix` does to one of the runs: its repaired copy, and what was
-    changed."""
+    """Repair one run as `check --fix` does.
+
+    Returns {"run": the record of the repaired copy, "changes": a line for each change}.
+    """
     problem = job.problem
     run_given = next(run for run in job["runs"] if run["file"] == job["file"])
     part = replace(
@@ -338,11 +411,31 @@ def keep(
     use: str = "train",
     alone: bool = False,
 ) -> dict[str, Any]:
-    """Write a run into the session's folder; what the page shows of it.
+    """Store a run in the session's folder, check it, and return the page's record of
+    it.
 
-    split : the windows of the use "split", by phase where the motion repeats, None
-    where it does so too fast; alone : there is no other run, so that it will be split,
-    and the check looks at its windows as well.
+    Parameters
+    ----------
+    job : JobRequest
+        The request; it names the folder.
+    problem : Problem
+        The robot that the run is checked for.
+    part : Measurements
+        The samples of the run.
+    name : str
+        The name to show.
+    use : str
+        "train", "test" or "split".
+    alone : bool
+        Whether no other run exists. The page then splits this one, so that the check
+        looks at the split's time windows as well.
+
+    Returns
+    -------
+    dict
+        File names, name, use, number of samples, duration [s], sample rate [Hz], the
+        check's issues, and "split": the time windows for training and testing, or None
+        if the run cannot be split.
     """
     job.progress(f"checking {name}")
     part = replace(part, names=(name,))
@@ -357,11 +450,13 @@ def keep(
     ]
     # Of a long run the check looks at windows all over it anyway.
     if alone and split is not None and not report_of_run.is_long:
-        findings += _of_windows(problem, part, split, report_of_run)
-    file = _file(part)
+        findings += _window_issues(problem, part, split, report_of_run)
+    file = _run_file_name(part)
     view = f"view-{file}"
     save_arrays(job.folder / file, columns_of(part))
-    save_arrays(job.folder / view, _preview(problem, part, report_of_run.repaired_all))
+    save_arrays(
+        job.folder / view, _preview_arrays(problem, part, report_of_run.repaired_all)
+    )
     seconds = float(part.t[-1] - part.t[0])
     return {
         "file": file,
@@ -376,16 +471,19 @@ def keep(
     }
 
 
-def _of_windows(
+def _window_issues(
     problem: Problem,
     part: Measurements,
     split: Mapping[str, Any],
-    whole: Report,
+    report_of_run: Report,
 ) -> list[dict[str, Any]]:
-    """What the check says of the parts that a run is split into and not of the whole:
-    these are what is identified from and judged. They offer no repair."""
-    known = {(f.kind, f.where) for f in whole.issues}
-    found = []
+    """Return the issues that the check finds in the split's windows but not in the run.
+
+    The windows are what a model is identified from and judged on. An issue of a window
+    offers no repair, because a repair applies to a full run.
+    """
+    known = {(issue.kind, issue.where) for issue in report_of_run.issues}
+    new_issues = []
     for side, word in (("train", "identified from"), ("test", "judged")):
         reports = check(
             problem,
@@ -397,33 +495,49 @@ def _of_windows(
                 continue
             known.add((issue.kind, issue.where))
             what = f"In the windows that are {word}: {issue.what}"
-            told = replace(issue, what=what, repair=None)
-            found.append({**told.to_dict(), "gravity": issue.gravity})
-    return found
+            window_issue = replace(issue, what=what, repair=None)
+            new_issues.append({**window_issue.to_dict(), "gravity": issue.gravity})
+    return new_issues
 
 
-def _file(part: Measurements) -> str:
-    """Where the session keeps a run: by its samples."""
+def _run_file_name(part: Measurements) -> str:
+    """Return the file name of a run: equal samples get equal names."""
     return f"run-{part.data_hash[:16]}.npz"
 
 
-def _preview(
+def _preview_arrays(
     problem: Problem,
     part: Measurements,
     mended: Measurements,
 ) -> dict[str, Any]:
-    """What the page shows of a run at once: t, q, dq, tau at some instants, the
-    positions and torques that the check would put there (NaN where it changes nothing),
-    and the arm's poses."""
+    """Return the arrays that the page draws of a run, thinned to what a screen can
+    show.
+
+    Parameters
+    ----------
+    problem : Problem
+        The robot, which places the arm in 3D.
+    part : Measurements
+        The run as recorded, N samples of n joints.
+    mended : Measurements
+        The run as the check would repair it; ``part`` itself if nothing is repaired.
+
+    Returns
+    -------
+    dict
+        t (k,) [s]; q, dq, torque (k, n); repaired_q, repaired_torque (k, n), NaN where
+        the repair changes nothing; tf (F,) [s] and poses (F, joints, 4, 4) of the arm.
+    """
     raw = np.hstack([part.q, part.tau])
     if mended is part:
         repaired = np.full_like(raw, np.nan)
     else:
         repaired = _where_changed(raw, _repaired_rows(part, mended))
-    shown = spread_rows(len(part.t))
+    # Rows evenly spread over the run, and at most POINTS of the repaired ones.
+    evenly_spread = spread_rows(len(part.t))
     changed = np.flatnonzero(np.isfinite(repaired).any(axis=1))
-    thinned = changed[:: 1 + len(changed) // POINTS]
-    k = np.unique(np.concatenate([shown, thinned]))
+    step = 1 + len(changed) // POINTS
+    k = np.unique(np.concatenate([evenly_spread, changed[::step]]))
     velocity = part.dq
     if velocity is None:
         velocity = np.gradient(part.q, part.t, axis=0)
@@ -441,8 +555,11 @@ def _preview(
 
 
 def _repaired_rows(part: Measurements, mended: Measurements) -> Array:
-    """(N, 2 n) positions and torques of the repaired run at the run's instants; rows
-    that were left out come between their neighbours."""
+    """Return the repaired q and tau, (N, 2 n), at the instants of the recorded run.
+
+    A repair may remove rows: their values are interpolated from the neighbours. If the
+    repaired time stamps do not increase, the recorded values are returned unchanged.
+    """
     rows = np.hstack([mended.q, mended.tau])
     if len(rows) == len(part.t):
         return rows
@@ -460,14 +577,20 @@ def _repaired_rows(part: Measurements, mended: Measurements) -> Array:
 
 
 def _where_changed(raw: Array, repaired: Array) -> Array:
-    """The repaired values (N, k) where a picture shows the difference, else NaN."""
-    size = np.nanmax(np.abs(repaired), axis=0)
-    is_changed = np.abs(repaired - raw) > 1e-3 * size
-    return np.where(is_changed, repaired, np.nan)
+    """Return the repaired values (N, k) where they visibly differ, NaN elsewhere.
+
+    A difference is visible above a thousandth of the column's largest value.
+    """
+    largest = np.nanmax(np.abs(repaired), axis=0)
+    is_visible = np.abs(repaired - raw) > 1e-3 * largest
+    return np.where(is_visible, repaired, np.nan)
 
 
 def resplit(job: JobRequest) -> Answer:
-    """A run split anew: ``share`` of its motion is for training."""
+    """Split a run anew so that ``job["share"]`` of its motion is for training.
+
+    Returns {"split": the new time windows}. Raises InputError if no split is possible.
+    """
     run = next(run for run in job["runs"] if run["file"] == job["file"])
     part = load_measurements(job.folder / run["file"])
     split = split_run(job.problem, part, job["share"])
@@ -485,20 +608,44 @@ def placed(
     t: Array,
     q: Array,
 ) -> tuple[Array, Array]:
-    """(F,) some instants of a motion q (N, n) at t (N,), and (F, joints, 4, 4) the
-    poses there, between which the page interpolates."""
-    keep = np.unique(np.linspace(0, len(t) - 1, 160).astype(int))
-    return t[keep], robot.poses(robot.tree_state(q[keep])[0]).astype(np.float32)
+    """Place the arm at up to 160 instants of a motion, for the 3D view.
+
+    Parameters
+    ----------
+    robot : Robot
+        The kinematic tree.
+    t : (N,) array
+        Time stamps [s].
+    q : (N, n) array
+        Joint positions [rad, m].
+
+    Returns
+    -------
+    (F,) array and (F, joints, 4, 4) array
+        Evenly spaced instants [s] and the pose of each joint there. The page
+        interpolates between them.
+    """
+    rows = np.unique(np.linspace(0, len(t) - 1, POSES_OF_A_RUN).astype(int))
+    positions_in_tree = robot.tree_state(q[rows])[0]
+    return t[rows], robot.poses(positions_in_tree).astype(np.float32)
 
 
 def save_arrays(file: Path, arrays: dict[str, Any]) -> None:
-    """As .npz, whole or not at all."""
+    """Save arrays by name as an .npz file, atomically: completely or not at all."""
     with writing(file) as out:
         np.savez(out, allow_pickle=False, **arrays)
 
 
 def robot(job: JobRequest) -> Answer:
-    """What the page shows of the robot: a built-in name or a URDF file."""
+    """Return what the page shows of the chosen robot, a built-in one or a URDF file.
+
+    Returns
+    -------
+    dict
+        Title, name, number of joints n, joint names, torque units, effects of a first
+        model, the arm's ellipsoids for the 3D view ("drawn"), its gravity [m/s^2]
+        ("own_gravity"), and a sentence on limits and filters ("known").
+    """
     problem = job.problem
     summary_words = formatting.count(problem.robot.n, "joint") + ", from URDF"
     known = (
@@ -513,13 +660,41 @@ def robot(job: JobRequest) -> Answer:
         "units": [formatting.plain_unit(unit) for unit in problem.robot.torque_units],
         "effects": list(problem.default_effects),
         "drawn": drawn_arm(problem.robot, problem.nominal_links),
+        "meshes": _kept_meshes(job, problem),
         "own_gravity": problem.robot.gravity,
         "known": known,
     }
 
 
+def _kept_meshes(job: JobRequest, problem: Problem) -> list[Answer]:
+    """Files of the links' meshes, which the 3D view draws: joint and placement of each.
+
+    Only of a URDF whose meshes lie beside it or in a package of ROS; a mesh that cannot
+    be read is left out.
+    """
+    source = Path(job["robot"]["source"])
+    if source.suffix.lower() != ".urdf" or not source.is_file():
+        return []
+    job.progress("reading meshes")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Remark)  # the picture goes without
+        surfaces = link_surfaces(source)
+    robot = problem.robot
+    if len(surfaces) != len(robot.link_joints):
+        return []
+    kept = []
+    for joint, surface in zip(robot.link_joints, surfaces, strict=True):
+        if surface is None:
+            continue
+        name = f"mesh-{joint}.stl"
+        write_bytes(job.folder / name, binary_stl(simplified(surface)))
+        place = robot.tree[joint].link_frame
+        kept.append({"joint": joint, "file": name, "place": np.asarray(place)})
+    return kept
+
+
 def _limits_in_words(problem: Problem) -> str:
-    """For how many of the links' parameters a limit is set."""
+    """Say for how many of the links' parameters a lower or upper limit is set."""
     has_limit = np.isfinite(problem.box).any(axis=2)
     if has_limit.all():
         return "Limits are set for all links"
@@ -531,7 +706,9 @@ def _limits_in_words(problem: Problem) -> str:
 
 
 def _filters_in_words(problem: Problem) -> str:
-    """The cut-offs of the filters."""
+    """Say at which cut-off frequencies [Hz] the filters act, if the problem sets
+    them.
+    """
     settings = problem.preprocessing
     cutoffs = [settings.state_cutoff, settings.torque_cutoff]
     if cutoffs == [None, None]:
@@ -541,7 +718,11 @@ def _filters_in_words(problem: Problem) -> str:
 
 
 def fit(job: JobRequest) -> Answer:
-    """Identify a model as the verb does, check included, and look where it fails."""
+    """Identify a model as `sdp-vs-penalty identify` does, and judge it.
+
+    The data check comes first, unless ``job["anyway"]`` skips it. Returns the model's
+    record for the page (:func:`summary`).
+    """
     options = job["options"]
     bounded = with_bounds(job.problem, options.get("bounds"))
     problem = with_filters(bounded, options.get("filters"))
@@ -565,7 +746,10 @@ def fit(job: JobRequest) -> Answer:
 
 
 def open_model(job: JobRequest) -> Answer:
-    """A model.json that somebody brings, judged on these runs."""
+    """Judge a model.json that a person brought on the session's runs.
+
+    Raises InputError if the model is of a robot with other joints.
+    """
     train = job.runs.train
     estimate = job.model
     estimate.require_joints(train, job["model"])
@@ -573,7 +757,12 @@ def open_model(job: JobRequest) -> Answer:
 
 
 def extend(job: JobRequest) -> Answer:
-    """Add effects to a model: what `sdp-vs-penalty add` does."""
+    """Add effects to the current model as `sdp-vs-penalty add` does, and judge the
+    result.
+
+    ``job["effect"]`` names the effects. If ``job["findings"]`` holds a diagnosis, all
+    of its confident findings are added instead, with the constants that it estimated.
+    """
     effects: str | Diagnosis = job["effect"]
     if job.get("findings"):
         effects = Diagnosis.from_dict(job["findings"]).selected(confident=True)
@@ -587,7 +776,16 @@ def extend(job: JobRequest) -> Answer:
 
 
 def find(job: JobRequest) -> Answer:
-    """Which effects a model misses: what `sdp-vs-penalty diagnose` does."""
+    """Diagnose which effects the current model misses, as `sdp-vs-penalty diagnose`
+    does.
+
+    Returns
+    -------
+    dict
+        "diagnosis"; "curves": what `add` calls each measured curve; "missing": a
+        sentence for the model's verdict. The curves that the page draws are saved as
+        ``job["pictures"]``.
+    """
     runs = job.runs
     model = job.model
     result, better = diagnose_and_add(
@@ -634,24 +832,46 @@ def _card_arrays(
     better: Estimate | None,
     judged: Measurements,
 ) -> dict[str, Any]:
-    """What the cards of a diagnosis draw: t (M,), q, dq, measured torque, that of the
-    model and of the model with all that is sure, each (M, n), of the judged runs."""
-    models = {
-        "before": model,
-        **({} if better is None else {"after": better}),
-    }
+    """Return the arrays from which the page draws the findings, thinned to M rows.
+
+    Parameters
+    ----------
+    model : Estimate
+        The diagnosed model.
+    better : Estimate or None
+        The model with every confident finding added, if there is one.
+    judged : Measurements
+        The runs to draw.
+
+    Returns
+    -------
+    dict
+        t (M,) [s]; q, dq, measured (M, n): motion and measured torque; before, after
+        (M, n): torque of ``model`` and of ``better``.
+    """
+    models = {"before": model}
+    if better is not None:
+        models["after"] = better
     compared = compare(models, judged)
     before = compared[0].signals
     after = compared[-1].signals
-    keep = spread_rows(len(before.t), CARD_ROWS)
+    rows = spread_rows(len(before.t), CARD_ROWS)
     arrays = {name: getattr(before, name) for name in ("q", "dq", "measured")}
     arrays |= {"before": before.modelled, "after": after.modelled}
-    small = {name: np.asarray(x[keep], np.float32) for name, x in arrays.items()}
-    return {"t": before.t[keep], **small}
+    thinned = {
+        name: np.asarray(values[rows], np.float32) for name, values in arrays.items()
+    }
+    return {"t": before.t[rows], **thinned}
 
 
 def methods(job: JobRequest) -> Answer:
-    """The same effects by other methods, judged alike: headings, and a row a method."""
+    """Identify the current model's effects by other methods and judge each on the same
+    runs.
+
+    ``job["methods"]`` names them; ``job["folds"]`` asks for the cross-validated error
+    as well. A method that fails gets its error message for a row. Returns {"table":
+    ...}.
+    """
     runs = job.runs
     current = job.model
     train = job.windowed(runs.train)
@@ -671,14 +891,16 @@ def methods(job: JobRequest) -> Answer:
                 options,
                 progress=progress,
             )
-            folds = job["folds"] and cross_validate(
-                current.problem,
-                train,
-                name,
-                effects=effects,
-                seed=job["seed"],
-                progress=progress,
-            )
+            folds = None
+            if job["folds"]:
+                folds = cross_validate(
+                    current.problem,
+                    train,
+                    name,
+                    effects=effects,
+                    seed=job["seed"],
+                    progress=progress,
+                )
         except InputError as error:
             refused = [
                 name,
@@ -694,19 +916,20 @@ def methods(job: JobRequest) -> Answer:
                 noise_from=runs.judged_recordings,
             )[0]
         )
-        rows.append(
-            [
-                *row,
-                *([f"{folds.relative_error_percent:.4g}"] if folds else []),
-            ]
-        )
+        if folds is not None:
+            row = [*row, f"{folds.relative_error_percent:.4g}"]
+        rows.append(row)
     unseen = "error on unseen motion [%]" if job["folds"] else ""
     return {"table": tables.judged_table(rows, "method", more=unseen).to_dict()}
 
 
 def take(job: JobRequest) -> Answer:
-    """A file to take away: a run as it was used, the diagnosis, the report, or the
-    model in the format of the name's suffix; says which effects have no place in it."""
+    """Write the file that a person wants to download; its name decides the content.
+
+    "run-<number>.csv" is a run as it was used, "findings.json" the diagnosis,
+    "report.html" the report; any other name is the model in the format of its suffix.
+    Returns {"notice": a sentence for each thing that the format cannot hold}.
+    """
     name = job["name"]
     out = job.folder / name
     job.progress(f"writing {name}")
@@ -724,13 +947,13 @@ def take(job: JobRequest) -> Answer:
 
 
 def _write_run(job: JobRequest, out: Path, number: int) -> None:
-    """A run by its number on the page."""
+    """Write the run with this number on the page (from 1) as a log."""
     run = job["runs"][number - 1]
     save(load_measurements(job.folder / run["file"]), out)
 
 
 def _write_report(job: JobRequest, out: Path) -> None:
-    """The report on all models of the history."""
+    """Write the HTML report on all models of the session's history."""
     models = {m["label"]: load_estimate(m["file"]) for m in job["models"]}
     findings = job.get("findings")
     runs = job.runs
@@ -747,8 +970,11 @@ def _write_report(job: JobRequest, out: Path) -> None:
 
 
 def _write_export(job: JobRequest, out: Path) -> list[str]:
-    """The model in the format of the suffix; what the file cannot hold, and what that
-    does to the error, a sentence each."""
+    """Export the current model in the format of the file's suffix.
+
+    Returns a sentence for each thing that the format cannot hold and, if runs are
+    loaded, for how that changes the error.
+    """
     urdf = job.get("urdf") if out.name == "robot.urdf" else None
     x, y, z = numbers(
         "flange",
@@ -770,17 +996,27 @@ def _write_export(job: JobRequest, out: Path) -> list[str]:
     )
     if not lost:
         return []
-    sentences = [f"{out.suffix} files cannot hold {', '.join(lost)}; model.json can."]
+    names = ", ".join(map(effect_in_words, lost))
+    sentences = [f"{out.suffix} files cannot hold {names}; model.json can."]
     if judged is not None:
         sentences += [f"As exported: {judged[0].headline}", judged[1]]
     return [text for text in sentences if text]
 
 
 def forward(job: JobRequest) -> Answer:
-    """A model run along the judged runs: what `sdp-vs-penalty simulate --follow` does.
+    """Simulate the current model along the judged runs, as `simulate --follow` does.
 
-    Its arrays, an .npz a free run: t, measured, simulated; and of some instants tf
-    (F,), poses (F, 2 joints, 4, 4), the measured arm before the simulated one.
+    A free run starts from a measured state and is driven by the logged torque (or by
+    what ``job["drive"]`` names). Each one's arrays are saved as an .npz file: t (M,)
+    [s]; measured, simulated (M, n) positions; tf (F,) [s]; poses (F, 2 joints, 4, 4),
+    the measured arm's joints before those of the simulated arm.
+
+    Returns
+    -------
+    dict
+        "arrays": the file names; "runs": what each free run is called; "verdict",
+        "explained": sentences; "units" of the joints; "left_out": effects that a
+        simulation cannot use; "table": the errors.
     """
     estimate = job.model
     drive = job["drive"]
@@ -793,8 +1029,8 @@ def forward(job: JobRequest) -> Answer:
     files = [f"forward-{following.drive}-{k}.npz" for k in range(len(following.free))]
     for file, free in zip(files, following.free, strict=True):
         t = free.simulated.t
-        tf, one = placed(estimate.robot, t, free.measured)
-        _, other = placed(estimate.robot, t, free.simulated.q)
+        tf, measured_poses = placed(estimate.robot, t, free.measured)
+        _, simulated_poses = placed(estimate.robot, t, free.simulated.q)
         arrays = {
             "t": t,
             "measured": free.measured,
@@ -803,7 +1039,10 @@ def forward(job: JobRequest) -> Answer:
         }
         save_arrays(
             job.folder / file,
-            {**arrays, "poses": np.concatenate([one, other], axis=1)},
+            {
+                **arrays,
+                "poses": np.concatenate([measured_poses, simulated_poses], axis=1),
+            },
         )
     return {
         "arrays": files,
@@ -820,8 +1059,16 @@ def forward(job: JobRequest) -> Answer:
 
 
 def about(estimate: Estimate) -> dict[str, Any]:
-    """The parameters as the page shows them: rows, links, words and friction as in the
-    report, and the arm in 3D (:func:`drawn_arm`)."""
+    """Return a model's parameters as the page shows them.
+
+    Returns
+    -------
+    dict
+        "rows": value, interval and source of each parameter; "links", "certificate":
+        tables; "words": caveats; "friction": torque over velocity with half its 95 %
+        interval ("half"), for each joint; "bodies", "joints": the arm in 3D
+        (:func:`drawn_arm`).
+    """
     links = tables.link_table(estimate)
     return {
         "rows": tables.standard_parameters(estimate),
@@ -842,12 +1089,25 @@ def about(estimate: Estimate) -> dict[str, Any]:
     }
 
 
+def _distinct_names(runs: Sequence[Measurements]) -> list[str]:
+    """Name each run; parts of one recording are told apart by their seconds."""
+    names = [run.names[0] for run in runs]
+    distinct = []
+    for name, run in zip(names, runs, strict=True):
+        if names.count(name) > 1:
+            name += f", {run.t[0]:.4g} to {run.t[-1]:.4g} s"
+        distinct.append(name)
+    return distinct
+
+
 def _verdict_of(
     job: JobRequest,
     estimate: Estimate,
     comparison: Comparison,
 ) -> Answer:
-    """The verdict on a model, with what the last diagnosis found that it lacks."""
+    """Return the verdict on a model, with what the last diagnosis found that it
+    lacks.
+    """
     found = job.get("diagnosed")
     if not found:
         return comparison.verdict.to_dict()
@@ -859,11 +1119,11 @@ def _verdict_of(
 
 
 def summary(job: JobRequest, estimate: Estimate) -> Answer:
-    """Save a model at ``out`` and its curves beside it; judge it on the runs: what
-    makes a session's ModelStep.
+    """Judge a model, save it at ``job["out"]``, and return its record for the history.
 
-    Curves, an .npz a run, training runs first: t, torque, modelled, its motion q, dq,
-    ddq, and tf (F,), poses (F, joints, 4, 4) of some instants for the 3D view.
+    The curves of each run, training runs first, are saved next to the model as .npz: t
+    (M,) [s]; torque, modelled, q, dq, ddq (M, n); tf (F,) [s] and poses (F, joints, 4,
+    4) for the 3D view. The record has the fields of ModelStep.
     """
     seconds = time.perf_counter() - job.begin
     checked = job.runs
@@ -915,16 +1175,9 @@ def summary(job: JobRequest, estimate: Estimate) -> Answer:
     except InputError:  # too short to say: the errors stand on their own
         failures = []
     estimate.save(out)
-    names = [run.names[0] for run in runs]
-    parts = (
-        f", {run.t[0]:.4g} to {run.t[-1]:.4g} s" for run in runs
-    )  # where one name has several
     return {
         "file": str(out),
-        "runs": [
-            n + part * (names.count(n) > 1)
-            for n, part in zip(names, parts, strict=True)
-        ],
+        "runs": _distinct_names(runs),
         "judged_on": list(judge.names),
         "method": estimate.method,
         "effects": effects_to_estimate_again(

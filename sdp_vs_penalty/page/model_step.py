@@ -57,7 +57,17 @@ class ModelStep:
     pictures: str = ""
 
     def signal_of(self, j: int, default: str) -> str:
-        """The signal that shows what the error of joint j (from 0) depends on most."""
+        """Return the signal that best shows what a joint's error depends on.
+
+        That is the one of the cause that explains most of the error on held-out data.
+
+        Parameters
+        ----------
+        j : int
+            Index of the joint, from 0.
+        default : str
+            Signal to return if the model's failures are unknown or have no such cause.
+        """
         if not self.failures:
             return default
         shares = self.failures[j]["held_out_shares"]
@@ -70,5 +80,7 @@ class ModelStep:
 
     @staticmethod
     def joint_number(j: int) -> int:
-        """The number of joint j (from 0) as it is shown."""
+        """Return the number that people see of the joint with index j: it counts
+        from 1.
+        """
         return j + 1

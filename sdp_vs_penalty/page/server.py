@@ -47,12 +47,26 @@ def serve(
     browser: bool,
     forms: Forms,
 ) -> None:
-    """Serve the page to this computer until it is interrupted, to whoever has the
-    printed address.
+    """Serve the page on this computer until it is interrupted.
 
-    folder : whose runs and URDFs the page offers; port : None for any that is free;
-    forms : by what they are for, options of the command line that the page offers.
-    Raises InputError for a folder that is none or a port that is taken.
+    Only who has the printed address, with its secret key, can open it.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Folder whose runs and URDF files the page offers.
+    port : int, optional
+        TCP port; by default any free one.
+    browser : bool
+        Whether to open the address in a browser.
+    forms : mapping
+        Options of the command line that the page shows as fields, by the step that
+        offers them.
+
+    Raises
+    ------
+    InputError
+        For a folder that does not exist, or a port that is taken.
     """
     if folder is not None and not folder.is_dir():
         raise InputError(
@@ -111,7 +125,11 @@ def make_app(
     folder: Path | None,
     forms: Forms,
 ) -> FastAPI:
-    """The addresses: / finds or makes a session, /s/<its secret name> shows it."""
+    """Build the web application.
+
+    / continues the browser's last session or opens one, /new opens one, and /s/<token>
+    shows the session of this secret token.
+    """
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
     def named(token: str) -> Session:
@@ -125,7 +143,7 @@ def make_app(
     @app.get("/new")
     async def _enter(request: Request) -> Response:
         closed = (
-            sessions.closed(request.cookies.get(_COOKIE))
+            sessions.unwatched(request.cookies.get(_COOKIE))
             if request.url.path == "/"
             else None
         )
@@ -181,7 +199,10 @@ def make_app(
 
 
 async def keep(session: Session, request: Request, name_given: str, kind: str) -> int:
-    """Receive a dropped file and do what it was dropped for; the status to answer."""
+    """Receive a dropped file and use it for its ``kind``; return the HTTP status.
+
+    "runs" are read once all files have arrived, a "robot" or "model" is opened at once.
+    """
     name = shown_name(name_given)
     try:
         if kind != "runs" and session.task is not None:

@@ -97,20 +97,22 @@ class Session:
 
     @property
     def model(self) -> ModelStep | None:
+        """The current model, the last one of the history; None before the first."""
         return self.history[-1] if self.history else None
 
     @property
     def current(self) -> ModelStep:
-        """``model``, in steps that come after the first one. Raises InputError where
-        there is none."""
+        """The current model. Raises InputError if no model was identified yet."""
         if not self.history:
             raise InputError("No model yet", "identify one first")
         return self.history[-1]
 
     @property
     def meaningless(self) -> list[str]:
-        """What the check holds against identifying from the runs for training, a
-        sentence each."""
+        """The errors that the data check found in the training runs, a sentence each.
+
+        With any of them, a model identified from these runs would be meaningless.
+        """
         return [
             f"{run['name']}: {f['what'].rstrip('.')}: {f['remedy']}"
             for run in self.runs
@@ -121,43 +123,54 @@ class Session:
 
     @property
     def found_for(self) -> int:
-        """How many models there were when the last diagnosis was made; 0 without one."""
-        return max(
-            (k for k, m in enumerate(self.history, start=1) if m.findings), default=0
-        )
+        """Position in the history (from 1) of the model diagnosed last; 0 without a
+        diagnosis.
+        """
+        diagnosed = [
+            position
+            for position, model in enumerate(self.history, start=1)
+            if model.findings
+        ]
+        return max(diagnosed, default=0)
 
     @property
     def first_and_current(self) -> list[ModelStep]:
-        """The first model and the current one; one where they are the same."""
+        """The first and the current model of the history; a single one if they are
+        the same.
+        """
         first = self.history[0]
         current = self.current
         return [current] if current is first else [first, current]
 
     @property
     def findings_of_current(self) -> Diagnosis | None:
-        """The last diagnosis, where it is of the current model."""
+        """The diagnosis of the current model; None if it was not diagnosed."""
         return self.findings if self.found_for == len(self.history) else None
 
     @property
     def diagnosed(self) -> ModelStep:
-        """The model that the last diagnosis is of."""
+        """The model of the history that was diagnosed last."""
         return self.history[self.found_for - 1]
 
     @property
     def findings(self) -> Diagnosis | None:
-        """The last diagnosis."""
+        """The last diagnosis, perhaps of an earlier model; None without one."""
         return self.history[self.found_for - 1].findings if self.found_for else None
 
     @property
     def added(self) -> set[str]:
-        """Texts of the findings that are part of the current model."""
+        """The effects added to the model since the last diagnosis, as `add` writes
+        them.
+        """
         return {
             text for model in self.history[self.found_for :] for text in model.added
         }
 
     @property
     def change(self) -> str:
-        """What became of each joint's error from the first model to the current one."""
+        """Sentence on how each joint's error changed from the first model to the
+        current one.
+        """
         first = self.history[0].comparison
         last = self.current.comparison
         floor = last["noise_floor"]
@@ -171,30 +184,42 @@ class Session:
         return sentence or "no joint's error changed by more than 5 %."
 
     def answer(self, job: str) -> dict[str, Any] | None:
-        """What a job said of the current model, if it was asked."""
+        """Return the last answer of a job, such as "methods", for the current model.
+
+        None if the job was not run for this model.
+        """
         stored = self.answers.get(job)
-        return (
-            stored
-            if stored and self.model and stored["model"] == self.model.file
-            else None
-        )
+        if stored is None or self.model is None:
+            return None
+        return stored if stored["model"] == self.model.file else None
 
     def recording(
         self,
         model: ModelStep,
         run: str,
     ) -> dict[str, Any]:
-        """t, torque, modelled, q, dq, ddq, tf and poses of a run (jobs.py)."""
+        """Load the curves of one run, by its name, as a model explains it.
+
+        Returns
+        -------
+        dict
+            t (M,) [s]; torque, modelled, q, dq, ddq (M, n); tf (F,) [s] and poses
+            (F, joints, 4, 4): instants and poses of the arm for the 3D view.
+        """
         return self.arrays(f"{Path(model.file).stem}-{model.runs.index(run)}.npz")
 
     def arrays(self, name: str) -> dict[str, Any]:
-        """What a job has kept in an .npz file of the session's folder."""
+        """Load the arrays, by name, that a job saved as an .npz file in the
+        session's folder.
+        """
         with np.load(self.folder / name, allow_pickle=False) as read:
             return dict(read)
 
     def commands(self) -> list[str]:
-        """The same on the command line, in the folder where the files of the shown
-        names are."""
+        """Return the command lines that repeat this session's work, one for each step.
+
+        They name files as the page shows them, to be run in the folder of the logs.
+        """
         return commands_of(
             robot=self.robot,
             runs=self.runs,
@@ -206,19 +231,25 @@ class Session:
         )
 
     def left(self, watcher: Any) -> None:
-        """A tab was closed: what it was doing ends with the last one that shows it."""
-        self.watchers = [one for one in self.watchers if one is not watcher]
+        """Unregister a tab that was closed. The last one to close cancels the
+        running job.
+        """
+        self.watchers = [tab for tab in self.watchers if tab is not watcher]
         if not self.watchers:
             self.left_at = time.monotonic()
             self.cancel()
 
     def changed(self) -> None:
+        """Redraw every tab that shows this session."""
         for watcher in self.watchers:
             watcher.redraw()
 
     def say(self, *texts: str, error: bool = True) -> None:
-        """Show sentences, with names instead of where files are, in place of those
-        before."""
+        """Show these sentences as the page's notice, in place of the previous ones.
+
+        Paths of the session's folder are replaced by the names that the person knows.
+        Without sentences the notice disappears.
+        """
         names_by_file = {
             str(self.folder / run["file"]): run["name"] for run in self.runs
         }
@@ -234,7 +265,10 @@ class Session:
     def start(
         self, do: Callable[..., Coroutine[Any, Any, None]], *arguments: Any, **how: Any
     ) -> None:
-        """Begin one of the coroutines below, unless another one is at work."""
+        """Start one of the coroutines below as the session's only task.
+
+        If one is running already, the call is ignored.
+        """
         if self.task is None:
             self.notice = None
             self.working = Working()
@@ -242,12 +276,14 @@ class Session:
             self.task.add_done_callback(self._ended)
 
     def cancel(self) -> None:
-        """End the job that is being done, at once; nothing that was there before
-        changes."""
+        """Cancel the running job at once; the session stays as it was before."""
         if self.task is not None:
             self.task.cancel()
 
     def _ended(self, task: asyncio.Task[None]) -> None:
+        """Clean up after a task: say how it failed, redraw, and read files dropped
+        meanwhile.
+        """
         self.working = self.task = None
         if task.cancelled():
             self.say("Cancelled: nothing was changed.", error=False)
@@ -257,12 +293,15 @@ class Session:
         self.read_arrived()
 
     def _doing(self, **what: str) -> None:
-        """The title or the status of what is done now."""
+        """Update ``title`` or ``status`` of the running work, and redraw."""
         self.working = replace(self.working or Working(), **what)  # type: ignore[arg-type]
         self.changed()
 
     async def _job(self, title: str, job: str, **details: Any) -> dict[str, Any]:
-        """The answer of a function of jobs.py."""
+        """Run a function of jobs.py, by its name, in a worker, and return its answer.
+
+        The request holds the session's state and the ``details``.
+        """
         self._doing(title=title, status="")
         state = {
             name: getattr(self, name) for name in ("robot", "runs", "seed", "options")
@@ -277,21 +316,31 @@ class Session:
         )
 
     def _forget_models(self, why: str = "") -> list[str]:
-        """Begin without one; what is said of it where there were some."""
-        sentences = [f"{why}: identify again."] * bool(self.history)
+        """Drop the history, because its models no longer fit the data.
+
+        Returns the sentence that says so: ``why`` and the advice to identify again. The
+        list is empty if there were no models.
+        """
+        sentences = [f"{why}: identify again."] if self.history else []
         self.history = []
         self.undone = []
         return sentences
 
     def _refuse_meaningless(self) -> None:
+        """Raise InputError if the check found errors and the person did not overrule
+        it.
+        """
         if self.meaningless and not self.anyway:
             raise InputError(
                 self.meaningless[0], 'repair it under Check, or tick "Identify anyway"'
             )
 
     async def choose_robot(self, source: str, urdf: str | None = None) -> None:
-        """A built-in name, or the path of a URDF with its shown name; everything else
-        starts anew."""
+        """Choose a robot: a built-in name, or the path of a URDF file with its shown
+        name.
+
+        Runs and models of the previous robot are dropped.
+        """
         self.names[source] = urdf or source
         answer = await self._job("Reading the robot", "robot", robot={"source": source})
         self.robot = {
@@ -306,13 +355,15 @@ class Session:
         self._forget_models()
 
     def read_arrived(self) -> None:
-        """Read the files that were dropped; after the job that is being done, if there
-        is one."""
+        """Start to read the files that were dropped, unless a job is running.
+
+        In that case the end of that job calls this method again.
+        """
         if self.arrived:
             self.start(self.read_files)
 
     async def read_files(self) -> None:
-        """The files that were dropped become runs."""
+        """Read the files that were dropped, and add them to the session's runs."""
         files = self.arrived
         self.arrived = {}
         self.names |= {str(path): name for name, path in files.items()}
@@ -341,21 +392,29 @@ class Session:
         ours: str,
         theirs: str,
     ) -> None:
-        """Say which column of a file that is still to be read is what."""
+        """Assign a column of a refused file to one of the names that a run needs.
+
+        Parameters
+        ----------
+        path : str
+            The file.
+        ours : str
+            Name in a run, such as "q1" or "tau1".
+        theirs : str
+            Name of the column in the file; "" for none.
+        """
         for mapping in self.mappings:
             if mapping["path"] == path:
-                chosen = dict(
-                    zip(
-                        mapping["ours"],
-                        mapping["chosen"],
-                        strict=True,
-                    )
-                )
-                mapping["chosen"] = [*{**chosen, ours: theirs}.values()]
+                chosen = dict(zip(mapping["ours"], mapping["chosen"], strict=True))
+                chosen[ours] = theirs
+                mapping["chosen"] = list(chosen.values())
         self.changed()
 
     async def read_mapped(self, path: str) -> None:
-        """Read a file by the columns that were chosen for it."""
+        """Read a refused file again, with the columns that the person assigned.
+
+        The columns are passed as the option `--rename`, for this file only.
+        """
         mapping = next(m for m in self.mappings if m["path"] == path)
         pairs = zip(mapping["ours"], mapping["chosen"], strict=True)
         chosen = {ours: theirs for ours, theirs in pairs if theirs}
@@ -380,8 +439,12 @@ class Session:
         seed: int,
         names: Sequence[str] = RUN_FILES,
     ) -> None:
-        """The built-in data with an effect hidden in them, instead of the runs that are
-        there; names : of the runs."""
+        """Replace the runs by simulated ones of the robot, with one effect hidden in
+        them.
+
+        joints : numbers from 1, where the effect acts; level : how strong it is; names
+        : of the simulated runs.
+        """
         how = {"effect": effect, "joints": joints, "level": level, "seed": seed}
         how["names"] = list(names)
         await self._take_runs("Simulating", "simulate", [], **how)
@@ -400,8 +463,10 @@ class Session:
     async def _take_runs(
         self, title: str, job: str, before: list[dict[str, Any]], **details: Any
     ) -> None:
-        """The runs of a job's answer, after those ``before``; a name says what a run is
-        for."""
+        """Run a job that makes runs, and append these to the runs ``before``.
+
+        A run whose name says "test" is used for testing. Existing models are dropped.
+        """
         if not self.robot:
             raise InputError(
                 "No robot is chosen", "choose it first, so that its joints are known"
@@ -426,16 +491,23 @@ class Session:
         self.say(*(refused or remarks), error=bool(refused))
 
     def _choose_uses(self, new: Sequence[dict[str, Any]]) -> None:
-        """A run alone is split; where all runs are for testing, the first is not."""
+        """Make sure that some data are for training and, if possible, some for testing.
+
+        A single run is split. If all new runs are for testing, the first becomes
+        training.
+        """
         if len(self.runs) == 1:
             self.runs[0]["use"] = "split" if self.runs[0]["split"] else "train"
             return
-        is_all = bool(new) and len(new) == len(self.runs)
-        if is_all and all(run["use"] == "test" for run in new):
+        has_only_new = bool(new) and len(new) == len(self.runs)
+        if has_only_new and all(run["use"] == "test" for run in new):
             new[0]["use"] = "train"
 
     def use(self, file: str, use: str) -> None:
-        """Use a run for training, for testing, or not at all ("")."""
+        """Use a run for "train", "test" or "split", or remove it ("").
+
+        Existing models are dropped. While a job is running the request is refused.
+        """
         if self.task is not None:
             self.refusals += 1
             self.say("Wait until the job is done, or cancel it.", error=False)
@@ -447,7 +519,9 @@ class Session:
         self.say(*self._forget_models("The runs have changed"), error=False)
 
     async def split(self, file: str, percent: int) -> None:
-        """Split a run anew: so many per cent of its motion are for training."""
+        """Split a run anew: ``percent`` of its motion are for training, the others
+        for testing.
+        """
         answer = await self._job(
             "Splitting the run",
             "resplit",
@@ -461,7 +535,9 @@ class Session:
         self.say(*self._forget_models("The split has changed"), error=False)
 
     def warnings_of(self, joint: int) -> list[str]:
-        """What the check warns of a joint (from 1) in the runs that are used."""
+        """List what the data check warns of one joint (from 1) in the session's
+        runs.
+        """
         return [
             f"{run['name']}: {issue['kind']} ({issue['where']})"
             for run in self.runs
@@ -470,8 +546,10 @@ class Session:
         ]
 
     async def mount(self, gravity: str) -> None:
-        """Another direction of gravity, "x,y,z" [m/s^2]: the runs are checked again,
-        models dropped."""
+        """Set the direction of gravity in the robot's base frame, "x,y,z" [m/s^2].
+
+        The runs are checked again, and existing models are dropped.
+        """
         turned = {**self.robot, "gravity": numbers("gravity", gravity, 3)}
         answer = await self._job("Turning the robot", "look_again", robot=turned)
         self.robot = turned
@@ -479,14 +557,24 @@ class Session:
         self.say(*self._forget_models("Gravity has changed"), error=False)
 
     async def mend(self, file: str) -> None:
-        """Put the repaired copy of a run in its place, and say what was changed."""
+        """Replace a run by its repaired copy, and say what was changed."""
         answer = await self._job("Repairing a run", "mend", file=file)
         self.runs = [answer["run"] if run["file"] == file else run for run in self.runs]
         self._forget_models()
         self.say(*answer["changes"], error=False)
 
+    async def mend_all(self, files: Sequence[str]) -> None:
+        """Put repaired copies of several runs in their places, and say what was changed."""
+        changes: list[str] = []
+        for file in files:
+            await self.mend(file)
+            changes += self.notice.texts if self.notice else ()
+        self.say(*changes, error=False)
+
     async def identify(self) -> None:
-        """The first model of a new history."""
+        """Identify the first model of a new history with the chosen effects and
+        method.
+        """
         if not self.effects:
             raise InputError("No effect is chosen", "choose at least rigid_body")
         self._refuse_meaningless()
@@ -505,8 +593,10 @@ class Session:
         )
 
     async def open_model(self, path: str, name: str) -> None:
-        """Go on from a model.json, identified from other runs perhaps: how a payload is
-        found."""
+        """Begin a new history with a model.json, perhaps identified from other runs.
+
+        This is how a payload is identified: the model of the arm stays fixed.
+        """
         self.names[path] = name
         step_fields = {"label": name, "opened": name}
         self._begin(
@@ -521,20 +611,25 @@ class Session:
     async def _step(
         self, title: str, job: str, request: dict[str, Any], **step_fields: Any
     ) -> ModelStep:
-        """A model in a file of its own, by a function of jobs.py; step_fields : what that does
-        not say."""
+        """Run a job that makes a model, and return that model as a step of the history.
+
+        step_fields : fields of ModelStep that the job's answer does not hold.
+        """
         out = self.folder / f"model-{len([*self.folder.glob('model-*.json')]) + 1}.json"
         return ModelStep(
             **await self._job(title, job, out=str(out), **request), **step_fields
         )
 
     def _begin(self, step: ModelStep) -> None:
+        """Begin a new history with this model, and point the page to its fit."""
         self._forget_models()
         self.history = [step]
         self.new = ("identify", "fit")
 
     async def diagnose(self) -> None:
-        """What the current model misses."""
+        """Diagnose which effects the current model misses, and store that with the
+        model.
+        """
         self._refuse_meaningless()
         pictures = f"cards-{Path(self.current.file).stem}.npz"
         answer = await self._job(
@@ -561,7 +656,7 @@ class Session:
         self.new = "diagnose", "findings"
 
     async def add(self, texts: Sequence[str]) -> None:
-        """Add effects to the current model, a step of the history."""
+        """Add effects to the current model; the result is a new step of the history."""
         diagnosis = self.findings
         frozen = self.frozen or (diagnosis is not None and diagnosis.frozen)
         request: dict[str, Any] = {
@@ -589,7 +684,7 @@ class Session:
         self.new = "diagnose", "history"
 
     async def ask(self, title: str, job: str, **on: Any) -> None:
-        """A job that changes nothing: its answer is kept."""
+        """Run a job that changes nothing, and keep its answer for the current model."""
         model = self.current.file
         self.answers[job] = {
             **await self._job(title, job, **on),
@@ -597,8 +692,10 @@ class Session:
         }
 
     async def show_me(self) -> None:
-        """The whole job in small, on simulated runs with something hidden: the verb
-        ``demo``, with the same runs."""
+        """Demonstrate the full workflow on simulated runs with a hidden effect.
+
+        The steps and runs are those of `sdp-vs-penalty demo`.
+        """
         await self.choose_robot(ARM)
         joint = self.robot["n"]
         await self.simulate(HIDDEN, [joint], LEVEL, SEED, RUNS)
@@ -617,8 +714,10 @@ class Session:
         ready: Callable[[str], None],
         options: Mapping[str, str] | None = None,
     ) -> None:
-        """Make a file to take away; ``ready`` hears its name. options : the flange, for
-        a payload."""
+        """Make a file to download; ``ready`` is called with its name once it exists.
+
+        options : further fields of the request, such as the flange of a payload.
+        """
         steps = enumerate(self.history, start=1)
         content = {
             "models": [
@@ -644,13 +743,13 @@ class Session:
         ready(name)
 
     def undo(self) -> None:
-        """One model back."""
+        """Go back to the previous model; :meth:`redo` can restore the current one."""
         if self.task is None and len(self.history) > 1:
             self.undone.append(self.history.pop())
             self.changed()
 
     def redo(self) -> None:
-        """The model that was left last, once more."""
+        """Restore the model that was undone last."""
         if self.task is None and self.undone:
             self.history.append(self.undone.pop())
             self.changed()

@@ -34,10 +34,12 @@ SUFFIXES = {
 
 
 def shown_name(name_given: str) -> str:
-    """What to call a file: the last part of its name without what cannot be printed;
-    never a path.
+    r"""Return the name to show for an uploaded file; it never contains a path.
 
-    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\\\temp\\\\run.csv"), shown_name("..")
+    This is the last component of the browser's name, without unprintable characters and
+    at most 80 characters long.
+
+    >>> shown_name("../../etc/run 1.csv"), shown_name("C:\\temp\\run.csv"), shown_name("..")
     ('run 1.csv', 'run.csv', 'file')
     """
     last = PureWindowsPath(
@@ -52,10 +54,24 @@ def shown_name(name_given: str) -> str:
 async def receive(
     folder: Path, name: str, chunks: AsyncIterator[bytes], kind: str
 ) -> Path:
-    """Write a file that arrives in pieces, whole or not at all.
+    """Write an uploaded file that arrives in chunks, completely or not at all.
 
-    name : as :func:`shown_name` made it; kind : of SUFFIXES. Raises InputError for a
-    suffix that nobody reads, and where the folder's files become too many bytes.
+    Parameters
+    ----------
+    folder : Path
+        The session's folder; the file gets a random name there.
+    name : str
+        Name to show, made by :func:`shown_name`; its suffix must be allowed.
+    chunks : async iterator of bytes
+        The content.
+    kind : str
+        What the file is for, a key of SUFFIXES.
+
+    Raises
+    ------
+    InputError
+        For a suffix that cannot be read, a folder that grows too large, or a browser
+        that sends nothing for SILENCE seconds.
     """
     suffix = Path(name).suffix.lower()
     allowed = SUFFIXES.get(kind, ())
@@ -107,30 +123,31 @@ class Sessions:
     """Sessions whose folders, readable by their owner only, end with the server."""
 
     def __init__(self, pool: WorkerPool) -> None:
+        """Make the root folder of all sessions, and remove those of servers that were
+        killed.
+
+        A root folder's name ends in its server's process id. One that lies there
+        without such a process is a leftover.
+        """
         self.pool = pool
-        for left in Path(tempfile.gettempdir()).glob(
-            f"{_PREFIX}*-*"
-        ):  # of servers that were killed
-            number = left.name.removeprefix(_PREFIX).split("-")[0]
+        for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*-*"):
+            process = folder.name.removeprefix(_PREFIX).split("-")[0]
+            # Systems without user ids lack getuid: folders stay there.
             with contextlib.suppress(OSError, AttributeError):
-                if (
-                    number.isdigit()
-                    and not lives(int(number))
-                    and left.lstat().st_uid == os.getuid()
-                ):
-                    shutil.rmtree(left, ignore_errors=True)
+                is_leftover = process.isdigit() and not lives(int(process))
+                if is_leftover and folder.lstat().st_uid == os.getuid():
+                    shutil.rmtree(folder, ignore_errors=True)
         self.root = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-"))
         self._all: dict[str, Session] = {}
 
     def new(self) -> Session:
-        """An empty session, open from now on: a browser was sent there, and connects a
-        while later.
+        """Open an empty session; a browser is about to connect to it.
 
-        Raises InputError where as many tabs as there may be are open.
+        The MOST sessions closed last stay, so that they can be opened again; older ones
+        are removed. Raises InputError if MOST tabs are open.
         """
-        closed = sorted(
-            (s for s in self._all.values() if not _open(s)), key=lambda s: -s.left_at
-        )
+        closed = [session for session in self._all.values() if not _open(session)]
+        closed.sort(key=lambda session: session.left_at, reverse=True)
         for session in closed[MOST:]:
             del self._all[session.token]
             shutil.rmtree(session.folder, ignore_errors=True)
@@ -145,24 +162,28 @@ class Sessions:
         return self._all[token]
 
     def get(self, token: str) -> Session | None:
+        """Return the session with this token, or None if there is none."""
         return self._all.get(token)
 
-    def closed(self, token: str | None) -> Session | None:
-        """The session of this name if no tab shows it."""
+    def unwatched(self, token: str | None) -> Session | None:
+        """Return the session with this token if no tab shows it at the moment, else None.
+
+        A person who comes back to the address finds this session again.
+        """
         session = self._all.get(token or "")
-        return (
-            None
-            if session is None or any(w.present for w in session.watchers)
-            else session
-        )
+        if session is None or any(tab.present for tab in session.watchers):
+            return None
+        return session
 
     def close(self) -> None:
-        """End the workers, and remove all files."""
+        """End all workers and remove the files of all sessions."""
         self.pool.close()
         shutil.rmtree(self.root, ignore_errors=True)
 
 
 def _open(session: Session) -> bool:
-    """Whether a tab shows it, or may be about to: on a busy computer many tabs lose
-    their connection at once, and come back."""
+    """Whether a tab shows the session, or did so less than SILENCE seconds ago.
+
+    On a busy computer many tabs lose their connection at once and come back soon.
+    """
     return bool(session.watchers) or time.monotonic() - session.left_at < SILENCE

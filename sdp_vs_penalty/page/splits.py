@@ -227,14 +227,12 @@ def confirmed(
     Diagnosis
         With `n_splits` and `n_splits_showing` of each confident finding.
     """
-    shown = [_confident(diagnosis)]
+    shown = [_named(diagnosis)]
     for k, (train, test) in enumerate(splits, start=2):
         progress(f"the same on split {k} of {len(splits) + 1}")
         try:
             shown.append(
-                _confident(
-                    _diagnosed(model, run, train, test, frozen=frozen, seed=seed)
-                )
+                _named(_diagnosed(model, run, train, test, frozen=frozen, seed=seed))
             )
         except InputError:  # too little is left of this split: it shows nothing
             continue
@@ -271,12 +269,13 @@ def _diagnosed(
     )
 
 
-def _confident(diagnosis: Diagnosis) -> set[tuple[str, tuple[int, ...]]]:
-    """Effects and joints of the findings that a diagnosis is confident of."""
+def _named(diagnosis: Diagnosis) -> set[tuple[str, tuple[int, ...]]]:
+    """Effects and joints of the findings that a diagnosis calls more than weak: in a
+    near-tie the torque is there, and this name fits it."""
     return {
         (finding.effect, finding.joints)
         for finding in diagnosis.effects
-        if finding.rating == "confident"
+        if finding.rating != "weak"
     }
 
 
@@ -284,7 +283,7 @@ def _with_splits(
     finding: Finding,
     shown: Sequence[set[tuple[str, tuple[int, ...]]]],
 ) -> Finding:
-    """A finding with how many splits are confident of it; weak where these are too few."""
+    """A finding with how many splits show it; weak where these are too few."""
     if finding.rating != "confident":
         return finding
     count = sum((finding.effect, finding.joints) in found for found in shown)

@@ -16,6 +16,8 @@ from sdp_vs_penalty.reports.demo import HIDDEN, LEVEL, METHODS
 
 #: Options of the command line by the step that offers them.
 Forms = Mapping[str, Sequence[Action]]
+#: Files or folders that the page lists to choose from.
+MOST_OFFERED = 50
 
 
 @dataclass
@@ -52,7 +54,12 @@ class View:
     )
 
     def select(self, **at: Any) -> None:
-        """Look at another joint, run, span or signals, in every step at once."""
+        """Select another joint, run, time span or signal, and redraw every part that
+        shows it.
+
+        ``at`` holds the new values by attribute. A change of the run resets the time
+        span.
+        """
         if at.get("run", self.run) != self.run:
             self.span = None
         for name, value in at.items():
@@ -61,8 +68,10 @@ class View:
             follow()
 
     def look_at_worst_joint(self) -> None:
-        """Choose the joint whose error is the most times its noise, unless one was
-        chosen that the robot has."""
+        """Select the joint with the largest error relative to its noise floor.
+
+        A joint that the person selected stays, as long as the robot has it.
+        """
         n_joints = self.session.robot["n"]
         if self.joint is None or self.joint >= n_joints:
             worst = self.session.current.comparison["facts"]["worst_joint"]["value"]
@@ -70,37 +79,42 @@ class View:
             self.signal = self.session.current.signal_of(self.joint, self.signal)
 
     def select_joint(self, number: Any, signal: str) -> None:
-        """Look at a joint by its number from 1, as a browser says it, against a signal."""
+        """Select a joint by its number from 1, as the browser sends it, and the signal
+        that its error is drawn against. Numbers out of range are clipped.
+        """
         joint = min(max(int(number), 1), self.session.robot["n"]) - 1
         self.select(joint=joint, signal=signal)
 
     def download(self, name: str) -> None:
-        """Hand a file of the session to the browser."""
+        """Make the browser download a file of the session's folder."""
         if not self.client.is_deleted:
             with self.client:
                 ui.download.from_url(f"/s/{self.session.token}/take/{name}")
 
-    def _own(self) -> list[Path]:
-        """The folder that the page was started with, and what lies in it; nothing from
-        outside it."""
+    def _folder_and_content(self) -> list[Path]:
+        """List the folder that the page was started with, then what lies in it.
+
+        Links to files outside are left out, so that the page shows nothing else.
+        """
         if self.folder is None:
             return []
-        inside = self.folder.resolve()
-        return [
-            inside,
-            *(p for p in sorted(inside.iterdir()) if p.resolve().parent == inside),
-        ]
+        folder = self.folder.resolve()
+        inside = [p for p in sorted(folder.iterdir()) if p.resolve().parent == folder]
+        return [folder, *inside]
 
     def folder_files(self, suffixes: tuple[str, ...]) -> list[Path]:
-        """Files of that folder."""
-        return [
-            p for p in self._own()[1:] if p.suffix.lower() in suffixes and p.is_file()
-        ][:50]
+        """List the first 50 files with these suffixes in the folder of the page."""
+        content = self._folder_and_content()[1:]
+        files = [p for p in content if p.suffix.lower() in suffixes and p.is_file()]
+        return files[:MOST_OFFERED]
 
     def folder_problems(self) -> list[Path]:
-        """Folders in it, and itself, that hold a problem.toml: a robot with bounds and
-        filters."""
-        return [p for p in self._own() if (p / "problem.toml").is_file()][:50]
+        """List the folders, the page's own and those in it, that hold a problem.toml.
+
+        Such a file describes a robot with limits and filters.
+        """
+        folders = self._folder_and_content()
+        return [p for p in folders if (p / "problem.toml").is_file()][:MOST_OFFERED]
 
 
 @dataclass(frozen=True)
@@ -115,7 +129,11 @@ class StageVerdict:
 
 
 def identified(session: Session) -> StageVerdict | None:
-    """What estimation/verdict.py says of the current model."""
+    """Return the verdict on the current model for the stage's heading; None without a
+    model.
+
+    The grade is that of estimation/verdict.py; "do not use" has the colour "bad".
+    """
     if session.model is None:
         return None
     verdict_of_model = session.model.comparison["verdict"]
@@ -129,8 +147,8 @@ def identified(session: Session) -> StageVerdict | None:
 
 
 def spoken(text: str) -> str:
-    """A sentence of the command line's for the page, where a stage stands for the
-    command.
+    """Rephrase a sentence of the command line for the page, which has stages for
+    commands.
 
     >>> spoken("Torque beyond the noise; `diagnose` names causes.")
     'Torque beyond the noise; Diagnose names causes.'
@@ -169,8 +187,17 @@ def requires_model(
     title: str,
     also: Callable[[Session], Any] = lambda session: None,
 ) -> Callable[[Callable[[View], None]], PagePart]:
-    """A part that is shown once there is a model; it depends on the models and on
-    ``also``."""
+    """Return a decorator that makes a function a part of the page, shown once there is
+    a model.
+
+    Parameters
+    ----------
+    anchor, title : str
+        Identifier and heading of the part.
+    also : callable
+        Returns what the part depends on besides the models: it is redrawn when that
+        changes.
+    """
     ready = lambda session: session.model is not None  # noqa: E731
     depends = lambda session: ([model.file for model in session.history], also(session))  # noqa: E731
     return partial(PagePart, anchor, title, ready, depends)

@@ -21,6 +21,11 @@ class Workbench:
     """The page of one tab, drawn from its view; :meth:`redraw` keeps it up to date."""
 
     def __init__(self, view: View) -> None:
+        """Draw the page once: header, rail of stages, a screen for each stage, status
+        dock.
+
+        The contents of the screens follow in :meth:`redraw`.
+        """
         self.view = view
         self.session = view.session
         self.client = view.client
@@ -69,13 +74,17 @@ class Workbench:
 
     @property
     def present(self) -> bool:
-        """Loading, or connected; a tab that was just closed is neither."""
+        """Whether a browser shows this page: it is connected, or has not connected
+        yet.
+        """
         return not self.client.is_deleted and (
             not self._met or self.client.has_socket_connection
         )
 
     def redraw(self) -> None:
-        """Draw anew what has changed, and nothing else."""
+        """Bring the page up to date; only parts whose state has changed are drawn
+        anew.
+        """
         if self.client.is_deleted:
             self.session.left(self)
             return
@@ -97,6 +106,11 @@ class Workbench:
             self._seen = new
 
     def _part(self, part: PagePart, ready: bool) -> None:
+        """Draw the content of a part if it is ready.
+
+        Its previous callback for changes of the selection (``followers``) is dropped
+        first.
+        """
         self.view.followers.pop(part.anchor, None)
         if ready:
             part.draw(self.view)
@@ -107,7 +121,10 @@ class Workbench:
         state: Any,
         draw: Callable[[], None],
     ) -> None:
-        """Draw what is made of a state, if that has changed."""
+        """Redraw an element with ``draw`` if the state that it depends on has changed.
+
+        States are compared as JSON texts.
+        """
         text = json.dumps(state, default=str)
         if self._drawn.get(place.id) != text:
             self._drawn[place.id] = text
@@ -120,12 +137,21 @@ class Workbench:
         k: int,
         stage: Stage,
     ) -> tuple[Any, Any]:
+        """Draw the link to the k-th stage (from 1); return the link and its mark.
+
+        The mark is a hidden text that reads the stage's verdict to screen readers.
+        """
         with tag("a", href="#", data_key=f"nav-{k}", data_to=stage.anchor) as link:
             tag("span", str(k), "step", aria_hidden="true")
             tag("span", stage.title)
             return link, tag("span", style="unseen")
 
     def _screen(self, stage: Stage) -> tuple[Any, Any, Any]:
+        """Draw the empty screen of a stage: heading and a place for each part.
+
+        Returns the section, the place for the verdict above, and the place for the link
+        to the next stage at its end.
+        """
         with tag("section", style="stage", data_stage=stage.anchor) as section:
             heading = tag("h2", stage.title, tabindex="-1")
             section.props["aria-labelledby"] = heading.html_id
@@ -138,6 +164,9 @@ class Workbench:
             return section, status_line, tag("div", style="end")
 
     def _dock(self) -> None:
+        """Draw the status dock: notices, what the running job does, and a button to
+        cancel it.
+        """
         with tag("div", style="dock", aria_label="Status", role="region"):
             self._said = tag(
                 "p",
@@ -158,12 +187,14 @@ class Workbench:
             ui.timer(0.25, self._tick)
 
     def _tick(self) -> None:
+        """Update the seconds that the running job has taken; a timer calls this."""
         if (working := self.session.working) is not None:
             self._clock.text = f"{time.monotonic() - working.since:.0f} s"
 
     def _redraw_stage(self, stage: Stage) -> None:
-        """Its mark on the rail, the sentence that it ends in, and the way to the next
-        one."""
+        """Update a stage: its mark on the rail, its verdict, and the link to the
+        next stage.
+        """
         session = self.session
         following = _NEXT.get(stage)
         ready = any(part.ready(session) for part in stage.parts)
@@ -203,6 +234,10 @@ class Workbench:
         self._fill(end, [on, *state], way)
 
     def _redraw_dock(self) -> None:
+        """Update the status dock: what the running job does, and the notices.
+
+        ``_said`` is a hidden text that screen readers announce.
+        """
         session = self.session
         working = self.session.working
         self._working.set_visibility(working is not None)
@@ -225,6 +260,9 @@ class Workbench:
             self._fill(place, texts, partial(self._notice, texts))
 
     def _notice(self, texts: tuple[str, ...]) -> None:
+        """Draw the sentences of a notice with a button to close it; nothing if there
+        are none.
+        """
         if texts:
             with tag("div", style="texts"):
                 for text in texts:

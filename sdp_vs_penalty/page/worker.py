@@ -34,17 +34,23 @@ PRELOADED = (
 
 
 def memory() -> int:
-    """Of the computer [bytes]; room for two jobs where the system does not say."""
+    """Return the computer's memory [bytes]; enough for two jobs if the system hides
+    it.
+    """
     with contextlib.suppress(AttributeError, ValueError, OSError):
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     return 3 * LEAST
 
 
 class JobProcess:
-    """A worker: a process that does one job after another, each within so much memory
-    [bytes]."""
+    """A worker: a process that does one job after another within a limit of memory."""
 
     def __init__(self, limit: int) -> None:
+        """Start the process; it may use ``limit`` bytes of memory.
+
+        It is spawned, not forked, because a fork would copy the server's threads and
+        sockets.
+        """
         spawn = multiprocessing.get_context("spawn")
         self.pipe, end = spawn.Pipe()
         self.process = spawn.Process(target=main, args=(end, os.getpid(), limit))
@@ -54,8 +60,11 @@ class JobProcess:
     async def do(
         self, request: Mapping[str, Any], progress: Callable[[str], None]
     ) -> dict[str, Any]:
-        """The answer to a request; raises InputError: the worker's sentence, or that it
-        was killed."""
+        """Send a request and return its answer; ``progress`` hears each step's short
+        text.
+
+        Raises InputError with the worker's error message, or if the system killed it.
+        """
         try:
             self.pipe.send(request)
             while "progress" in (
@@ -75,24 +84,33 @@ class JobProcess:
         return dict(message["result"])
 
     def kill(self) -> None:
-        """End the worker and whatever it has started, at once."""
-        if (number := self.process.pid) is None or not self.process.is_alive():
+        """Kill the worker and all processes that it started, at once."""
+        process_id = self.process.pid
+        if process_id is None or not self.process.is_alive():
             return
+        # The worker leads a process group (see main); not every system has them.
         with contextlib.suppress(OSError, AttributeError):
-            os.killpg(number, signal.SIGKILL)
+            os.killpg(process_id, signal.SIGKILL)
         self.process.kill()
-        threading.Thread(
-            target=self.process.join, daemon=True
-        ).start()  # leaves no zombie behind
+        # Waiting for its end leaves no zombie process behind.
+        threading.Thread(target=self.process.join, daemon=True).start()
 
 
 class WorkerPool:
-    """Where workers come from. at_once : jobs of all tabs together that run at once,
-    the others wait; by default as many as there are cores, and parts of the memory
-    beside one for all else."""
+    """Workers for the jobs of all tabs; one is started in advance."""
 
     def __init__(self, at_once: int | None = None) -> None:
-        places = at_once or max(1, min(os.cpu_count() or 1, memory() // LEAST - 1))
+        """Share the computer's cores and memory among the jobs that run at once.
+
+        Parameters
+        ----------
+        at_once : int, optional
+            Number of jobs that run at once, the others wait. By default as many as
+            there are cores, and as fit into memory with LEAST bytes each, one share
+            kept for the rest.
+        """
+        fitting_in_memory = memory() // LEAST - 1
+        places = at_once or max(1, min(os.cpu_count() or 1, fitting_in_memory))
         self._limit = max(memory() // (places + 1), min(LEAST, memory()))
         self._places = asyncio.Semaphore(places)
         self._closed = False
@@ -100,15 +118,19 @@ class WorkerPool:
         self._busy: set[JobProcess] = set()
 
     def prepare(self) -> None:
-        """Start a worker in advance: it loads its libraries."""
+        """Start a worker in advance, so that its libraries are loaded before the
+        first job.
+        """
         self._spare = JobProcess(self._limit)
 
     async def run(
         self, request: Mapping[str, Any], progress: Callable[[str], None]
     ) -> dict[str, Any]:
-        """The answer to a request, once there is a place for it; cancelled, its worker
-        is killed, and nothing has changed. Raises InputError with the worker's
-        sentence."""
+        """Run a request as soon as a worker is free, and return its answer.
+
+        Cancelling this coroutine kills the worker. Raises InputError with the worker's
+        error message.
+        """
         if self._places.locked():
             progress("waiting for the jobs of other tabs")
         async with self._places:
@@ -127,28 +149,36 @@ class WorkerPool:
                     self._spare = work if done else JobProcess(self._limit)
 
     def worker(self) -> JobProcess:
-        """A worker that does nothing yet."""
+        """Return the idle worker that was started in advance, or start one."""
         spare = self._spare
         self._spare = None
-        return (
-            JobProcess(self._limit)
-            if spare is None or not spare.process.is_alive()
-            else spare
-        )
+        if spare is not None and spare.process.is_alive():
+            return spare
+        return JobProcess(self._limit)
 
     def close(self) -> None:
+        """Kill all workers; no further one is started."""
         self._closed = True
         for work in filter(None, (self._spare, *self._busy)):
             work.kill()
 
 
 def main(server: Any, parent: int, limit: int) -> None:
-    """Do the jobs that come through a pipe, one after another, while the parent lives;
-    each fails with a sentence at the limit of memory [bytes], before it makes the
-    computer swap."""
-    with contextlib.suppress(
-        AttributeError
-    ):  # Ctrl-C is the server's; a kill reaches what a job starts
+    """Run a worker: do the jobs that come through a pipe until the server ends.
+
+    Parameters
+    ----------
+    server : connection
+        The worker's end of the pipe: requests come in, progress and answers go out as
+        JSON.
+    parent : int
+        Process id of the server; the worker ends with it.
+    limit : int
+        Memory that the worker may use [bytes]. A job beyond it fails with a sentence
+        before the computer begins to swap.
+    """
+    # A process group: Ctrl-C ends the server alone, a kill all that a job started.
+    with contextlib.suppress(AttributeError):
         os.setsid()
     end_with(parent)
     os.dup2(2, 1)  # what a library prints is no matter of the server's
@@ -157,12 +187,9 @@ def main(server: Any, parent: int, limit: int) -> None:
 
         resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
 
-    def send(
-        message: dict[str, Any],
-    ) -> None:  # arrays and numbers of NumPy as JSON has them
-        server.send_bytes(
-            json.dumps(message, default=lambda array: array.tolist()).encode()
-        )
+    def send(message: dict[str, Any]) -> None:
+        text = json.dumps(message, default=lambda array: array.tolist())
+        server.send_bytes(text.encode())
 
     from sdp_vs_penalty.page import jobs  # takes seconds; a request may come meanwhile
 
@@ -179,7 +206,7 @@ def main(server: Any, parent: int, limit: int) -> None:
 
 
 def do(job: Callable[[Any], dict[str, Any]], job_request: Any) -> dict[str, Any]:
-    """{"result": ...} of a request, or {"error": sentence}."""
+    """Do a job; return {"result": its answer}, or {"error": a sentence} if it fails."""
     try:
         with warnings.catch_warnings(action="ignore"):
             return {"result": job(job_request)}
@@ -188,7 +215,11 @@ def do(job: Callable[[Any], dict[str, Any]], job_request: Any) -> dict[str, Any]
 
 
 def sentence(error: BaseException) -> str:
-    """What is said of an error: of somebody's input, for lack of memory, or of ours."""
+    """Return the message to show for an error, with a remedy.
+
+    InputError speaks for itself. Any other error but a lack of memory is a defect of
+    this program, which the person is asked to report.
+    """
     if isinstance(error, MemoryError):
         error = InputError("Not enough memory", "use fewer or shorter runs")
     if not isinstance(error, InputError):

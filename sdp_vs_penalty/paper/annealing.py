@@ -27,7 +27,7 @@ class SearchPlan:
 
     @property
     def name(self) -> str:
-        """How tables call it."""
+        """The search as tables call it."""
         return "annealing" if self.annealing else "local search"
 
 
@@ -55,28 +55,26 @@ def search_runs(
     weights: Sequence[float],
     plan: SearchPlan,
 ) -> list[SearchedPoint]:
-    """All points of all runs.
+    """Run the published search several times, over increasing weights of the penalty.
+
+    Every weight continues from the point of the last one; the first one starts at a
+    random point of the box. Every step is cached on the disk.
 
     Parameters
     ----------
     loss : PenalisedLoss
-        What is minimised.
+        The objective.
     seed : int
-        Of starts and annealing.
+        Seed of starts and annealing.
     weights : sequence of float
         xi of each step, in this order.
     plan : SearchPlan
-        How many runs, and how long.
+        Number and length of the runs.
 
     Returns
     -------
     list of SearchedPoint
-        A run after the other, a weight after the other.
-
-    Notes
-    -----
-    Every weight continues from the last one's answer, the first from a random point of
-    the box. Every step is kept on the disk.
+        The point after each weight, run by run.
     """
     points = list[SearchedPoint]()
     for number in range(plan.runs):
@@ -110,7 +108,10 @@ def _search(
     plan: SearchPlan,
     seeds: tuple[int, int, int],
 ) -> tuple[Array, int]:
-    """The best u, and how many evaluations it took; seeds : seed, run and step."""
+    """Search at one weight from u; return the best point and the number of evaluations.
+
+    seeds : seed, number of the run and of the step.
+    """
     if not plan.annealing:
         return search_locally_once(loss, weight, u, plan.evaluations)
     seed, number, step = seeds
@@ -119,35 +120,19 @@ def _search(
 
 
 def point_fields(point: SearchedPoint) -> dict[str, Any]:
-    """A point as a row of a table.
-
-    Parameters
-    ----------
-    point : SearchedPoint
-        Any.
-
-    Returns
-    -------
-    dict
-        Its fields by name.
-    """
+    """Return a point's fields by name, as a row of a table."""
     return {field.name: getattr(point, field.name) for field in fields(point)}
 
 
 def lowest(points: Sequence[SearchedPoint], weight: float) -> float | None:
-    """The lowest objective of all runs at a weight.
+    """Return the lowest objective of all runs at a weight; None if none was run there.
 
     Parameters
     ----------
     points : sequence of SearchedPoint
-        Of all runs.
+        Points of all runs.
     weight : float
         xi.
-
-    Returns
-    -------
-    float or None
-        None where none was run.
     """
     objectives = [point.objective for point in points if point.xi == weight]
     return float(np.min(objectives)) if objectives else None

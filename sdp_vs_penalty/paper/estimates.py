@@ -50,12 +50,12 @@ class Remembered(Estimator):
     estimator: Estimator
 
     def fit(self, task: Task) -> Fit:
-        """Read the estimate, or compute it.
+        """Read the estimate from the disk, or compute it.
 
         Parameters
         ----------
         task : Task
-            The data.
+            The data and constraints.
 
         Returns
         -------
@@ -67,19 +67,19 @@ class Remembered(Estimator):
 
 
 def estimate_once(estimator: Estimator, task: Task) -> Result:
-    """An estimator's certified estimate, computed where the disk does not hold it.
+    """Return an estimator's certified estimate, read from the disk if it is there.
 
     Parameters
     ----------
     estimator : Estimator
-        With its settings, which the key of the kept file holds.
+        Its settings are part of the cached file's key.
     task : Task
         The data and constraints.
 
     Returns
     -------
     Result
-        With the processor time of the fit when it was computed.
+        With the processor time that the fit took when it was computed.
     """
     plain = _estimate(estimator, task)
     return Result(
@@ -91,11 +91,18 @@ def estimate_once(estimator: Estimator, task: Task) -> Result:
 
 
 def _estimate(estimator: Estimator, task: Task) -> dict[str, Any]:
+    """Return the estimate as JSON; the key holds the sources, the settings and the
+    task.
+    """
     content = (source_version(), estimator.name, estimator, *task_content(task))
     return remembered("estimate", content, partial(_estimated, estimator, task))
 
 
 def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
+    """Compute and certify an estimate; return it as JSON.
+
+    "seconds" counts steps of annealing that were read from the disk as if computed.
+    """
     steps = AnnealingSteps()
     fit, seconds = _timed_fit(estimator, task, steps)
     theta, certificate = certify(task, fit)
@@ -109,19 +116,19 @@ def _estimated(estimator: Estimator, task: Task) -> dict[str, Any]:
 
 
 def fit_seconds(estimator: Estimator, task: Task) -> float:
-    """Processor time of a fit, of short ones the median of several.
+    """Return the processor time of a fit; for a short one the median of several.
 
     Parameters
     ----------
     estimator : Estimator
-        Which is timed.
+        The estimator.
     task : Task
         The data and constraints.
 
     Returns
     -------
     float
-        [s], of a fit that took long when it was computed.
+        [s]. For a long fit it is that of when it was computed.
     """
     seconds = estimate_once(estimator, task).seconds
     if seconds >= SHORT:
@@ -136,7 +143,9 @@ def _timed_fit(
     task: Task,
     steps: "AnnealingSteps",
 ) -> tuple[Fit, float]:
-    """A fit, and its processor time [s]."""
+    """Return a fit and its processor time [s]; steps of annealing come from
+    ``steps``.
+    """
     fresh = replace(task)  # without what an earlier method has left in its cache
     begin = time.process_time()
     if isinstance(estimator, PenaltyPaper):
@@ -153,6 +162,7 @@ class AnnealingSteps:
     """
 
     def __init__(self) -> None:
+        """Begin with no time saved by reading."""
         self.seconds_read = 0.0
 
     def search(
@@ -163,25 +173,25 @@ class AnnealingSteps:
         budget: int,
         rng: np.random.Generator,
     ) -> tuple[Array, int]:
-        """One step of annealing and local search, read where it was made before.
+        """Run one step of annealing and local search, or read its result from the disk.
 
         Parameters
         ----------
         loss : PenalisedLoss
-            What is minimised.
+            The objective.
         weight : float
             xi of this step.
         u : (d,) array
             Start, in [0, 1]^d.
         budget : int
-            Evaluations of the loss.
+            Largest number of loss evaluations.
         rng : Generator
             Annealing's random numbers.
 
         Returns
         -------
         tuple of ((d,) array, int)
-            The best point, and how many evaluations it took.
+            The best point, and the number of evaluations.
         """
         content = (
             ANNEALING_VERSION,
@@ -208,25 +218,25 @@ def search_locally_once(
     u: Array,
     budget: int,
 ) -> tuple[Array, int]:
-    """What :func:`search_locally` returns, kept on the disk.
+    """Run :func:`search_locally`, or read its result from the disk.
 
     Parameters
     ----------
     loss : PenalisedLoss
-        What is minimised.
+        The objective.
     weight : float
         xi.
     u : (d,) array
         Start, in [0, 1]^d.
     budget : int
-        Evaluations of the loss.
+        Largest number of loss evaluations.
 
     Returns
     -------
     u : (d,) array
         The best point.
     n_evaluations : int
-        How many evaluations it took.
+        The number of evaluations.
     """
     content = (
         ANNEALING_VERSION,
@@ -250,6 +260,7 @@ def _searched_locally(
     u: Array,
     budget: int,
 ) -> dict[str, Any]:
+    """Search locally from u (d,); return the best point and its evaluations as JSON."""
     best, n_evaluations = search_locally(loss, weight, u, budget)
     return {"u": best.tolist(), "evaluations": n_evaluations}
 
@@ -261,6 +272,9 @@ def _annealed(
     budget: int,
     rng: np.random.Generator,
 ) -> dict[str, Any]:
+    """Anneal and search locally from u (d,); return point, evaluations and seconds
+    as JSON.
+    """
     begin = time.process_time()
     best, n_evaluations = anneal_and_search(loss, weight, u, budget, rng)
     seconds = time.process_time() - begin
@@ -268,12 +282,12 @@ def _annealed(
 
 
 def loss_content(loss: PenalisedLoss) -> tuple[object, ...]:
-    """What the value of a penalised loss depends on.
+    """Return everything that the value of a penalised loss depends on.
 
     Parameters
     ----------
     loss : PenalisedLoss
-        Any.
+        The objective.
 
     Returns
     -------

@@ -29,19 +29,20 @@ ALSO_DRAWN = ("ols",)
 
 
 def links_page(tables: Sequence[Table], study: Study) -> str:
-    """The whole HTML document.
+    """Return an HTML page with the links of every column drawn on the arm, and the
+    tables.
 
     Parameters
     ----------
     tables : sequence of Table
-        What is shown below the pictures, in this order.
+        Tables shown below the pictures.
     study : Study
-        Whose links are drawn: the published ones and those of the tables' columns.
+        Its published and estimated links are drawn.
 
     Returns
     -------
     str
-        One file that loads nothing from anywhere.
+        A document that loads no other file.
     """
     drawn = links_by_title(study)
     pose = drawn_pose(study.problem.robot)
@@ -63,7 +64,7 @@ def links_page(tables: Sequence[Table], study: Study) -> str:
 
 
 def links_by_title(study: Study) -> dict[str, Array]:
-    """Links to draw, by the title of the picture.
+    """Return the links to draw, by the title of the picture.
 
     Parameters
     ----------
@@ -85,12 +86,14 @@ def links_by_title(study: Study) -> dict[str, Array]:
 
 
 def _title(method: str, data: Data) -> str:
+    """Return the title of a picture, such as "SDP, measured run"."""
     names = {"ols": "least squares", "penalty": "penalty", "lmi-sdp": "SDP"}
     return f"{names[method]}, {data.label} run"
 
 
 def drawn_pose(robot: Robot) -> Array:
-    """Joint positions of the picture.
+    """Return the joint positions of the picture: mid-range, or a natural pose of seven
+    joints.
 
     Parameters
     ----------
@@ -109,7 +112,7 @@ def drawn_pose(robot: Robot) -> Array:
 
 
 def view() -> Array:
-    """(2, 3) the projection: to the right, and up."""
+    """Return the projection (2, 3) of the picture: to the right, and up."""
     right = np.array(
         [
             np.cos(AZIMUTH),
@@ -130,18 +133,19 @@ def view() -> Array:
 
 
 def skeleton(robot: Robot, poses: Array) -> Array:
-    """Points of the arm from the base: each joint, and where its link's frame is.
+    """Return the points of the arm's skeleton: base, joints and the frames of their
+    links.
 
     Parameters
     ----------
     robot : Robot
         The arm.
     poses : (n, 4, 4) array
-        Of the joints in the base.
+        Pose of each joint in the base.
 
     Returns
     -------
-    (k, 3) array
+    (1 + 2 n, 3) array
         [m].
     """
     points = [np.zeros(3)]
@@ -152,24 +156,24 @@ def skeleton(robot: Robot, poses: Array) -> Array:
 
 
 def outline(link: Array, frame: Array) -> tuple[Array, Array, bool]:
-    """The uniform ellipsoid with a link's mass and inertia, as it is seen.
+    """Return the outline of a link's uniform ellipsoid as it is seen.
 
     Parameters
     ----------
     link : (10,) array
-        Standard parameters.
+        Standard parameters [kg, kg m, kg m^2].
     frame : (4, 4) array
         Pose of the link's frame in the base.
 
     Returns
     -------
     centre : (2,) array
-        Of the ellipse [m].
+        Centre of the ellipse [m].
     axes : (2, 2) array
         Its half axes as columns [m].
     exists : bool
-        Whether a body of positive density has these parameters. Of one that does not,
-        the ellipse has the moments' absolute values.
+        Whether a body of positive density has these parameters. If none has, the
+        moments' absolute values are drawn.
     """
     moments, directions = np.linalg.eigh(inertia.second_moment(link))
     exists = bool(consistent(link[None]))
@@ -188,7 +192,11 @@ def _figure(
     robot: Robot,
     pose: Array,
 ) -> str:
-    """A picture with its caption."""
+    """Return a picture of the links (n, 10) on the arm as SVG, with its caption.
+
+    Links that cannot exist are marked, and those larger than the picture are left out;
+    the caption names both.
+    """
     (poses,) = robot.poses(pose[None])
     joints = skeleton(robot, poses) @ view().T
     low = joints.min(axis=0)
@@ -233,13 +241,17 @@ def _figure(
 
 
 def _links(numbers: Sequence[str]) -> str:
-    """Links by their numbers."""
+    """Write the numbers of links, such as "links 2, 3"."""
     several = "s" if len(numbers) > 1 else ""
     return f"link{several} {', '.join(numbers)}"
 
 
 def _on_paper(points: Array, middle: Array, scale: float) -> Array:
-    """(k, 2) of points (k, 2) [m]: downwards, about the picture's middle."""
+    """Return points (k, 2) [m] in the picture's coordinates, whose second axis points
+    down.
+
+    middle : (2,) the point in the middle of the picture; scale : picture units a metre.
+    """
     moved = (points - middle) * scale
     return np.column_stack(
         [
@@ -255,7 +267,9 @@ def _ellipse(
     name: str,
     kind: str,
 ) -> str:
-    """An ellipse; axes (2, 2) : half axes as columns, upwards."""
+    """Return an SVG ellipse; axes (2, 2) are its half axes as columns, in picture
+    units.
+    """
     lengths = np.linalg.norm(axes, axis=0)
     angle = -float(np.rad2deg(np.arctan2(axes[1, 1], axes[0, 1])))
     x, y = centre
@@ -267,7 +281,7 @@ def _ellipse(
 
 
 def _section(table: Table) -> str:
-    """A table with its title, what it shows, and its notes."""
+    """Return a table as an HTML section: title, headline, cells, caption and notes."""
     cells = table.cells()
     head = "".join(f"<th scope=col>{escape(_spaced(name))}</th>" for name in cells)
     body = "".join(
@@ -285,12 +299,12 @@ def _section(table: Table) -> str:
 
 
 def _spaced(name: str) -> str:
-    """A column's name that can be broken."""
+    """Return a column's name with spaces, where a browser can break the line."""
     return name.replace("_", " ")
 
 
 def _cell(text: str) -> str:
-    """A cell; a number stands right."""
+    """Return a table cell as HTML; a number is aligned right."""
     is_number = text[:1].isdigit() or text[:2].lstrip("-")[:1].isdigit()
     side = ' class="number"' if is_number and " " not in text else ""
     return f"<td{side}>{escape(text)}</td>"

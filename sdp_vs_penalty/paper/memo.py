@@ -37,14 +37,14 @@ def remembered(
     content: Iterable[object],
     compute: Callable[[], Plain],
 ) -> Any:
-    """What ``compute`` returns, read from the disk where it was computed before.
+    """Return what ``compute`` returns, read from the disk if it was computed before.
 
     Parameters
     ----------
     kind : str
-        What is computed: the beginning of the file's name.
+        What is computed; the file's name begins with it.
     content : iterable
-        Everything that the result depends on: see :func:`content_key`.
+        Everything that the result depends on (see :func:`content_key`).
     compute : callable
         Returns what JSON can hold.
 
@@ -71,15 +71,15 @@ def remembered_arrays(
     content: Iterable[object],
     compute: Callable[[], Mapping[str, Array]],
 ) -> dict[str, Array]:
-    """Arrays that ``compute`` returns, read from the disk where they were computed
+    """Return the arrays of ``compute``, read from the disk if they were computed
     before.
 
     Parameters
     ----------
     kind : str
-        What is computed: the beginning of the file's name.
+        What is computed; the file's name begins with it.
     content : iterable
-        Everything that the result depends on: see :func:`content_key`.
+        Everything that the result depends on (see :func:`content_key`).
     compute : callable
         Returns arrays of numbers by name.
 
@@ -104,7 +104,7 @@ def remembered_arrays(
 
 
 def memo_folder() -> Path | None:
-    """Where results are kept; None where nothing is to be kept."""
+    """Return the folder of cached results; None if nothing is to be cached."""
     named = os.environ.get(VARIABLE)
     if named is not None:
         return Path(named) if named else None
@@ -113,12 +113,16 @@ def memo_folder() -> Path | None:
 
 
 def _plain(result: Any) -> Plain:
-    """The result as JSON gives it back, so that the first run has the same types."""
+    """Return the result as JSON gives it back.
+
+    So a first run has the same types as one that reads the result.
+    """
     return json.loads(json.dumps(result, default=float))
 
 
 def content_key(content: Iterable[object]) -> str:
-    """A hash of numbers, texts, arrays, dataclasses, and lists and mappings of these.
+    """Return a hash of numbers, texts, arrays, dataclasses, and lists and mappings of
+    these.
 
     Parameters
     ----------
@@ -128,12 +132,13 @@ def content_key(content: Iterable[object]) -> str:
     Returns
     -------
     str
-        Thirty-two hexadecimal digits.
+        32 hexadecimal digits.
 
     Raises
     ------
     TypeError
-        For anything else: what is left out of a key is a wrong result.
+        For a value of any other type: left out of the key, it could give a wrong
+        result.
     """
     hasher = hashlib.sha256()
     for part in content:
@@ -144,7 +149,7 @@ def content_key(content: Iterable[object]) -> str:
 
 
 def _pieces(value: Any) -> Iterable[bytes]:
-    """The bytes of a value, in a form that differs where values differ."""
+    """Yield bytes that represent a value; values that differ yield other bytes."""
     if isinstance(value, np.ndarray):
         yield f"{value.dtype} {value.shape}".encode()
         yield np.ascontiguousarray(value).tobytes()
@@ -168,17 +173,16 @@ def _pieces(value: Any) -> Iterable[bytes]:
 
 
 def task_content(task: Task) -> tuple[object, ...]:
-    """What an estimator sees of a task, and what the task's base parameters come from.
+    """Return everything that an estimate depends on, for :func:`content_key`.
 
     Parameters
     ----------
     task : Task
-        Of any estimator.
+        The data and constraints of an estimator.
 
     Returns
     -------
     tuple
-        For :func:`content_key`.
     """
     constraints = task.constraints
     named = [(c.family, c.name) for c in (*constraints.convex, *task.bodies)]
@@ -206,8 +210,7 @@ def task_content(task: Task) -> tuple[object, ...]:
 
 @cache
 def program_version() -> str:
-    """A hash of all sources of this program, and of what its tables say below
-    themselves."""
+    """Return a hash of all sources of this program, and of the notes of its tables."""
     home = Path(__file__).parents[1]
     paths = sorted(
         [
@@ -220,7 +223,7 @@ def program_version() -> str:
 
 @cache
 def source_version() -> str:
-    """A hash of the sources that an estimate depends on."""
+    """Return a hash of the sources that an estimate depends on."""
     home = Path(__file__).parents[1]
     sources = (path for name in _COMPUTING for path in (home / name).rglob("*.py"))
     return content_key(path.read_text("utf-8") for path in sorted(sources))

@@ -38,8 +38,10 @@ from sdp_vs_penalty.robot.constraint import Constraint, linear
 
 
 def _index_of_entry(a: int, b: int) -> int:
-    """Index of entry (a, b) of a symmetric matrix in the order xx, xy, yy, xz, yz, zz of
-    an inertia."""
+    """Return the index of entry (a, b) of a symmetric 3x3 matrix.
+
+    The order is that of an inertia: xx, xy, yy, xz, yz, zz.
+    """
     low, high = sorted((a, b))
     return high * (high + 1) // 2 + low
 
@@ -57,7 +59,9 @@ class BoxedOptimum:
 
     @property
     def gap(self) -> float:
-        """(best - lower) / best; infinite without a best point."""
+        """Relative distance of the best point from the certified bound; inf without
+        a point.
+        """
         if self.best is None:
             return np.inf
         return max(self.best.value - self.lower, 0.0) / self.best.scale
@@ -74,6 +78,12 @@ class BoxedProblem:
     margin = 0.01
 
     def __init__(self, problem: PenalisedProblem) -> None:
+        """Read the box on centres of mass [m] and inertias [kg m^2] from the task.
+
+        A coordinate without bounds gets +-farthest. Variables of a cell's relaxation:
+        theta' and the slacks of ``problem``, then six entries of Q = m c c^T for each
+        link.
+        """
         self.problem = problem
         self.task = problem.task
         self.links = problem.task.links
@@ -108,21 +118,21 @@ class BoxedProblem:
         weight : float
             xi.
         low : (n, 3) array
-            Least coordinates of the centres of mass [m].
+            Smallest coordinates of the centres of mass in the cell [m].
         high : (n, 3) array
             Largest coordinates [m].
 
         Returns
         -------
         tuple of (float, PenalisedOptimum, (n, 3) array)
-            Certified lower bound over the cell, the relaxation's theta
-            outside of the box, and by how much Q_aa exceeds h_a^2 / m [kg
+            Certified lower bound over the cell; the relaxation's optimum, whose theta
+            may lie outside of the box; and the relaxation error Q_aa - h_a^2 / m [kg
             m^2].
 
         Raises
         ------
         InputError
-            Where the cell has no point inside of it.
+            If the cell has no strictly feasible point.
         """
         problem = self.problem
         n = len(self.links)
@@ -156,11 +166,12 @@ class BoxedProblem:
         mass = theta[self.links[:, 0]]
         h = theta[self.links[:, 1:4]]
         q = fit.theta[self.first_q :].reshape(n, 6)
-        excess = q[:, [0, 2, 5]] - h**2 / mass[:, None]
+        diagonal = q[:, [0, 2, 5]]  # Q_xx, Q_yy, Q_zz
+        excess = diagonal - h**2 / mass[:, None]
         return lower, problem.optimum(theta, weight, lower), excess
 
     def _bound(self, limit: Array) -> Array:
-        """(p + s,) bounds of theta' and the slacks."""
+        """Return the bounds (p + s,) of theta' and the slacks."""
         raised = self.problem.links_slack @ limit[: len(self.links)]
         return np.concatenate([self.task.bound + raised, limit])
 
@@ -170,21 +181,40 @@ class BoxedProblem:
         high: Array,
         limit: Array,
     ) -> Array:
-        """Strictly inside a cell: its middle, nominal masses, inertias inside the box
-        and slacks that make them consistent."""
+        """Return a strictly feasible point of a cell's relaxation.
+
+        Centres of mass lie in the middle of the cell, masses are those of the interior
+        point, inertias lie inside the box, and slacks are large enough to make them
+        consistent.
+
+        Parameters
+        ----------
+        low, high : (n, 3) array
+            Ends of the cell [m].
+        limit : (s,) array
+            Largest slacks.
+
+        Returns
+        -------
+        (p + s + 6 n,) array
+            theta', slacks, and the entries of Q.
+        """
         problem = self.problem
         n = len(self.links)
         mass = problem.interior[self.links[:, 0]]
         middle = 0.5 * (low + high)
         widths = (high - low)[:, None]
+        # Q lies strictly between m c c^T and McCormick's upper limits.
         dyads = middle[:, :, None] * middle[:, None, :]
         q = mass[:, None, None] * (dyads + np.eye(3) * widths**2 / 8.0)
         about = self._inside_box(problem.interior[self.links])
+        # Twice the slacks that make the inertias consistent, but below their limits.
         moments = np.linalg.eigvalsh(inertia.inertia_matrix(about))
         needed = np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
         slack = problem.slack_start * np.minimum(limit, 1.0)
         slack[:n] = np.maximum(slack[:n], 2.0 * needed)
         slack[:n] = np.minimum(slack[:n], 0.9 * limit[:n])
+        # Steiner's term of entry e: <Q_e, Q> of link n.
         steiner = np.einsum("eij,nij->ne", inertia.STEINER_FORMS, q)
         first_moments = mass[:, None] * middle
         theta = problem.interior.copy()
@@ -205,8 +235,18 @@ class BoxedProblem:
         )
 
     def _inside_box(self, links: Array) -> Array:
-        """(n, 6) inertias about the centres of mass of links (n, 10), moved strictly
-        inside the box; its open ends are as far as the bounds of theta reach."""
+        """Return inertias about the centres of mass, moved strictly inside the box.
+
+        Parameters
+        ----------
+        links : (n, 10) array
+            Standard parameters.
+
+        Returns
+        -------
+        (n, 6) array
+            Inertias [kg m^2]. Where the box is open, the bounds of theta limit them.
+        """
         reach = self.task.bound[self.links[:, 4:]]
         low = self.inertia_box[..., 0]
         high = self.inertia_box[..., 1]
@@ -222,7 +262,10 @@ class BoxedProblem:
         low: Array,
         high: Array,
     ) -> list[Constraint]:
-        """All that a link's cell demands of (m, h), J', its slack and Q."""
+        """Return all constraints of link k in a cell, on (m, h, J'), its slack, and Q.
+
+        low, high : (3,) ends of the cell [m].
+        """
         link = self.links[k]
         q = self.first_q + 6 * k + np.arange(6)
         name = f"link {k + 1}"
@@ -250,20 +293,34 @@ class BoxedProblem:
         q: NDArray[np.intp] | None = None,
         c: Array | None = None,
     ) -> list[Constraint]:
-        """lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper.
+        """Return the rows that keep the inertia of link k about its centre of mass in
+        the box.
 
-        link (11,) : indices of the link's parameters and its slack; q (6,) : of Q, or c
-        (3,) : the centre of mass with which Q is m c c^T.
+        lower <= J'_e - 2 s [e on the diagonal] - <Q_e, Q> <= upper, for each of the six
+        entries e; ends that are infinite are left out.
+
+        Parameters
+        ----------
+        k : int
+            Index of the link, from 0.
+        link : (11,) array
+            Indices of the link's parameters and of its slack.
+        q : (6,) array, optional
+            Indices of the entries of Q.
+        c : (3,) array, optional
+            Fixed centre of mass [m], with which Q is m c c^T instead.
         """
-        out = list[Constraint]()
+        rows = list[Constraint]()
         for e, (lower, upper) in enumerate(self.inertia_box[k]):
             form = inertia.STEINER_FORMS[e]
-            row = {4 + e: 1.0}
-            if np.trace(form) > 0.0:
-                row[10] = -2.0
+            row = {4 + e: 1.0}  # J' begins at parameter 4
+            is_diagonal = np.trace(form) > 0.0
+            if is_diagonal:
+                row[10] = -2.0  # the slack
             values = _row(row, 11)
             indices = link
             if q is not None:
+                # Entries off the diagonal occur twice in <Q_e, Q>.
                 doubled = inertia.inertia_entries(form) * [1, 2, 1, 2, 2, 1]
                 values = np.concatenate([values, -doubled])
                 indices = np.concatenate([link, q])
@@ -273,21 +330,20 @@ class BoxedProblem:
             for end, sign in ((lower, 1.0), (upper, -1.0)):
                 if not np.isfinite(end):
                     continue
-                name = f"link {k + 1}, {e}, {sign:+g}"
-                column = sign * values[used, None]
-                out.append(
+                rows.append(
                     linear(
                         "barycentric inertia",
-                        name,
+                        f"link {k + 1}, {e}, {sign:+g}",
                         indices[used],
-                        column,
+                        sign * values[used, None],
                         [-sign * end],
                     )
                 )
-        return out
+        return rows
 
     def solve_at(self, weight: float, c: Array) -> PenalisedOptimum | None:
-        """Optimum inside the box with fixed centres of mass: convex and exact.
+        """Return the optimum inside the box for fixed centres of mass: convex and
+        exact.
 
         Parameters
         ----------
@@ -299,7 +355,7 @@ class BoxedProblem:
         Returns
         -------
         PenalisedOptimum or None
-            None where the box leaves no room there.
+            None if no point of the box has these centres.
         """
         problem = self.problem
         limit = problem.slack_limits(weight)
@@ -331,7 +387,11 @@ class BoxedProblem:
         return problem.optimum(theta, weight, max(fit.lower, 0.0))
 
     def _fold_centres(self, c: Array, size: int) -> Array:
-        """(size, size) the map in which h = m c (n, 3) stands in the columns of m."""
+        """Return the matrix (size, size) that replaces first moments h by m c with
+        fixed c.
+
+        The columns of h become zero; those of m hold c (n, 3) in the rows of h.
+        """
         fold = np.eye(size)
         for link, centre in zip(self.links, c, strict=True):
             fold[link[1:4], link[1:4]] = 0.0
@@ -339,7 +399,7 @@ class BoxedProblem:
         return fold
 
     def centres(self, theta: Array) -> Array:
-        """Centres of mass, moved inside their bounds.
+        """Return the centres of mass of an estimate, clipped to their bounds.
 
         Parameters
         ----------
@@ -349,7 +409,7 @@ class BoxedProblem:
         Returns
         -------
         (n, 3) array
-            [m].
+            [m]; the middle of the bounds for a massless link.
         """
         c = inertia.barycentric_from_standard(theta[self.links])[:, 1:4]
         middle = 0.5 * (self.c_low + self.c_high)
@@ -365,49 +425,43 @@ class BoxedProblem:
         gap: float,
         most_cells: int,
     ) -> list[BoxedOptimum]:
-        """Branch and bound at rising weights.
+        """Run branch and bound at increasing weights.
 
-        The objective rises with the weight: a bound at a smaller weight still holds, and so
-        does an answer that violates nothing.
+        The objective increases with the weight. So the bound of a smaller weight still
+        holds, and a point without violations stays the optimum.
 
         Parameters
         ----------
         weights : iterable of float
-            xi, rising.
+            xi, increasing.
         gap : float
-            At which a search ends.
+            Relative gap at which a search ends.
         most_cells : int
-            Relaxations of one search at most.
+            Largest number of relaxations of one search.
 
         Returns
         -------
         list of BoxedOptimum
-            One a weight.
+            One for each weight.
         """
-        out = list[BoxedOptimum]()
+        optima = list[BoxedOptimum]()
         for weight in weights:
-            if out and (best := out[-1].best) is not None:
-                same = self.problem.optimum(
-                    best.theta,
-                    weight,
-                    out[-1].lower,
+            before = optima[-1] if optima else None
+            if before is not None and before.best is not None:
+                same = BoxedOptimum(
+                    best=self.problem.optimum(before.best.theta, weight, before.lower),
+                    lower=before.lower,
+                    root_lower=before.root_lower,
+                    n_cells=0,
                 )
-                held = BoxedOptimum(
-                    same,
-                    out[-1].lower,
-                    out[-1].root_lower,
-                    0,
-                )
-                if held.gap <= self.problem.held_gap:
-                    out.append(held)
+                if same.gap <= self.problem.held_gap:
+                    optima.append(same)
                     continue
-            relaxation = self.branch_and_bound(weight, gap, most_cells)
-            if out:
-                relaxation = replace(
-                    relaxation, lower=max(relaxation.lower, out[-1].lower)
-                )
-            out.append(relaxation)
-        return out
+            found = self.branch_and_bound(weight, gap, most_cells)
+            if before is not None:
+                found = replace(found, lower=max(found.lower, before.lower))
+            optima.append(found)
+        return optima
 
     def branch_and_bound(
         self,
@@ -415,16 +469,16 @@ class BoxedProblem:
         gap: float,
         most_cells: int,
     ) -> BoxedOptimum:
-        """Solve cells, the one of the lowest bound first, until the gap is reached.
+        """Split cells, the one with the lowest bound first, until the gap is reached.
 
         Parameters
         ----------
         weight : float
             xi.
         gap : float
-            At which the search ends.
+            Relative gap at which the search ends.
         most_cells : int
-            Relaxations at most.
+            Largest number of relaxations.
 
         Returns
         -------
@@ -463,21 +517,28 @@ class BoxedProblem:
         low: Array,
         high: Array,
     ) -> SolvedCell:
+        """Solve the relaxation over the cell low <= c <= high (n, 3), and bundle the
+        result.
+        """
         return SolvedCell(low, high, *self.solve_cell(weight, low, high))
 
     def _halves(self, cell: SolvedCell) -> list[tuple[Array, Array]]:
-        """The cell cut in two where Q is off the most, not too near to an end."""
+        """Cut a cell in two along the coordinate with the largest relaxation error.
+
+        The cut lies at the relaxation's centre of mass, but not too close to an end.
+        """
+        # Link k, axis a.
         k, a = np.unravel_index(np.argmax(cell.excess), cell.excess.shape)
         low = cell.low[k, a]
         high = cell.high[k, a]
         clear = self.nearest_cut * (high - low)
         centre = self.centres(cell.relaxation.theta)[k, a]
         cut = np.clip(centre, low + clear, high - clear)
-        below = cell.high.copy()
-        below[k, a] = cut
-        above = cell.low.copy()
-        above[k, a] = cut
-        return [(cell.low, below), (above, cell.high)]
+        high_of_lower_half = cell.high.copy()
+        high_of_lower_half[k, a] = cut
+        low_of_upper_half = cell.low.copy()
+        low_of_upper_half[k, a] = cut
+        return [(cell.low, high_of_lower_half), (low_of_upper_half, cell.high)]
 
 
 @dataclass(frozen=True)
@@ -493,16 +554,21 @@ class SolvedCell:
 
 
 def _cell_rows(low: Array, high: Array) -> list[Array]:
-    """Rows in (m, h, J', Q) that are >= 0 inside of a cell low <= c <= high (3,)."""
+    """Return the rows (16,) in (m, h, J', Q) that are >= 0 in a cell low <= c <= high
+    (3,).
+
+    They are the bounds of c times m, and McCormick's inequalities for Q = m c c^T.
+    """
     rows = list[Array]()
-    for a in range(3):
+    # Indices of a row: m is 0, h is 1 to 3, J' is 4 to 9, Q is 10 to 15.
+    for a in range(3):  # low m <= h <= high m
         rows.append(_row({1 + a: 1.0, 0: -low[a]}))
         rows.append(_row({1 + a: -1.0, 0: high[a]}))
-    for a in range(3):
-        both = low[a] + high[a]
+    for a in range(3):  # Q_aa <= (low + high) h_a - low high m
+        total = low[a] + high[a]
         product = low[a] * high[a]
-        rows.append(_row({10 + _index_of_entry(a, a): -1.0, 1 + a: both, 0: -product}))
-    for a, b in combinations(range(3), 2):
+        rows.append(_row({10 + _index_of_entry(a, a): -1.0, 1 + a: total, 0: -product}))
+    for a, b in combinations(range(3), 2):  # Q_ab from below, then from above
         corners = (
             (low[a], low[b], 1.0),
             (high[a], high[b], 1.0),
@@ -523,11 +589,11 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
 
 
 def _row(values: dict[int, float], size: int = 16) -> Array:
-    """(size,) zeros but for the values at their indices."""
-    out = np.zeros(size)
-    for place, value in values.items():
-        out[place] = value
-    return out
+    """Return a row (size,) of zeros with these values at their indices."""
+    row = np.zeros(size)
+    for index, value in values.items():
+        row[index] = value
+    return row
 
 
 def _lifted(
@@ -535,9 +601,9 @@ def _lifted(
     link: NDArray[np.intp],
     q: NDArray[np.intp],
 ) -> Constraint:
-    """Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
+    """Return Shor's relaxation of Q = m c c^T: [[Q, h], [h^T, m]] >= 0 with h = m c.
 
-    link (10,) : indices of (m, h, second moments) of a link; q (6,) : of Q.
+    link : (10,) indices of m, h and second moments of a link; q : (6,) indices of Q.
     """
     coefficients = np.zeros((10, 4, 4))
     coefficients[:4] = inertia.PSEUDO_INERTIA_BASIS[:4]
@@ -559,10 +625,11 @@ def _consistent_about_centre(
     link: NDArray[np.intp],
     q: NDArray[np.intp],
 ) -> Constraint:
-    """Second moments about the centre of mass are positive semidefinite: Sigma' - Q >= 0
-    with Sigma' (3, 3) those about the frame and Q = m c c^T [kg m^2].
+    """Return the constraint Sigma' - Q >= 0 of physical consistency.
 
-    link (10,) : indices of a link's parameters; q (6,) : of Q.
+    Sigma' (3, 3) are the second moments about the link's frame, Q = m c c^T, so that
+    the difference is about the centre of mass [kg m^2]. link : (10,) indices of the
+    link's parameters; q : (6,) indices of Q.
     """
     coefficients = np.zeros((12, 3, 3))
     coefficients[:6] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
@@ -584,7 +651,11 @@ def _consistent_about_fixed_centre(
     link: NDArray[np.intp],
     c: Array,
 ) -> Constraint:
-    """The same about a given centre of mass c (3,) [m]: Sigma' - m c c^T >= 0."""
+    """Return the constraint Sigma' - m c c^T >= 0 for a fixed centre of mass c (3,)
+    [m].
+
+    link : (10,) indices of the link's parameters.
+    """
     coefficients = np.zeros((7, 3, 3))
     coefficients[0] = -np.outer(c, c)
     coefficients[1:] = inertia.PSEUDO_INERTIA_BASIS[4:, :3, :3]
@@ -604,8 +675,11 @@ def _fold(
     fold: Array,
     number: NDArray[np.intp],
 ) -> Constraint:
-    """The constraint in fewer variables: fold (k, k) maps the kept ones, numbered by
-    ``number`` (k,), to all."""
+    """Rewrite a constraint in fewer variables.
+
+    fold : (k, k) matrix from the remaining variables to all of them; number : (k,)
+    index of each remaining variable among those.
+    """
     local = fold[c.indices]
     used = np.flatnonzero(local.any(axis=0))
     coefficients = np.tensordot(

@@ -82,17 +82,21 @@ class PenalisedOptimum:
 
     @property
     def gap(self) -> float:
-        """(value - lower) / scale."""
+        """Distance of the published objective from its certified bound, (value -
+        lower) / scale.
+        """
         return (self.value - self.lower) / self.scale
 
     @property
     def is_violated(self) -> bool:
-        """Whether any demand is."""
+        """Whether any external demand is violated by more than the tolerance."""
         return self.worst > self.tolerance
 
     @property
     def n_links_violated(self) -> int:
-        """Links whose triangle inequality is violated beyond rounding."""
+        """Number of links whose triangle inequality is violated by more than the
+        tolerance.
+        """
         return int(np.sum(self.triangle > self.tolerance))
 
 
@@ -116,6 +120,17 @@ class PenalisedProblem:
     slack_start = 0.1
 
     def __init__(self, task: Task, two_step: bool) -> None:
+        """Sort the task's constraints into hard ones, and demands that the penalty
+        replaces.
+
+        Parameters
+        ----------
+        task : Task
+            Data, constraints and bounds.
+        two_step : bool
+            Whether the loss is the distance from the base parameters (two steps)
+            instead of the torque error (one step).
+        """
         self.task = task
         self.two_step = two_step
         self.data = _links_distance(task) if two_step else task.data
@@ -134,20 +149,27 @@ class PenalisedProblem:
 
     @cached_property
     def consistency(self) -> tuple[Constraint, ...]:
-        """P_i(theta) >= 0 of each link."""
+        """The constraint P_i(theta) >= 0 of each link, P_i its pseudo-inertia."""
         return self.task.pseudo_inertias
 
     @cached_property
     def bound(self) -> Array:
-        """(p,) of theta, moments by a margin wider than the box implies."""
+        """(p,) bounds |theta_k| <= bound.
+
+        Those of second moments are moment_margin times as wide as the box on inertias
+        implies, because this relaxation leaves that box out.
+        """
         bound = self.task.bound.copy()
         bound[self.task.links[:, 4:]] *= self.moment_margin
         return bound
 
     @property
     def _moment_limits(self) -> list[Constraint]:
-        """Moments about the frame below their bounds: keeps the set from being open to
-        infinity where the data do not see them."""
+        """Constraints that the links' moments of inertia stay below their bounds.
+
+        Without them the feasible set would be unbounded where the data do not see a
+        moment.
+        """
         moments = self.task.links[:, list(self.moments)]
         return [
             Constraint(
@@ -163,40 +185,51 @@ class PenalisedProblem:
 
     @cached_property
     def links_slack(self) -> Array:
-        """(p, n) what a unit of each link's slack takes from theta': 2 j."""
-        out = np.zeros((self.p, self.n))
+        """(p, n) change of theta' = theta + 2 s j by a unit of each link's slack s."""
+        change = np.zeros((self.p, self.n))
         for k, link in enumerate(self.task.links):
-            out[link[list(self.moments)], k] = 2.0
-        return out
+            change[link[list(self.moments)], k] = 2.0
+        return change
 
     @cached_property
     def soft(self) -> tuple[Constraint, ...]:
-        """The demands on masses with their slacks behind the links'."""
-        out = list[Constraint]()
-        at = self.p + self.n
+        """The demands on total mass and centres of mass, each softened by slack
+        variables.
+
+        Variables are theta' (p), the links' slacks (n), then these slacks: one for each
+        row, or one for a second-order cone.
+        """
+        softened = list[Constraint]()
+        first = self.p + self.n
         for c in self.demands:
             size = len(c.constant)
-            more = np.eye(size)[: 1 if c.cone == "soc" else size]
-            slacks = np.arange(at, at + len(more))
-            at += len(more)
-            coefficients = np.concatenate([c.coefficients, more])
+            # A second-order cone gets one slack, which widens its first entry.
+            n_slacks = 1 if c.cone == "soc" else size
+            slacks = np.arange(first, first + n_slacks)
+            first += n_slacks
+            coefficients = np.concatenate([c.coefficients, np.eye(size)[:n_slacks]])
             indices = np.concatenate([c.indices, slacks])
-            out.append(replace(c, indices=indices, coefficients=coefficients))
-        return tuple(out)
+            softened.append(replace(c, indices=indices, coefficients=coefficients))
+        return tuple(softened)
 
     @cached_property
     def prices(self) -> Array:
-        """What a unit of each slack costs in units of xi."""
-        out = [np.ones(self.n)]
+        """(s,) cost of a unit of each slack, in units of the weight xi.
+
+        A slack of a centre-of-mass cone [kg m] is divided by the largest mass, to be in
+        metres as in the paper.
+        """
+        prices = [np.ones(self.n)]
         for c in self.demands:
             if c.cone == "soc":
-                out.append(np.array([1.0 / self.task.bound[c.indices[0]]]))
+                largest_mass = self.task.bound[c.indices[0]]
+                prices.append(np.array([1.0 / largest_mass]))
             else:
-                out.append(np.ones(len(c.constant)))
-        return np.concatenate(out)
+                prices.append(np.ones(len(c.constant)))
+        return np.concatenate(prices)
 
     def value(self, theta: Array, weight: float) -> float:
-        """Published objective.
+        """Return the published objective, f(theta) + xi times the violations.
 
         Parameters
         ----------
@@ -208,12 +241,13 @@ class PenalisedProblem:
         Returns
         -------
         float
-            The box on inertias left out.
+            Without the box on barycentric inertias.
         """
         return self.data.loss(theta) + weight * self.published.penalty(self._p(theta))
 
     def violations(self, theta: Array) -> dict[str, float]:
-        """Worst violation of each external demand.
+        """Return the worst violation of each kind of demand that the penalty stands
+        for.
 
         Parameters
         ----------
@@ -228,7 +262,10 @@ class PenalisedProblem:
         return self.published.violations(self._p(theta))
 
     def triangle(self, theta: Array) -> Array:
-        """Violation of each link's triangle inequality: (lambda_max(I) - tr(I) / 2)+.
+        """Return the violation of each link's triangle inequality, (lambda_max(I) -
+        tr(I) / 2)+.
+
+        I is the inertia about the centre of mass.
 
         Parameters
         ----------
@@ -245,12 +282,18 @@ class PenalisedProblem:
         return np.maximum(moments[:, 2] - 0.5 * moments.sum(axis=1), 0.0)
 
     def _p(self, theta: Array) -> Array:
-        out = theta.copy()
-        out[self.task.links] = inertia.barycentric_from_standard(theta[self.task.links])
-        return out
+        """Return theta (p,) with each link in barycentric parameters, as the paper's
+        loss takes it.
+
+        Those are mass, centre of mass, and inertia about it.
+        """
+        barycentric = theta.copy()
+        links = theta[self.task.links]
+        barycentric[self.task.links] = inertia.barycentric_from_standard(links)
+        return barycentric
 
     def solve(self, weight: float) -> PenalisedOptimum:
-        """Solve the relaxation at a weight.
+        """Solve the relaxation at one weight.
 
         Parameters
         ----------
@@ -260,7 +303,7 @@ class PenalisedProblem:
         Returns
         -------
         PenalisedOptimum
-            With its certified bound.
+            With its certified lower bound.
         """
         limit = self.slack_limits(weight)
         slack = self.slack_start * np.minimum(limit, 1.0)
@@ -278,38 +321,39 @@ class PenalisedProblem:
         )
 
     def solve_all(self, weights: Iterable[float]) -> list[PenalisedOptimum]:
-        """Solve the relaxation at rising weights.
+        """Solve the relaxation at increasing weights.
 
-        The objective rises with the weight: a bound at a smaller one still holds, and an
-        answer that violates nothing stays the optimum.
+        The objective increases with the weight. So the bound of a smaller weight still
+        holds, and an optimum without violations stays the optimum; it is not computed
+        again.
 
         Parameters
         ----------
         weights : iterable of float
-            xi, rising.
+            xi, increasing.
 
         Returns
         -------
         list of PenalisedOptimum
-            One a weight.
+            One for each weight.
         """
-        out = list[PenalisedOptimum]()
+        optima = list[PenalisedOptimum]()
         for weight in weights:
-            if out:
-                before = out[-1]
+            if optima:
+                before = optima[-1]
                 same = self.optimum(before.theta, weight, before.lower)
                 if same.gap <= self.held_gap:
-                    out.append(same)
+                    optima.append(same)
                     continue
             solved = self.solve(weight)
-            if out:
-                solved = replace(solved, lower=max(solved.lower, out[-1].lower))
-            out.append(solved)
-        return out
+            if optima:
+                solved = replace(solved, lower=max(solved.lower, optima[-1].lower))
+            optima.append(solved)
+        return optima
 
     @cached_property
     def in_slacks(self) -> LeastSquares:
-        """f in (theta', slacks)."""
+        """The loss f as a function of theta' and all slacks, |R' x - rho|^2."""
         of_demands = np.zeros((len(self.data.R), len(self.prices) - self.n))
         R = np.hstack(
             [
@@ -321,22 +365,22 @@ class PenalisedProblem:
         return replace(self.data, R=R)
 
     def theta(self, x: Array) -> Array:
-        """Parameters of the relaxation's variables.
+        """Return the standard parameters that belong to the relaxation's variables.
 
         Parameters
         ----------
         x : (p + s,) array
-            theta' and slacks.
+            theta' = theta + 2 s j, then the slacks.
 
         Returns
         -------
         (p,) array
-            Standard parameters.
+            theta.
         """
         return x[: self.p] - self.links_slack @ x[self.p : self.p + self.n]
 
     def between(self, limit: Array) -> list[Constraint]:
-        """Constraints 0 <= slack <= limit.
+        """Return the constraints 0 <= slack <= limit.
 
         Parameters
         ----------
@@ -346,7 +390,7 @@ class PenalisedProblem:
         Returns
         -------
         list of Constraint
-            One a slack.
+            One for each slack.
         """
         rows = np.array([[1.0, -1.0]])
         return [
@@ -362,8 +406,10 @@ class PenalisedProblem:
         ]
 
     def slack_limits(self, weight: float) -> Array:
-        """Above these no slack is at an optimum: what it costs alone would exceed the
-        interior point's objective, or it undoes all that the bounds allow.
+        """Return upper limits of the slacks, which every optimum obeys.
+
+        A slack above its limit would cost more than the interior point's objective, or
+        would undo all that the bounds allow.
 
         Parameters
         ----------
@@ -387,7 +433,7 @@ class PenalisedProblem:
         weight: float,
         lower: float,
     ) -> PenalisedOptimum:
-        """What a point is at a weight, beside a lower bound.
+        """Return a point with its objective, loss and violations at a weight.
 
         Parameters
         ----------
@@ -396,27 +442,27 @@ class PenalisedProblem:
         weight : float
             xi.
         lower : float
-            Certified bound on the objective.
+            Certified lower bound of the objective.
 
         Returns
         -------
         PenalisedOptimum
-            Objective, loss and violations.
         """
+        value = self.value(theta, weight)
         return PenalisedOptimum(
             theta,
             weight,
-            self.value(theta, weight),
-            lower,
-            self.data.loss(theta),
-            self.triangle(theta),
-            max(self.violations(theta).values()),
-            max(self.value(theta, weight), self.data.loss_scale(theta)),
+            value=value,
+            lower=lower,
+            loss=self.data.loss(theta),
+            triangle=self.triangle(theta),
+            worst=max(self.violations(theta).values()),
+            scale=max(value, self.data.loss_scale(theta)),
         )
 
     @cached_property
     def feasible(self) -> Fit:
-        """The optimum subject to the demands themselves (xi infinite), certified."""
+        """The certified optimum subject to the demands themselves (xi infinite)."""
         constraints = (*self.hard, *self.consistency, *self.demands)
         return solve_certified(
             self.data,
@@ -428,7 +474,12 @@ class PenalisedProblem:
 
     @property
     def exact_weight_by_theory(self) -> float:
-        """The largest multiplier: from this weight on no demand is violated."""
+        """The weight from which on the penalty is exact: the largest multiplier of a
+        demand.
+
+        Han, Mangasarian, Math. Programming 1979. For a link's matrix this is <Z, D>,
+        the trace of the first three rows of its multiplier Z.
+        """
         fit = self.feasible
         largest = 0.0
         assert fit.multipliers is not None
@@ -444,26 +495,28 @@ class PenalisedProblem:
         return largest
 
     def exact_weight_by_bisection(self, relative: float = 1e-3) -> float:
-        """Least weight whose optimum violates nothing beyond rounding.
+        """Search the smallest weight whose optimum violates no demand.
 
         Parameters
         ----------
         relative : float
-            Width of the bracket at which the search ends.
+            Relative width of the bracket at which the search ends.
 
         Returns
         -------
         float
-            xi; 0 where no weight is needed.
+            xi; 0 if no weight is needed.
         """
         if not self.solve(0.0).is_violated:
             return 0.0
+        # Bracket the weight by factors of 4, then bisect its logarithm.
         low = high = 1.0
         while self.solve(high).is_violated:
             low = high
             high = 4.0 * high
         while low == high or not self.solve(low).is_violated:
-            low, high = 0.25 * low, low
+            high = low
+            low = 0.25 * low
         while high > low * (1.0 + relative):
             middle = float(np.sqrt(low * high))
             if self.solve(middle).is_violated:
@@ -474,8 +527,10 @@ class PenalisedProblem:
 
 
 def _links_distance(task: Task) -> LeastSquares:
-    """|pi(theta) - pi_hat|^2 over the links' base parameters: friction stays as first
-    estimated."""
+    """Return |pi(theta) - pi_hat|^2 over the base parameters that depend on links.
+
+    Friction stays as it was estimated in the first step.
+    """
     distance = task.base_distance
     links = task.model.rigid_indices
     rows = np.any(task.base[:, links] != 0.0, axis=1)
@@ -498,33 +553,35 @@ def solve_certified(
     bound: Array,
     accuracy: float = 1e-10,
 ) -> Fit:
-    """minimise |R x - rho|^2 + floor^2 + linear x subject to the constraints, by our own
-    interior-point method.
+    """Minimise |R x - rho|^2 + floor^2 + linear x subject to constraints, with a
+    certificate.
+
+    The solver is our own interior-point method.
 
     Parameters
     ----------
     data : LeastSquares
         R, rho and the floor.
     linear : (k,) array
-        Cost of a unit of each variable.
+        Linear cost of each variable.
     constraints : iterable of Constraint
         Convex ones.
     start : (k,) array
-        Strictly inside.
+        A strictly feasible point.
     bound : (k,) array
         |x| <= bound for every feasible x.
     accuracy : float
-        Of the relative gap.
+        Relative gap to reach.
 
     Returns
     -------
     Fit
-        With what its certificate needs.
+        With dual multipliers, from which its lower bound is computed.
 
     Raises
     ------
     InputError
-        Where the start is not inside of the constraints.
+        If the start is not strictly feasible.
     """
     demands = ConstraintSet(tuple(constraints))
     cones = SmallCones(None, demands, len(start))
@@ -546,6 +603,7 @@ def solve_certified(
 
 
 def _not_inside() -> InputError:
+    """Return the error for an interior point that violates its constraints."""
     return InputError(
         "the penalised problem's interior point is not inside of its constraints",
         "check the bounds of the problem",
@@ -567,17 +625,17 @@ def solve_once(
     start: Array,
     bound: Array,
 ) -> CertifiedPoint | None:
-    """What :func:`solve_certified` ends at, computed where the disk does not hold it.
+    """Return the result of :func:`solve_certified`, read from the disk if it is there.
 
     Parameters
     ----------
     data, linear, constraints, start, bound
-        As :func:`solve_certified` takes them.
+        Those of :func:`solve_certified`.
 
     Returns
     -------
     CertifiedPoint or None
-        None where the start is not inside of the constraints.
+        None if the start is not strictly feasible.
     """
     posed = (data, linear, constraints, start, bound)
     plain = remembered(
@@ -597,6 +655,9 @@ def _solved(
     start: Array,
     bound: Array,
 ) -> dict[str, Any]:
+    """Solve, and return theta and the certified bound as JSON; both None if that
+    fails.
+    """
     try:
         fit = solve_certified(data, linear, constraints, start, bound)
     except InputError:
@@ -610,24 +671,22 @@ def _solved(
 def cvxpy_optima(
     problem: PenalisedProblem, weights: Iterable[float]
 ) -> dict[float, float]:
-    """The relaxation's optimum at each weight by CVXPY and Clarabel.
+    """Return the relaxation's optimum at each weight by CVXPY and Clarabel, as a check.
+
+    The model is compiled once, with the weight as its parameter. theta is scaled by the
+    torque that it makes, the loss by that of the feasible optimum.
 
     Parameters
     ----------
     problem : PenalisedProblem
-        Which is posed once more.
+        The problem, which is posed a second time.
     weights : iterable of float
         xi.
 
     Returns
     -------
     dict
-        Optimum by weight; empty without CVXPY.
-
-    Notes
-    -----
-    The model is compiled once, the weight is its parameter. theta is scaled by the
-    torque that it makes, the loss by that of the feasible optimum.
+        Optimum by weight; empty if CVXPY is not installed.
     """
     try:
         import cvxpy as cp
@@ -676,7 +735,10 @@ def cvxpy_optima(
 
 
 def _torque_scale(problem: PenalisedProblem) -> Array:
-    """(p,) at which each parameter alone makes all the torque, at most its bound."""
+    """Return the size (p,) at which each parameter alone makes all the torque.
+
+    It is at most the parameter's bound.
+    """
     norms = problem.data.column_norms
     is_seen = norms > 0.0
     size = np.sqrt(problem.data.tau_squared) / np.where(is_seen, norms, np.inf)
@@ -688,7 +750,7 @@ def _torque_scale(problem: PenalisedProblem) -> Array:
 
 
 def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:
-    """F(theta)."""
+    """Return the value F(theta) of a constraint as a CVXPY expression."""
     rows = c.coefficients.reshape(len(c.indices), -1).T
     value = rows @ theta[c.indices] + c.constant.ravel()
     if c.cone == "psd":
@@ -697,7 +759,9 @@ def _cvxpy_value(cp: Any, c: Constraint, theta: Any) -> Any:
 
 
 def _cvxpy(cp: Any, c: Constraint, theta: Any) -> Any:
-    """F(theta) in its cone, a second-order cone or non-negative rows."""
+    """Return the CVXPY constraint that F(theta) lies in its second-order cone, or is
+    >= 0.
+    """
     value = _cvxpy_value(cp, c, theta)
     if c.cone == "soc":
         return cp.norm(value[1:]) <= value[0]

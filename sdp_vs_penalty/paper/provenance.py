@@ -21,15 +21,16 @@ NOTE = "machine.txt"
 
 
 def make_folder(folder: Path, *commands: Sequence[str]) -> None:
-    """Run the commands that make a folder of results, and write its note.
+    """Run the commands that make a folder of results, and write a note of how it was
+    made.
 
     Parameters
     ----------
     folder : Path
         ``results/NAME`` of a checkout.
     *commands : sequence of str
-        Arguments of Python each, run in the checkout's root; one that fails ends it
-        with its exit code.
+        Arguments of Python for each command, which runs in the checkout's root. If one
+        fails, this program exits with its code.
     """
     root = folder.parents[1]
     before = _processor_time()
@@ -45,7 +46,7 @@ def make_folder(folder: Path, *commands: Sequence[str]) -> None:
 
 
 def program(*arguments: str) -> list[str]:
-    """Arguments of Python that run this program."""
+    """Return the arguments of Python that run this program with these arguments."""
     return ["-m", "sdp_vs_penalty", *arguments]
 
 
@@ -54,21 +55,16 @@ def write_note(
     commands: Sequence[Sequence[str]],
     processor_seconds: float,
 ) -> None:
-    """Write by what a folder was made, and on what.
+    """Write a note on how a folder was made: commands, machine, versions, time.
 
     Parameters
     ----------
     folder : Path
-        Of results.
+        Folder of results.
     commands : sequence of sequence of str
-        Arguments of Python each.
+        Arguments of Python for each command.
     processor_seconds : float
-        What they took [s].
-
-    Returns
-    -------
-    None
-        The note is on the disk then.
+        Processor time that they took [s].
     """
     lines = [
         *(" ".join(["python", *arguments]) for arguments in commands),
@@ -80,7 +76,7 @@ def write_note(
 
 
 def machine() -> str:
-    """The kind of machine; its name is nobody's business."""
+    """Describe the machine without naming it: system, processor, cores and load."""
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
     return (
         f"{platform.system()} {platform.machine()}, {os.cpu_count()} cores,"
@@ -89,7 +85,9 @@ def machine() -> str:
 
 
 def versions() -> str:
-    """Python, this program and the packages that decide digits."""
+    """Return the versions of Python, this program, and the packages that decide
+    digits.
+    """
     words = [f"Python {platform.python_version()}", f"sdp-vs-penalty {__version__}"]
     for name in _PACKAGES:
         try:
@@ -100,6 +98,6 @@ def versions() -> str:
 
 
 def _processor_time() -> float:
-    """Processor time of programs that have ended [s]."""
+    """Return the processor time of child processes that have ended [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime

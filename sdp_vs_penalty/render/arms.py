@@ -29,16 +29,19 @@ def link_ellipsoid(link: Array) -> Array | None:
     if body is None:
         return None
     half, axes, com = body
-    u, v = np.meshgrid(np.linspace(0.0, np.pi, 14), np.linspace(0.0, 2.0 * np.pi, 28))
-    ball = np.stack(
+    polar = np.linspace(0.0, np.pi, 14)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 28)
+    u, v = np.meshgrid(polar, azimuth)
+    unit_sphere = np.stack(
         [
             np.sin(u) * np.cos(v),
             np.sin(u) * np.sin(v),
             np.cos(u),
         ]
-    )
-    ball = ball.reshape(3, -1)
-    return np.asarray(axes @ (half[:, None] * (axes.T @ ball)) + com[:, None], float)
+    ).reshape(3, -1)
+    # Stretch the sphere along the ellipsoid's axes, then move it to the centre.
+    along_axes = half[:, None] * (axes.T @ unit_sphere)
+    return np.asarray(axes @ along_axes + com[:, None], float)
 
 
 def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
@@ -58,14 +61,74 @@ def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
         Half axes (3,) [m], their directions (3, 3) as columns of a rotation, and the
         centre (3,) [m] in the link frame; None for a link without mass or thickness.
     """
+    mass = link[0]
+    # Eigenvalues of Sigma_c / m in increasing order.
     values, axes = np.linalg.eigh(inertia.second_moment(link))
-    if link[0] <= 0.0 or values[0] <= 0.0:
+    if mass <= 0.0 or values[0] <= 0.0:
         return None
-    return (
-        np.sqrt(5.0 * values),
-        axes * np.sign(np.linalg.det(axes)),
-        link[1:4] / link[0],
+    rotation = axes * np.sign(np.linalg.det(axes))  # right-handed
+    return np.sqrt(5.0 * values), rotation, link[1:4] / mass
+
+
+def simplified(triangles: Array, most: int = 3000) -> Array:
+    """Fewer triangles of about the same shape: corners in one cell of a grid become one.
+
+    Parameters
+    ----------
+    triangles : (m, 3, 3) array
+        Corners of m triangles [m].
+    most : int
+        Number of triangles to stay below.
+
+    Returns
+    -------
+    (k, 3, 3) array
+        At most ``most`` triangles, without those that have collapsed.
+    """
+    triangles = np.asarray(triangles, float)
+    corners = triangles.reshape(-1, 3)
+    size = float(np.ptp(corners, axis=0).max()) if len(corners) else 0.0
+    n_cells = 256
+    simple = triangles
+    while len(simple) > most and n_cells >= 2:
+        cells = np.round((corners - corners.min(axis=0)) / max(size, 1e-12) * n_cells)
+        _, index = np.unique(cells.astype(np.int64), axis=0, return_inverse=True)
+        index = index.reshape(-1)
+        counts = np.bincount(index)
+        centres = np.column_stack(
+            [np.bincount(index, corners[:, k]) / counts for k in range(3)]
+        )
+        faces = index.reshape(-1, 3)
+        differ = np.all(faces != np.roll(faces, 1, axis=1), axis=1)
+        _, first = np.unique(np.sort(faces[differ], axis=1), axis=0, return_index=True)
+        simple = centres[faces[differ][first]]
+        n_cells = n_cells * 2 // 3
+    return simple
+
+
+def binary_stl(triangles: Array) -> bytes:
+    """Triangles as a binary STL file, as a browser draws it.
+
+    Parameters
+    ----------
+    triangles : (m, 3, 3) array
+        Corners of m triangles [m].
+
+    Returns
+    -------
+    bytes
+        80 bytes of header, their number, then normal and corners of each.
+    """
+    kind = np.dtype(
+        [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
     )
+    facets = np.zeros(len(triangles), kind)
+    edges = np.diff(triangles, axis=1)
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    facets["normal"] = normals / np.maximum(lengths, 1e-30)
+    facets["corners"] = triangles
+    return bytes(80) + np.uint32(len(triangles)).tobytes() + facets.tobytes()
 
 
 def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
@@ -91,13 +154,13 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
         if body is None:
             continue
         half, axes, com = body
-        at = np.block(
+        pose_in_link = np.block(
             [
                 [axes, com[:, None]],
                 [np.zeros(3), np.ones(1)],
             ]
         )
-        place = robot.tree[joint].link_frame @ at
+        place = robot.tree[joint].link_frame @ pose_in_link
         bodies.append(
             {
                 "link": k,
@@ -108,10 +171,10 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
         )
     joints = [
         {
-            "parent": j.parent,
-            "at": j.placement[:3, 3],
-            "axis": j.axis,
+            "parent": joint_of_tree.parent,
+            "at": joint_of_tree.placement[:3, 3],
+            "axis": joint_of_tree.axis,
         }
-        for j in robot.tree
+        for joint_of_tree in robot.tree
     ]
     return {"bodies": bodies, "joints": joints}

@@ -61,6 +61,16 @@ class Figure:
         rows: int = 1,
         gap: float = 0.12,
     ) -> None:
+        """Make an empty figure with one panel or several.
+
+        Parameters
+        ----------
+        columns, rows : int
+            Panels next to each other, or below each other. Rows share the time axis of
+            the last one.
+        gap : float
+            Distance between panels, as a share of the figure.
+        """
         self.data = list[dict[str, Any]]()
         grid = {
             "rows": rows,
@@ -197,10 +207,16 @@ class Figure:
 
 
 def _number(panel: int) -> str:
+    """Return plotly's suffix for the axes of a panel (from 0): "", "2", "3", ..."""
     return "" if panel == 0 else str(panel + 1)
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge new properties into old ones, level by level; ``old`` stays as it is.
+
+    A ``title`` given as text becomes {"text": ...}, the form that plotly's script
+    reads.
+    """
     out = dict(old)
     for name, value in new.items():
         if name == "title" and isinstance(value, str):
@@ -212,11 +228,13 @@ def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _packed(values: Array) -> Any:
-    """An array as plotly's script reads it."""
+    """Encode an array as plotly's script reads it: one-dimensional numbers as base64 of
+    single-precision floats, anything else as lists.
+    """
     if values.dtype.kind not in "fiu" or values.ndim != 1:
         return values.tolist()
-    raw = np.ascontiguousarray(values, "<f4").tobytes()
-    return {"dtype": "f4", "bdata": base64.b64encode(raw).decode()}
+    single_precision = np.ascontiguousarray(values, "<f4").tobytes()
+    return {"dtype": "f4", "bdata": base64.b64encode(single_precision).decode()}
 
 
 @dataclass(frozen=True)
@@ -259,16 +277,19 @@ def envelope(
     y = np.asarray(y, float)
     if len(y) <= points:
         return x, y
+    # Two points of each stretch stay; its length is rounded up.
     length = -(-2 * len(y) // points)
-    stretches = np.pad(y, (0, -len(y) % length), "edge").reshape(-1, length)
-    ends = np.stack(
+    padding = -len(y) % length
+    stretches = np.pad(y, (0, padding), "edge").reshape(-1, length)
+    extremes = np.stack(
         [
             stretches.argmin(axis=1),
             stretches.argmax(axis=1),
         ]
     )
-    keep = np.unique(ends + length * np.arange(len(stretches)))
-    return x[keep], y[keep]
+    first_rows = length * np.arange(len(stretches))
+    rows = np.unique(extremes + first_rows)
+    return x[rows], y[rows]
 
 
 def shifts(times: Sequence[Array]) -> list[float]:
@@ -314,7 +335,7 @@ def torque_figure(
     unit: str,
     side_by_side: bool = True,
 ) -> Figure:
-    """Measured and modelled torque of a joint over time, and the residuals.
+    """Draw measured and modelled torque of a joint over time, and the residuals.
 
     Parameters
     ----------
@@ -376,7 +397,7 @@ def band_figure(
     low: ArrayLike,
     high: ArrayLike,
 ) -> Figure:
-    """A curve with a band around it.
+    """Draw a curve with a band around it.
 
     Parameters
     ----------
@@ -427,13 +448,14 @@ def missing_figure(
     Figure
         One panel.
     """
-    over = [Variable.parse(text) for text in curve.of]
-    names = [f"{v} [{plain_unit(v.unit(units))}]" for v in over]
+    variables = [Variable.parse(text) for text in curve.of]
+    names = [f"{v} [{plain_unit(v.unit(units))}]" for v in variables]
     unit = plain_unit(units[curve.joint - 1])
     rows: list[Array] = []
-    for variable in over if motions else ():
-        along = np.concatenate([variable.along(motion) for motion in motions])
-        rows.append(along[spread_rows(len(along))])
+    if motions:
+        for variable in variables:
+            values = np.concatenate([variable.along(motion) for motion in motions])
+            rows.append(values[spread_rows(len(values))])
     if len(names) == 1:
         plot = _curve_over_one(curve, rows)
         return plot.update_axes("x", title=names[0]).update_axes(
@@ -444,7 +466,12 @@ def missing_figure(
 
 
 def _curve_over_one(curve: Curve, rows: Sequence[Array]) -> Figure:
-    """A curve over one variable with its band, and a histogram of the measurements."""
+    """Draw a curve over one variable with its band, and a histogram of the measured
+    rows.
+
+    rows : at most one array (k,), the variable at the measured rows. The histogram has
+    an axis of its own on the right.
+    """
     plot = band_figure(
         curve.x,
         curve.torque,
@@ -470,8 +497,10 @@ def _curve_over_two(
     rows: Sequence[Array],
     unit: str,
 ) -> Figure:
-    """A curve over two variables as coloured squares, and the measurements as dots.
+    """Draw a curve over two variables as coloured squares, and the measured rows as
+    dots.
 
+    rows : both variables (k,) at the measured rows, or nothing; unit : of the torque.
     The band is shown where the mouse points.
     """
     half = 0.5 * (curve.upper - curve.lower)
@@ -520,8 +549,8 @@ def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
     array of int
         Increasing row numbers, from 0 to n_rows - 1.
     """
-    kept = min(n_rows, points)
-    return np.unique(np.linspace(0, n_rows - 1, kept).astype(np.intp))
+    n_chosen = min(n_rows, points)
+    return np.unique(np.linspace(0, n_rows - 1, n_chosen).astype(np.intp))
 
 
 #: Seconds before and after a reversal that a picture shows.
@@ -549,12 +578,15 @@ def cause_axis(
     cause: str,
     position_unit: str,
 ) -> CauseAxis:
-    """Abscissa that shows how a joint's error depends on a cause.
+    """Choose the abscissa that shows how a joint's error depends on a cause.
+
+    Friction errors change sign with the direction of motion, so some causes multiply
+    the error by that direction.
 
     Parameters
     ----------
     signals : Signals
-        Measured and modelled signals of the judged motion.
+        Measured and modelled signals of the judged motion, M rows.
     joint : int
         Number of the joint, from 1.
     cause : str
@@ -565,7 +597,7 @@ def cause_axis(
     Returns
     -------
     CauseAxis
-        Abscissa, sign of the error, and label.
+        Abscissa (M,), factor of the error (M,), and label.
     """
     j = joint - 1
     ones = np.ones(len(signals.t))
@@ -614,6 +646,7 @@ def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
         after it; infinity and zero where the joint never reverses.
     """
     direction = np.sign(velocity)
+    # The joint reverses between row turns[k] and the next one.
     turns = np.flatnonzero(direction[1:] != direction[:-1])
     if not len(turns):
         return np.full(len(t), np.inf), np.zeros(len(t))

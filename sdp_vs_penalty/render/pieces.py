@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.where_it_fails import CAUSES
+from sdp_vs_penalty.effects import effect_name
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.files import read_text
 from sdp_vs_penalty.formatting import change_of, number, plain_unit
@@ -87,7 +88,11 @@ class _Scale:
 
     @classmethod
     def of(cls, errors: Array, is_over_noise: bool) -> _Scale:
-        """Scale that fits errors (k,), given in multiples of the noise or in their own units."""
+        """Choose a scale for these errors (k,): logarithmic if one dwarfs the others.
+
+        is_over_noise : the errors are multiples of the noise, so that the scale shows 1
+        as well.
+        """
         positive = errors[errors > 0.0]
         largest = max(float(errors.max()), 1.5 if is_over_noise else 1e-300)
         smallest = float(positive.min()) if len(positive) else largest
@@ -135,8 +140,9 @@ def bars(
     """
     is_known = floor is not None and all(floor)
     noise = np.array(floor if is_known else [1.0] * len(before), float)
+    last = before if after is None else after
     old_errors = np.array(before, float) / noise
-    new_errors = np.array(before if after is None else after, float) / noise
+    new_errors = np.array(last, float) / noise
     scale = _Scale.of(np.concatenate([old_errors, new_errors]), is_known)
     numbers = joints or range(1, len(old_errors) + 1)
     rows = []
@@ -145,8 +151,8 @@ def bars(
             old_errors[j],
             new_errors[j],
             scale,
-            after is not None,
-            is_known,
+            has_change=after is not None,
+            is_known=is_known,
         )
         row |= {"name": f"joint {number_of_joint}", "number": j + 1}
         row |= {"is_chosen": j == chosen}
@@ -169,7 +175,19 @@ def _bar(
     has_change: bool,
     is_known: bool,
 ) -> dict[str, Any]:
-    """The shapes of one joint's bar and the numbers beside it."""
+    """Return one joint's bar for the template: shapes, text and kind of change.
+
+    Parameters
+    ----------
+    old, new : float
+        Error of the first and the last model.
+    scale : _Scale
+        Where an error stands on the bar.
+    has_change : bool
+        Whether there are two models; else ``new`` is drawn alone.
+    is_known : bool
+        Whether the errors are multiples of a known noise floor, which is drawn as well.
+    """
     sizes = {"before": old, "after": new} if has_change else {"alone": new}
     if is_known:
         sizes["noise"] = 1.0
@@ -196,6 +214,11 @@ def _caption_of_bars(
     is_known: bool,
     has_change: bool,
 ) -> str:
+    """Return the caption of bars: the error's unit, its scale, and the colours.
+
+    is_known : whether the errors are multiples of the noise; has_change : whether two
+    models are drawn.
+    """
     caption = f"{what} of each joint, RMS; noise floor unknown; logarithmic"
     if is_known:
         caption = (
@@ -207,6 +230,9 @@ def _caption_of_bars(
 
 
 def _kind_of_change(before: float, after: float) -> str:
+    """Say whether an error became "better", "worse", or stayed the "same" (within 5
+    %).
+    """
     change = after / before - 1.0 if before > 0.0 else 0.0
     if change < -CHANGES:
         return "better"
@@ -229,11 +255,14 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
         By finding, a share from 0 to 1 of each joint.
     """
     shares: dict[str, list[float]] = {}
-    for finding in () if diagnosis is None else diagnosis.effects:
+    findings = () if diagnosis is None else diagnosis.effects
+    for finding in findings:
         if not finding.torque_is_certain:
             continue
-        row = shares.setdefault(f"found: {finding.effect}", [0.0] * n)
-        for j in [j - 1 for j in finding.joints] or range(n):
+        row = shares.setdefault(f"found: {effect_name(finding.effect)}", [0.0] * n)
+        # An effect without joints acts on all of them.
+        joint_indices = [number - 1 for number in finding.joints] or range(n)
+        for j in joint_indices:
             row[j] = max(row[j], finding.explained_share(j))
     return shares
 
@@ -257,11 +286,11 @@ def heat_rows(
     list of tuples
         Name and shares (n,) of each row.
     """
-    names = failures[0]["held_out_shares"] if failures else {}
-    shares_by_row = {
-        **shares_found,
-        **{name: [f["held_out_shares"][name] for f in failures] for name in names},
-    }
+    shares_by_row = dict(shares_found)
+    causes = failures[0]["held_out_shares"] if failures else {}
+    for cause in causes:
+        of_joints = [failure["held_out_shares"][cause] for failure in failures]
+        shares_by_row[cause] = of_joints
     return [
         (name, list(shares))
         for name, shares in shares_by_row.items()
@@ -270,7 +299,9 @@ def heat_rows(
 
 
 def _per_cent(share: float) -> str:
-    """A share as a whole number of per cent; empty where that is zero."""
+    """Write a share (0 to 1) as a whole number of per cent; "" if that rounds to
+    zero.
+    """
     rounded = round(100.0 * share)
     return str(rounded) if rounded > 0 else ""
 
@@ -333,7 +364,8 @@ def legend(causes: Sequence[str]) -> Markup:
     Markup
         HTML.
     """
-    chips = [(c, SHADES.get(c, SHADES["no cause seen"])) for c in causes]
+    colour_without_cause = SHADES["no cause seen"]
+    chips = [(cause, SHADES.get(cause, colour_without_cause)) for cause in causes]
     return piece("legend.html", chips=chips)
 
 

@@ -94,7 +94,7 @@ def judged_table(
     Returns
     -------
     Table
-        A row a model.
+        One row for each model.
     """
     heads = [
         what,
@@ -132,7 +132,7 @@ def error_table(
     Returns
     -------
     Table
-        A row a joint: errors, change from the first model to the last (or R2), noise,
+        One row for each joint: errors, change from the first model to the last (or R2), noise,
         and the last model's error over it.
     """
     rows = []
@@ -167,7 +167,7 @@ def failure_table(failures: Sequence[JointFailure]) -> Table:
     Returns
     -------
     Table
-        A row a quantity, a column a joint.
+        One row for each quantity, one column for each joint.
     """
     rows: dict[str, list[str]] = {}
     for failure in failures:
@@ -198,7 +198,7 @@ def link_table(estimate: Estimate, centres: bool = True) -> Table | None:
     Returns
     -------
     Table or None
-        A row a link; None for a model without links.
+        One row for each link; None for a model without links.
     """
     rows = link_rows(estimate)
     if not rows:
@@ -269,7 +269,7 @@ def parameter_table(rows: Sequence[Sequence[str]]) -> Table:
     Returns
     -------
     Table
-        A row a parameter.
+        One row for each parameter.
     """
     return Table(
         PARAMETER_HEADS,
@@ -291,7 +291,7 @@ def standard_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
     Returns
     -------
     list of tuples
-        A row a parameter.
+        One row for each parameter.
     """
     columns = zip(
         estimate.uncertainty.standard,
@@ -316,7 +316,7 @@ def base_parameters(estimate: Estimate) -> list[tuple[str, ...]]:
     Returns
     -------
     list of tuples
-        A row a parameter, as :func:`parameter_cells` makes it.
+        One row for each parameter, as :func:`parameter_cells` makes it.
     """
     listed = estimate.details.get("base_parameters", [])
     known = {entry["name"]: (entry["source"], entry["nominal"]) for entry in listed}
@@ -339,7 +339,7 @@ def certificate_table(models: Mapping[str, Estimate]) -> Table:
     Returns
     -------
     Table
-        A row a figure, a column a model.
+        One row for each figure, one column for each model.
     """
     summaries = [dict(model.certificate.summary()) for model in models.values()]
     names = dict.fromkeys(name for summary in summaries for name in summary)
@@ -372,7 +372,7 @@ def gain_table(title: str, gains: Sequence[tuple[str, float, str, str]]) -> Tabl
     Returns
     -------
     Table
-        A row a gain.
+        One row for each gain.
     """
     rows = [
         (name, number(value, 4), spread, plain_unit(unit))

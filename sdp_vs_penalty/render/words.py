@@ -67,12 +67,16 @@ class FindingWords:
 
     @property
     def size_and_constants(self) -> str:
-        """The size, then the constants of the law."""
+        """Sentence part on the finding's size and its constants, whichever are
+        known.
+        """
         return "; ".join(filter(None, (self.size, self.constants)))
 
     @property
     def sentences(self) -> str:
-        """All of it but the title, as one paragraph."""
+        """Everything that is said of the finding, without its title, as one
+        paragraph.
+        """
         parts = (
             self.on_the_arm,
             self.gain,
@@ -106,7 +110,7 @@ def plain_name(effect: str) -> str:
 
 
 def place(joints: Sequence[int]) -> str:
-    """Joints by number; an effect without joints is one of the whole robot."""
+    """Write joints (numbers from 1) as text; no joints stand for the whole robot."""
     return formatting.joints(joints) if joints else "whole robot"
 
 
@@ -116,10 +120,27 @@ def describe_finding(
     place_in_list: int,
     model: str = "model.json",
 ) -> FindingWords:
-    """What is said of a finding, ``place_in_list`` (from 1) of a diagnosis; model : the
-    file that the command for the deciding run names."""
+    """Return the sentences about a finding.
+
+    Parameters
+    ----------
+    finding : Finding
+        The effect that the diagnosis found.
+    diagnosis : Diagnosis
+        The diagnosis that it belongs to.
+    place_in_list : int
+        Position in the diagnosis, from 1. An effect's physics is explained only where
+        it is listed first.
+    model : str
+        File name of the model, for the command that tests the finding.
+
+    Returns
+    -------
+    FindingWords
+    """
     physics = finding.physics
-    if any(f.effect == finding.effect for f in diagnosis.effects[: place_in_list - 1]):
+    earlier = diagnosis.effects[: place_in_list - 1]
+    if any(other.effect == finding.effect for other in earlier):
         physics = ""  # it was said of the first one
     rivals = [effect_in_words(text) for text in finding.indistinguishable_from]
     run = finding.telling_run(model, place_in_list)
@@ -138,15 +159,22 @@ def describe_finding(
     )
 
 
+def weak_title(n_weak: int) -> str:
+    """Heading of the weak findings, which are folded."""
+    return f"Not worth adding yet: {formatting.count(n_weak, 'weak finding')}"
+
+
 def doubt_of(rated: Finding | Retune) -> str:
-    """Why a finding or a re-estimated constant is not confident; "" where it is."""
+    """Say why a finding or a re-estimated constant is not confident; "" if it is."""
     if not rated.remarks:
         return ""
     return f"{rated.rating.capitalize()}: {'; '.join(rated.remarks)}."
 
 
 def describe_constant(constant: Retune) -> FindingWords:
-    """What is said of a constant of the model's own that should change."""
+    """Return the sentences about a constant of the model that should be
+    re-estimated.
+    """
     return FindingWords(
         title=f"{plain_name(constant.effect)}, joint {constant.joint}",
         on_the_arm="",
@@ -189,8 +217,21 @@ def describe_diagnosis(
     units: Sequence[str],
     model: str = "model.json",
 ) -> DiagnosisWords:
-    """Every sentence about a diagnosis; units : of the joints' torques; model : the
-    file that was diagnosed."""
+    """Return every sentence about a diagnosis.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What the model misses.
+    units : sequence of str
+        Torque unit of each joint.
+    model : str
+        File name of the diagnosed model, for the commands that test a finding.
+
+    Returns
+    -------
+    DiagnosisWords
+    """
     findings = [
         describe_finding(finding, diagnosis, k, model)
         for k, finding in enumerate(diagnosis.effects, start=1)
@@ -222,8 +263,24 @@ def finding_table(
     shown: Sequence[Finding],
     units: Sequence[str],
 ) -> Table:
-    """Error of each joint on data left out: a row a step, from the model to all findings
-    that are shown, then the noise floor."""
+    """Table of each joint's error on held-out data, as findings are added one after
+    another.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What the model misses.
+    shown : sequence of Finding
+        Findings that get a row.
+    units : sequence of str
+        Torque unit of each joint.
+
+    Returns
+    -------
+    Table
+        Rows: the model, the model with re-estimated constants, each finding added to
+        those before, and the noise floor. Columns: joints.
+    """
     rows = [("model", diagnosis.held_out_rmse_before)]
     if diagnosis.retuned and shown:
         rows.append(("re-estimated", shown[0].held_out_rmse_before))
@@ -237,15 +294,17 @@ def finding_table(
         headings=("with", *(str(j) for j, _ in enumerate(units, start=1))),
         rows=[(name, *map(number, errors)) for name, errors in rows],
         title=(
-            f"Error [{kinds}] of each joint on data left out, below"
-            f" {number(diagnosis.band_hz)} Hz, refitted at each step"
+            f"Error [{kinds}] of each joint on data not used for fitting, below"
+            f" {number(diagnosis.band_hz)} Hz"
         ),
     )
 
 
 def describe_failures(failures: Failures) -> list[str]:
-    """Where a model's error is large: a line for each joint of which something can be
-    said, and one for all others."""
+    """Say where a model's error is large: a line for each joint with a known cause.
+
+    All other joints share one line.
+    """
     explained = [f for f in failures if dependences(f) or f.orders]
     lines = [
         f"joint {f.joint}: {' '.join(sentences(f, failures.units[f.joint - 1]))}"
@@ -259,7 +318,7 @@ def describe_failures(failures: Failures) -> list[str]:
 
 
 def describe_change(before: Comparison, after: Comparison) -> str:
-    """What became of each joint's error from one model to another."""
+    """Say how each joint's error changed from one model to another."""
     units = after.estimate.robot.torque_units
     sentence = changes(before.rmse, after.rmse, after.noise_floor, units)
     return sentence or "no joint's error changed by more than 5 %."
@@ -285,15 +344,18 @@ _WHEN = {
 
 
 def cause_of(failures: Failures, joint: int) -> str:
-    """What the error of a joint (from 1) depends on most; UNNAMED where on nothing that
-    is known."""
+    """Return the cause that a joint's error depends on most; UNNAMED if none is known.
+
+    joint : number from 1.
+    """
     strongest = dependences(failures[joint - 1], 1)
     return strongest[0][0] if strongest else UNNAMED
 
 
 def error_in_words(compared: Comparison, joint: int) -> str:
-    """The error of a joint (from 1): in multiples of its noise where that is known, and
-    in N m or N."""
+    """Write the error of a joint (from 1), in multiples of its noise if known, and
+    in N m or N.
+    """
     facts = compared.facts()
     unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
     error = f"{facts['joint_error'].of_joint(joint)} {unit}"
@@ -303,7 +365,7 @@ def error_in_words(compared: Comparison, joint: int) -> str:
 
 
 def describe_worst(compared: Comparison, failures: Failures) -> str:
-    """Which joint errs most, by how much, and when."""
+    """Say which joint has the largest error, how large it is, and when it occurs."""
     joint = compared.worst_joint
     error = error_in_words(compared, joint)
     if compared.error_over_noise is None:
@@ -317,7 +379,10 @@ def describe_worst(compared: Comparison, failures: Failures) -> str:
 
 
 def effect_on_joints(effect: Effect) -> str:
-    """An effect as words, with the joints that it was put on, where some were named."""
+    """Write an effect in words, such as "joint spring on joint 4".
+
+    The joints are named only if the person named them.
+    """
     name = effect_name(effect.name)
     if effect.asked_joints is None:
         return name
@@ -325,7 +390,10 @@ def effect_on_joints(effect: Effect) -> str:
 
 
 def describe_addition(before: Comparison, after: Comparison) -> str:
-    """What adding effects did to the joint that erred most before."""
+    """Say which effects were added, and how large the worst joint's error is with them.
+
+    The worst joint is the one with the largest error before. "" if nothing was added.
+    """
     known = {effect.text for effect in before.estimate.model.effects}
     new = [
         effect.text
@@ -372,7 +440,7 @@ def shown_cause(diagnosis: Diagnosis | None, failures: Failures, joint: int) -> 
 
 
 def describe_failure(failure: JointFailure, unit: str) -> str:
-    """Where one joint's error is large."""
+    """Say where one joint's error is large; ``unit`` is its torque unit."""
     return " ".join(sentences(failure, unit))
 
 
@@ -382,7 +450,10 @@ def picture_title(
     joint: int,
     cause: str,
 ) -> str:
-    """The caption of the picture of a joint's error against its cause."""
+    """Return the caption of the chart of a joint's error against its cause.
+
+    It gives the error before and after in multiples of the noise, if that is known.
+    """
     against = "time" if cause == UNNAMED else cause
     text = f"Error of joint {joint} against {against}"
     if before is after:
@@ -399,8 +470,10 @@ CERTIFICATE = (
 
 
 def caveats(estimate: Estimate) -> list[str]:
-    """What to know before parameters are read, a sentence each; the verdict judges the
-    links."""
+    """Return what to know before reading parameters, a sentence for each caveat.
+
+    One says that no torque was logged, another how many parameters the data leave open.
+    """
     sources = estimate.sources
     lines = []
     if law := estimate.details.get("servo"):
@@ -408,7 +481,7 @@ def caveats(estimate: Estimate) -> list[str]:
             f"No torque was logged: the servos' law ({law['law']}) stands for it."
             f" Scale: {law['scale']}."
         )
-    others = [source for source in sources if source != "data"]
+    others = [source for source in sources if source != "data"]  # prior or bounds
     if others:
         lines.append(
             f"{len(others)} of {len(sources)} standard parameters are from the"

@@ -29,7 +29,11 @@ HERE = Path(__file__).parent / "html"
 
 
 def plotly_script() -> Path:
-    """Plotly's own script, which alone is needed of it; InputError where it is missing."""
+    """Return the path of plotly's script for browsers, which the installed package
+    holds.
+
+    Raises InputError if plotly is not installed.
+    """
     if (plotly := find_spec("plotly")) is None:
         raise missing_extra("The report needs", "report")
     return Path(str(plotly.origin)).parent / "package_data" / "plotly.min.js"
@@ -142,7 +146,10 @@ def report(
 
 
 def document(material: ReportData, script: str) -> str:
-    """The whole HTML document; ``script`` is plotly's, embedded once."""
+    """Fill the report's templates and return the HTML document.
+
+    material : what the sections show; script : plotly's script, embedded once.
+    """
     shown = [
         {
             "title": section.title,
@@ -166,8 +173,11 @@ def document(material: ReportData, script: str) -> str:
 
 
 def _unwrapped(script: str) -> str:
-    """Plotly's script without the function around it, which a browser reads twice: 2.1
-    s, not 1.3."""
+    """Remove the function that wraps plotly's script.
+
+    A browser parses a wrapped function twice: 2.1 s instead of 1.3 s. A script of
+    unknown form is returned as it is.
+    """
     head, begins, tail = script.partition("() => {\n")
     body, ends, _ = tail.rpartition("return Plotly;")
     is_known = begins and ends and body.startswith('"use strict";var Plotly=')
@@ -177,7 +187,11 @@ def _unwrapped(script: str) -> str:
 def _checks(
     models: Mapping[str, Estimate], runs: Measurements
 ) -> dict[str, list[dict[str, Any]]]:
-    """What the check says of each run: as a model keeps it of its own, else asked now."""
+    """Return the data check's issues for each run.
+
+    A model stores the issues of the runs it was identified from, by the hash of their
+    data; other runs are checked now.
+    """
     issues_by_run: dict[str, Any] = {}
     for model in models.values():
         known = model.provenance.get("checks")
@@ -200,7 +214,7 @@ def _checks(
 
 
 def check_name(out: Path) -> None:
-    """InputError for a file to write that is no HTML file."""
+    """Raise InputError if the report's file name does not end in .html or .htm."""
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(
             "the report is an HTML file",

@@ -55,12 +55,29 @@ def demo(
     seed: int = SEED,
     progress: Progress = no_progress,
 ) -> Demo:
-    """Simulate, identify by three methods, look where the model fails, diagnose, add;
-    all in ``folder``.
+    """Run the full workflow on a simulated arm with a hidden effect.
 
-    It will hold run1.csv, run2.csv, test.csv, model.json, better.json and report.html.
-    No step knows what was hidden. Raises InputError where the folder cannot be written,
-    or plotly is missing.
+    The steps are: simulate three runs, identify by three methods, locate the error,
+    diagnose what is missing, add it, write a report. No step knows what was hidden.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Folder for run1.csv, run2.csv, test.csv, model.json, better.json and
+        report.html.
+    seed : int
+        Of the simulated arm and of all random starts.
+    progress : callable
+        Called with a short text at each step.
+
+    Returns
+    -------
+    Demo
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written, or plotly is not installed.
     """
     folder = Path(folder)
     plotly_script()  # nothing is worked out for a report that cannot be written

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.data.measurements import Measurements
 from sdp_vs_penalty.diagnosis.comparison import Comparison, predicted
-from sdp_vs_penalty.diagnosis.findings import Diagnosis
+from sdp_vs_penalty.diagnosis.findings import Diagnosis, Finding
 from sdp_vs_penalty.diagnosis.open_findings import has_open_finding, still_missing
 from sdp_vs_penalty.diagnosis.sizes_in_model import with_sizes_of
 from sdp_vs_penalty.diagnosis.where_it_fails import Failures
@@ -51,19 +51,21 @@ class JudgedRun:
 
     @classmethod
     def of(cls, run: FilteredRun, estimate: Estimate) -> JudgedRun:
-        """Judge a run piece by piece: its columns are kept at few instants only.
+        """Compute a run's modelled torque and the columns for the model's band.
+
+        The run is read in chunks, because the columns of all rows would not fit into
+        memory; they are kept at a few evenly spread rows only.
 
         Parameters
         ----------
         run : FilteredRun
-            To judge on.
+            The run behind its filters.
         estimate : Estimate
             The model.
 
         Returns
         -------
         JudgedRun
-            With modelled torque and columns.
         """
         count = sum(len(states.t) for states in run.states())
         shown = charts.spread_rows(count)
@@ -77,18 +79,17 @@ class JudgedRun:
             modelled.append(predicted(rows, estimate.theta))
             pieces_of_run.append(replace(rows, columns=columns))
             first = last
-        by_joint = zip(*(piece.columns for piece in pieces_of_run), strict=True)
+        chunks_by_joint = zip(*(piece.columns for piece in pieces_of_run), strict=True)
+        columns_of_joints = []
+        for chunks in chunks_by_joint:
+            values = np.concatenate([chunk.columns for chunk in chunks])
+            columns_of_joints.append(JointColumns(chunks[0].indices, values))
         return cls(
             motion=joined(piece.motion for piece in pieces_of_run),
             torque=np.concatenate([piece.torque for piece in pieces_of_run]),
             modelled=np.concatenate(modelled),
             shown=shown,
-            columns=[
-                JointColumns(
-                    parts[0].indices, np.concatenate([p.columns for p in parts])
-                )
-                for parts in by_joint
-            ],
+            columns=columns_of_joints,
         )
 
 
@@ -116,17 +117,24 @@ class ReportData:
 
     @property
     def last(self) -> Estimate:
-        """The last model."""
+        """The last model, which the report looks at in detail."""
         return list(self.models.values())[-1]
 
     @property
     def verdict(self) -> Verdict:
-        """That of the last model, with what its simulation says."""
+        """The verdict on the last model.
+
+        It includes what the diagnosis says is missing and how a forward simulation
+        went.
+        """
         forward_verdict = "" if isinstance(self.forward, str) else self.forward.verdict
         return self.verdict_of(self.comparisons[-1], forward_verdict)
 
     def verdict_of(self, compared: Comparison, forward: str = "") -> Verdict:
-        """That of one of the models, with what the diagnosis has found that it lacks."""
+        """Return the verdict on a model, with what the diagnosis found that it lacks.
+
+        forward : the sentence on a forward simulation, if there was one.
+        """
         diagnosis = self.diagnosis
         if diagnosis is None:
             return compared.verdict_with(forward=forward)
@@ -138,17 +146,19 @@ class ReportData:
 
     @property
     def name(self) -> str:
-        """Of the last model."""
+        """The name of the last model."""
         return self.comparisons[-1].name
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Of the joints' torques."""
+        """The torque unit of each joint, "N*m" or "N"."""
         return self.last.robot.torque_units
 
     @property
     def sized_diagnosis(self) -> Diagnosis | None:
-        """The diagnosis with the sizes that the last model has of what it holds."""
+        """The diagnosis, with sizes from the last model for the effects that it
+        contains.
+        """
         if self.diagnosis is None:
             return None
         return with_sizes_of(self.diagnosis, self.last)
@@ -164,8 +174,11 @@ class Section:
 
 
 def verdict(data: ReportData) -> Context:
-    """What is wrong, when, why, and what adding did: in words and one picture; then how
-    good the last model is, and each model in a line."""
+    """Return the context of the first section: the verdict on the models.
+
+    It says which joint fails, when and why, and what adding effects did, in words and
+    one chart; then how good the last model is, and a row for each model.
+    """
     first = data.comparisons[0]
     last = data.comparisons[-1]
     is_alone = len(data.comparisons) == 1
@@ -217,7 +230,11 @@ def verdict(data: ReportData) -> Context:
 
 
 def torques(data: ReportData) -> Context:
-    """Measured and modelled torque of each joint, and the error."""
+    """Return the context of the section on torques: a figure for each joint.
+
+    Measured and modelled torque stand on the left, the error with its 95 % band on the
+    right; shades mark where the first model fails.
+    """
     first = data.comparisons[0].name
     failing = data.failures[first]
     moved = charts.shifts([run.motion.t for run in data.judged[first]])
@@ -244,7 +261,10 @@ def torques(data: ReportData) -> Context:
 
 
 def _torque_curves(data: ReportData, moved: Sequence[float]) -> list[charts.Curves]:
-    """Measured torque of each run and that of every model, on the figures' axis."""
+    """Return each run's measured torque and that of every model.
+
+    moved : offset of each run's clock [s] that places the runs one after another.
+    """
     first = data.judged[data.comparisons[0].name]
     curves = []
     for k, (run, shift) in enumerate(zip(first, moved, strict=True)):
@@ -260,7 +280,11 @@ def _stretches(
     j: int,
     moved: Sequence[float],
 ) -> list[tuple[float, float, str]]:
-    """Where joint j (from 0) fails, on the figures' axis, and the cause."""
+    """Return where joint j (from 0) fails: begin [s], end [s] and cause, on the
+    figure's axis.
+
+    moved : offset of each run's clock [s] that places the runs one after another.
+    """
     placed = []
     for stretch in failing[j].stretches:
         for run, shift in zip(data.measurements.runs(), moved, strict=True):
@@ -273,21 +297,26 @@ def _stretches(
 
 
 def _bands(data: ReportData, moved: Sequence[float]) -> list[tuple[Array, Array]]:
-    """Of each run instants (m,) on the figures' axis and half the last model's band (m,
-    n) there."""
+    """Return the last model's 95 % band around a zero error, for each run.
+
+    It combines the parameters' uncertainty with the torque's noise. For each run:
+    instants (m,) [s] on the figure's axis and half the band's width (m, n) there.
+    """
     plant = data.comparisons[-1].estimate  # without its drives
-    known = plant.uncertainty
+    uncertainty = plant.uncertainty
     bands = []
     for run, shift in zip(data.judged[data.name], moved, strict=True):
         t = run.motion.t[run.shown] + shift
-        half = known.band(plant.theta, run.columns)[1]
-        bands.append((t, NORMAL_95 * np.hypot(half, known.torque_noise)))
+        _, model_std = uncertainty.band(plant.theta, run.columns)
+        total_std = np.hypot(model_std, uncertainty.torque_noise)
+        bands.append((t, NORMAL_95 * total_std))
     return bands
 
 
 def history(data: ReportData) -> Context:
-    """What each model added, and the error of every joint, model by model, above the
-    noise."""
+    """Return the context of the section on the models: what each added, and its
+    errors.
+    """
     known: set[str] = set()
     steps = []
     for name, estimate in data.models.items():
@@ -316,8 +345,11 @@ def history(data: ReportData) -> Context:
 
 
 def forward(data: ReportData) -> Context:
-    """The last model run forward: after one step, 0.1 s ahead, and freely from the
-    first state."""
+    """Return the context of the section on forward simulation with the last model.
+
+    It shows errors after one step, after 0.1 s, and of free runs from the first state.
+    If the model cannot be simulated, the section shows the reason ("refusal").
+    """
     following = data.forward
     if isinstance(following, str):
         return {"name": data.name, "refusal": following}
@@ -334,7 +366,7 @@ def forward(data: ReportData) -> Context:
 
 
 def _motion_figures(following: Following, name: str) -> list[Any]:
-    """Measured and simulated position of each joint, run after run."""
+    """Draw measured and simulated position of each joint, one run after another."""
     moved = charts.shifts([free.simulated.t for free in following.free])
     runs = [
         charts.Curves(
@@ -351,14 +383,16 @@ def _motion_figures(following: Following, name: str) -> list[Any]:
 
 
 def failures(data: ReportData) -> Context:
-    """Which cause explains how much of each joint's error, before and after, and in
-    words."""
+    """Return the context of the section on causes: which cause explains how much error.
+
+    A heat map for the first and for the last model, and a sentence for each joint.
+    """
     shares = pieces.found_shares(data.diagnosis, data.last.robot.n)
     maps = []
     for name, failing in data.failures.items():
         rows = pieces.heat_rows([f.to_dict() for f in failing], shares)
         maps.append(pieces.heat_map(name, rows, len(failing)))
-        shares = {}  # they are of the first model's error
+        shares = {}  # the diagnosis is of the first model: the last one gets no findings
     last = data.failures[data.name]
     lines = [
         (
@@ -377,15 +411,22 @@ def failures(data: ReportData) -> Context:
 
 
 def findings(data: ReportData) -> Context:
-    """What a diagnosis says: verdict, what the last model still lacks, each finding, each
-    curve."""
+    """Return the context of the section on what the diagnosis found.
+
+    It holds every sentence ("words"), what the last model still lacks ("missing"), a card
+    with a picture for each finding ("cards", "weak_cards"), of one model alone each
+    joint's error on held-out data before and after adding all findings ("bars"), and a
+    figure for each measured curve of missing torque ("curves"). Without a diagnosis
+    "words" is None.
+    """
     diagnosis = data.sized_diagnosis
     if diagnosis is None:
         return {"words": None}
-    said = words.describe_diagnosis(diagnosis, data.units)
+    described = words.describe_diagnosis(diagnosis, data.units)
     missing = still_missing(diagnosis, data.last) if diagnosis.effects else ""
     bars = None
-    if diagnosis.effects:
+    is_alone = len(data.comparisons) == 1  # else the first section has these bars
+    if diagnosis.effects and is_alone:
         floor = diagnosis.noise_floor.tolist() if diagnosis.noise_known else None
         bars = pieces.bars(
             diagnosis.held_out_rmse_before,
@@ -394,16 +435,27 @@ def findings(data: ReportData) -> Context:
             data.units,
             what="Error on data left out",
         )
+    # The figures of curves show where the modelled torque of the rows lies.
     motions = [
         replace(run.motion, torque=run.modelled) for run in data.judged[data.name]
     ]
     curves = []
-    for curve, sentence in zip(diagnosis.curves, said.curves, strict=True):
+    for curve, sentence in zip(diagnosis.curves, described.curves, strict=True):
         plot = charts.missing_figure(curve, data.units, motions)
         caption = f"{sentence[0].upper()}{sentence[1:]}"
         curves.append(pieces.figure(plot, caption, 360))
+    cards = [
+        {"words": finding_words, "picture": _picture_of_finding(data, finding)}
+        for finding, finding_words in zip(
+            diagnosis.effects, described.findings, strict=True
+        )
+    ]
+    weak = [card for card in cards if card["words"].rating == "weak"]
     return {
-        "words": said,
+        "words": described,
+        "cards": [card for card in cards if card["words"].rating != "weak"],
+        "weak_cards": weak,
+        "weak_title": words.weak_title(len(weak)),
         "missing": missing,
         "name": data.name,
         "bars": bars,
@@ -411,8 +463,31 @@ def findings(data: ReportData) -> Context:
     }
 
 
+def _picture_of_finding(data: ReportData, finding: Finding) -> Any:
+    """The error of a finding's joint against what shows it, before and after; "" for a
+    weak finding."""
+    if finding.rating == "weak":
+        return ""
+    first = data.comparisons[0]
+    last = data.comparisons[-1]
+    joint = finding.main_joint
+    cause = finding.seen_against or words.cause_of(data.failures[first.name], joint)
+    plot = charts.cause_figure(
+        first.signals,
+        None if first is last else last.signals,
+        joint=joint,
+        cause=cause,
+        units=data.units,
+        position_units=data.last.robot.position_units,
+        floor=last.noise_floor,
+    )
+    return pieces.figure(plot, height=250)
+
+
 def parameters(data: ReportData) -> Context:
-    """Base and standard parameters with intervals and verdicts."""
+    """Return the context of the section on parameters: base and standard, with
+    intervals.
+    """
     known = data.last.uncertainty
     runs = ", ".join(map(str, data.last.provenance.get("runs", [])))
     base = tables.parameter_table(tables.base_parameters(data.last))
@@ -430,8 +505,11 @@ def parameters(data: ReportData) -> Context:
 
 
 def arm(data: ReportData) -> Context:
-    """Every link's inertia ellipsoid on the arm's skeleton in the runs' mean pose, and
-    its margins."""
+    """Return the context of the section on links: ellipsoids on the arm, and their
+    table.
+
+    The arm is drawn in the mean pose of the runs.
+    """
     estimate = data.last
     links = tables.link_table(estimate)
     if links is None:
@@ -453,7 +531,9 @@ def arm(data: ReportData) -> Context:
 
 
 def friction(data: ReportData) -> Context:
-    """Friction by velocity with its band, a figure a joint."""
+    """Return the context of the section on friction: torque over velocity for each
+    joint.
+    """
     figures = []
     for curve, unit in zip(friction_curves(data.last), data.units, strict=False):
         plot = charts.friction_figure(
@@ -472,7 +552,17 @@ def _picture(
     links: Array,
     poses: Array,
 ) -> charts.Figure:
-    """The skeleton and an ellipsoid a link."""
+    """Draw the arm's skeleton in 3D with an ellipsoid for each link.
+
+    Parameters
+    ----------
+    robot : Robot
+        The kinematic tree.
+    links : (links, 10) array
+        Standard parameters of each link [kg, kg m, kg m^2].
+    poses : (joints, 4, 4) array
+        Pose of each joint.
+    """
     plot = charts.Figure()
     link_of = {carrier: place for place, carrier in enumerate(robot.link_joints)}
     for i, joint in enumerate(robot.tree):
@@ -509,8 +599,11 @@ def _picture(
 
 
 def _scene(poses: Array) -> dict[str, Any]:
-    """Axes as large as the arm: an ellipsoid that leaves them belongs to a link whose
-    mass and inertia are not those of one body of that size."""
+    """Return the axes and the camera of the 3D picture.
+
+    The axes follow the joints (poses (joints, 4, 4)), not the ellipsoids: one that
+    leaves them belongs to a link whose identified inertia is implausible for its mass.
+    """
     joints = np.array(
         [
             np.zeros(3),
@@ -534,7 +627,10 @@ def _scene(poses: Array) -> dict[str, Any]:
 
 
 def certificate(data: ReportData) -> Context:
-    """Computed by this program, whoever solved the problem."""
+    """Return the context of the section on the certificate.
+
+    It holds the bounds that this program computes, independently of the solver.
+    """
     return {
         "about": words.CERTIFICATE,
         "table": pieces.framed(tables.certificate_table(data.models)),
@@ -542,7 +638,7 @@ def certificate(data: ReportData) -> Context:
 
 
 def data(material: ReportData) -> Context:
-    """What `sdp-vs-penalty check` says of the runs."""
+    """Return the context of the section on the data check: the issues of each run."""
     runs = [
         {
             "name": run,
@@ -555,7 +651,9 @@ def data(material: ReportData) -> Context:
 
 
 def provenance(data: ReportData) -> Context:
-    """Versions, settings, hashes, and the commands."""
+    """Return the context of the section on provenance: settings, versions and
+    commands.
+    """
     rows = []
     for name, estimate in data.models.items():
         for what, value in _origin(estimate).items():
@@ -568,7 +666,9 @@ def provenance(data: ReportData) -> Context:
 
 
 def _origin(estimate: Estimate) -> dict[str, Any]:
-    """How a model came about, by name."""
+    """Return how a model was made: method, effects, filters, runs, seed and
+    versions.
+    """
     filters = estimate.preprocessing
     known = estimate.provenance
     settings = [f"{name}={value}" for name, value in estimate.settings.items()]

@@ -36,7 +36,9 @@ class Fact:
 
     @property
     def texts(self) -> list[str]:
-        """The numbers as they are printed, without unit: one a joint, or one."""
+        """The numbers as they are printed, without unit: one for each joint, or a
+        single one.
+        """
         if self.value is None:
             return ["-"]
         if isinstance(self.value, str):
@@ -46,15 +48,15 @@ class Fact:
 
     @property
     def text(self) -> str:
-        """The numbers with their unit."""
+        """The numbers as they are printed, with their unit."""
         return f"{', '.join(self.texts)} {plain_unit(self.unit)}".rstrip()
 
     def of_joint(self, joint: int) -> str:
-        """The number of a joint (from 1), as it is printed, without unit."""
+        """Return the number of one joint (from 1) as it is printed, without unit."""
         return self.texts[joint - 1] if self.value is not None else "-"
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON, with the text that every other place prints."""
+        """Return the fact as JSON: value, unit, printed texts and definition."""
         value = self.value
         if isinstance(value, str) or value is None:
             plain: Any = value
@@ -80,6 +82,19 @@ class FactMethod(Generic[T]):
         digits: int,
         name: str,
     ) -> None:
+        """Wrap the method that computes a fact.
+
+        Parameters
+        ----------
+        method : callable
+            Computes the value from the record; its docstring defines the fact.
+        unit : str
+            Unit of the value.
+        digits : int
+            Significant digits of the printed text.
+        name : str
+            Name in words; "" for that of the method.
+        """
         self.method = method
         self.unit = unit
         self.digits = digits
@@ -98,7 +113,7 @@ class FactMethod(Generic[T]):
         return self if record is None else self.method(record)
 
     def of(self, record: object) -> Fact:
-        """The fact of a record."""
+        """Compute the fact for a record."""
         definition = " ".join((inspect.getdoc(self.method) or "").split())
         return Fact(
             name=self.name,
@@ -114,10 +129,18 @@ def fact(
     digits: int = 3,
     name: str = "",
 ) -> Callable[[Callable[[Any], T]], FactMethod[T]]:
-    """Decorates the one method that computes a fact; its docstring is the definition.
+    """Decorate a method of a record that computes one of its facts, as a property.
 
-    unit : "N m or N", "%", "s" ...; digits : significant ones of its text; name : in
-    words, by default the method's.
+    The method's docstring is the definition that people read.
+
+    Parameters
+    ----------
+    unit : str
+        Unit of the value, such as "N m or N", "%" or "s".
+    digits : int
+        Significant digits of the printed text.
+    name : str
+        Name in words; by default that of the method.
     """
 
     def decorate(method: Callable[[Any], T]) -> FactMethod[T]:
@@ -128,7 +151,7 @@ def fact(
 
 @cache
 def _fact_methods(kind: Any) -> Mapping[str, FactMethod[Any]]:
-    """The facts of a class by the names of their methods, inherited ones first."""
+    """Return the facts of a class by method name, those of its base classes first."""
     methods: dict[str, FactMethod[Any]] = {}
     for base in reversed(kind.__mro__):
         methods |= {
@@ -140,7 +163,7 @@ def _fact_methods(kind: Any) -> Mapping[str, FactMethod[Any]]:
 
 
 def facts_of(record: object) -> dict[str, Fact]:
-    """Every fact of a record by the name of the method that computes it."""
+    """Compute every fact of a record, by the name of its method."""
     kind: type = type(record)
     methods = _fact_methods(kind)
     return {name: method.of(record) for name, method in methods.items()}

@@ -26,18 +26,27 @@ class Shown:
     form; subclasses define ``_summary``."""
 
     def _summary(self) -> Summary:
+        """Return a title, and pairs of a name and a text; subclasses define it."""
         raise NotImplementedError
 
     def _table(self) -> Table | None:
-        """The figures behind the summary, for notebooks; None where the summary is all."""
+        """Return the table that a notebook shows below the summary; None for no
+        table.
+        """
         return None
 
     def __repr__(self) -> str:
+        """Return the title and the first lines of the summary, cut to a terminal's
+        width.
+        """
         title, entries = self._summary()
         lines = [f"  {name}: {text}" for name, text in entries[:_LINES]]
         return "\n".join([title, *map(_cut, lines)])
 
     def _repr_html_(self) -> str:
+        """Return the title, the summary and the table as HTML, which notebooks
+        display.
+        """
         title, entries = self._summary()
         html = f"<p><b>{escape(printable(title))}</b></p>" + Table((), entries).html()
         table = self._table()
@@ -45,6 +54,7 @@ class Shown:
 
 
 def _cut(line: str) -> str:
+    """Shorten a line to the width of a terminal; three dots mark what is missing."""
     return line if len(line) <= _WIDTH else f"{line[: _WIDTH - 3]}..."
 
 
@@ -53,22 +63,27 @@ class Record(Shown):
     ``to_frame`` (all its numbers) and :meth:`facts`."""
 
     def facts(self) -> dict[str, Fact]:
-        """Every number that a sentence about this result may use, by name.
+        """Return every number that a sentence about this result may use, by name.
 
         Each has a value, a unit, a definition, and the text that every place prints.
         """
         return facts_of(self)
 
     def facts_to_dict(self) -> dict[str, Any]:
-        """The facts as plain JSON: value, unit, texts and definition of each."""
+        """Return the facts as JSON: value, unit, printed texts and definition of
+        each.
+        """
         return {name: one.to_dict() for name, one in self.facts().items()}
 
     def to_frame(self) -> pandas.DataFrame:
-        """The numbers of this result as a frame; each column names its unit."""
+        """Return the numbers of this result as a data frame; subclasses define it.
+
+        The name of each column includes its unit.
+        """
         raise NotImplementedError
 
     def fact_table(self) -> Table:
-        """Every fact with its unit and definition."""
+        """Return a table of all facts: name, value, unit and definition."""
         rows = [
             (one.name, ", ".join(one.texts), one.unit, one.definition)
             for one in self.facts().values()

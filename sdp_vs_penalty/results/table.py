@@ -71,7 +71,7 @@ class Table:
     style: str = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON: what a page needs to draw it."""
+        """Return the table as JSON, which a page needs to draw it."""
         words = None if self.words is None else list(self.words)
         return {
             "headings": list(self.headings),
@@ -84,27 +84,32 @@ class Table:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote."""
+        """Make a table from the JSON that :meth:`to_dict` returns."""
         return cls(**data)
 
     def cells(self) -> list[list[str]]:
-        """Every cell as text."""
+        """Return every cell as text, row by row."""
         return [[cell_text(cell, self.digits) for cell in row] for row in self.rows]
 
     def columns(self) -> list[list[str]]:
-        """Every column's cells as text."""
+        """Return every cell as text, column by column."""
         rows = self.cells()
         return [[row[k] for row in rows] for k in range(len(self.headings))]
 
     def numeric(self) -> list[bool]:
-        """Of each column whether it holds numbers, which stand right."""
+        """Return for each column whether it holds numbers, which are aligned right.
+
+        ``words`` lists the other columns; without it, the cells decide.
+        """
         if self.words is not None:
             return [k not in self.words for k in range(len(self.headings))]
         return [is_numeric(column) for column in self.columns()]
 
     def __rich__(self) -> Any:
-        """What rich prints in a terminal: a first column that never wraps, numbers at
-        the right."""
+        """Return what the library rich prints in a terminal.
+
+        The first column and short texts stay on one line; numbers are aligned right.
+        """
         from rich import box
         from rich.markup import escape
         from rich.table import Table as Grid
@@ -132,8 +137,11 @@ class Table:
 
     @cached_property
     def _widths(self) -> list[int]:
-        """The least characters of each column: cells of numbers, short ones and those
-        of the first column stand on one line, others break between words."""
+        """Minimal width of each column [characters].
+
+        Numbers, short texts and the first column stay on one line; long texts break
+        between words, but not within a word of up to _LONGEST_WORD characters.
+        """
         widths = []
         for k, (column, is_number) in enumerate(
             zip(self.columns(), self.numeric(), strict=True)
@@ -148,21 +156,24 @@ class Table:
 
     @property
     def least_width(self) -> int:
-        """Characters of a line below which a terminal would cut the table."""
+        """Width of a line [characters] below which a terminal would cut the table.
+
+        Each column has two characters of margin.
+        """
         return sum(self._widths) + 2 * len(self._widths)
 
     def blocks(self, width: int) -> list[Table]:
-        """Split the columns into tables that a terminal shows whole.
+        """Split a table that is too wide for a terminal into several, column by column.
 
         Parameters
         ----------
         width : int
-            Characters of a line.
+            Width of a line [characters].
 
         Returns
         -------
         list of Table
-            Each with the first column; only the first block has the title.
+            Each repeats the first column; only the first table has the title.
         """
         first, *others = range(len(self.headings))
         groups: list[list[int]] = []
@@ -181,7 +192,7 @@ class Table:
         ]
 
     def _with_columns(self, columns: Sequence[int]) -> Table:
-        """The same table with some of its columns."""
+        """Return the same table with these columns (from 0) only."""
         words = None
         if self.words is not None:
             words = [place for place, k in enumerate(columns) if k in self.words]
@@ -193,7 +204,9 @@ class Table:
         )
 
     def text(self, width: int = 100) -> str:
-        """As it stands in a terminal of so many characters."""
+        """Return the table as it is printed in a terminal of this width
+        [characters].
+        """
         from rich.console import Console
 
         out = io.StringIO()
@@ -202,7 +215,9 @@ class Table:
         return "\n".join([*([self.title] if self.title else []), *lines]) + "\n"
 
     def markdown(self) -> str:
-        """With its title as a heading, its caption above and its notes below."""
+        """Return the table in Markdown: title as a heading, caption above, notes
+        below.
+        """
         lines: list[str] = []
         if self.title:
             lines += [f"# {escape_markdown(self.title)}", ""]
@@ -217,8 +232,10 @@ class Table:
         return "\n".join(lines) + "\n"
 
     def html(self) -> str:
-        """A <table>; everything in it is escaped, and what stands between backticks is
-        code."""
+        """Return the table as an HTML <table>.
+
+        All text is escaped; what stands between backticks becomes code.
+        """
         # jinja2 takes 40 ms to import.
         from sdp_vs_penalty.results.templates import render
 
@@ -240,7 +257,10 @@ class Table:
         )
 
     def latex(self) -> str:
-        """A floating table with booktabs and siunitx."""
+        """Return the table as LaTeX: a floating table with booktabs and siunitx.
+
+        siunitx aligns columns of numbers at the decimal marker; long texts wrap.
+        """
         infinite = {"inf": r"{$\infty$}", "-inf": r"{$-\infty$}", "": "{}"}
         columns = []
         layout = []
@@ -263,7 +283,7 @@ class Table:
         )
 
     def csv(self) -> str:
-        """With all digits that it takes to read the same numbers back."""
+        """Return the table as CSV, with all digits that restore the same numbers."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(self.headings)
@@ -271,7 +291,7 @@ class Table:
         return out.getvalue()
 
     def to_frame(self) -> pandas.DataFrame:
-        """The cells as they are."""
+        """Return the table as a pandas data frame with the unformatted cells."""
         import pandas
 
         columns = list(self.headings)
@@ -279,18 +299,20 @@ class Table:
 
 
 def _in_lines(heading: str) -> str:
-    """A heading in as many lines as keep a column of numbers narrow."""
+    """Break a heading into short lines, so that a column of numbers stays narrow."""
     return "\n".join(textwrap.wrap(heading, _WIDEST_HEADING)) or heading
 
 
 @cache
 def _latex_template() -> Template:
+    """Read the LaTeX template of a table, once."""
     return Template(read_text(_HERE / "table.tex"))
 
 
 def cell_text(cell: Cell, digits: int = 4) -> str:
-    """A cell as written: printed text untouched, numbers to ``digits`` significant
-    digits.
+    """Return a cell as it is printed: text unchanged, numbers with significant digits.
+
+    A number smaller than ROUNDING is written as 0, an unknown one as "".
 
     >>> cell_text(0.12345), cell_text(None), cell_text("1.50"), cell_text(1e-12)
     ('0.1235', '', '1.50', '0')
@@ -305,14 +327,16 @@ def cell_text(cell: Cell, digits: int = 4) -> str:
 
 
 def exact_text(cell: Cell) -> str:
-    """A cell with all digits that it takes to read the same number back."""
+    """Return a cell with all digits that restore the same number."""
     if isinstance(cell, float) and math.isfinite(cell):
         return repr(float(cell))
     return cell_text(cell)
 
 
 def is_numeric(cells: Sequence[str]) -> bool:
-    """Whether every cell that is not empty is a number (or infinite), and one is."""
+    """Whether a column holds numbers: each cell is one, or empty, and not all are
+    empty.
+    """
     filled = [cell for cell in cells if cell not in ("", "inf", "-inf")]
     return bool(filled) and all(_NUMBER.fullmatch(cell) for cell in filled)
 
@@ -322,13 +346,19 @@ def markdown_lines(
     rows: Iterable[Sequence[str]],
     sides: Sequence[str] = (),
 ) -> list[str]:
-    """The lines of a table in Markdown; sides : "---:" of a column that stands right."""
+    """Return the lines of a Markdown table.
+
+    sides : alignment of each column, "---:" for right; by default Markdown decides.
+    """
     marks = sides or ["---"] * len(headings)
     return [f"| {' | '.join(cells)} |" for cells in (headings, marks, *rows)]
 
 
 def _latex_header(name: str) -> str:
-    """The data set on a line of its own, so that columns stay narrow."""
+    """Return a heading for LaTeX; a data set named in it gets a line of its own.
+
+    "loss_measured" has two lines, so that its column stays narrow.
+    """
     first, _, data = name.rpartition("_")
     if data in ("simulated", "measured"):
         return rf"{{\shortstack{{{escape_latex(first)}\\{data}}}}}"
@@ -336,6 +366,8 @@ def _latex_header(name: str) -> str:
 
 
 def escape_latex(plain: str) -> str:
-    """Text that LaTeX sets as it is written, control characters as Python writes
-    them."""
+    """Escape text so that LaTeX prints it literally.
+
+    Control characters are written as Python does; ligatures are separated by {}.
+    """
     return _LIGATURE.sub("{}", printable(plain).translate(_LATEX))

@@ -18,7 +18,10 @@ _FOLDERS = (Path(__file__).parent / "html",)
 
 @cache
 def environment(*folders: Path) -> Environment:
-    """The templates of these folders; a name that is missing is an error."""
+    """Return the jinja2 environment with the templates of these folders.
+
+    Every value is escaped. A variable that a template misses is an error.
+    """
     made = Environment(
         loader=FileSystemLoader([*folders, *_FOLDERS]),
         autoescape=True,
@@ -32,12 +35,14 @@ def environment(*folders: Path) -> Environment:
 
 
 def render(template: str, *folders: Path, **context: Any) -> str:
-    """A template of these folders, or of the tables, with a context."""
+    """Fill a template, by file name, with variables; it is searched in these folders
+    first.
+    """
     return environment(*folders).get_template(template).render(context)
 
 
 def mark_code(sentence: object) -> Markup:
-    """Escaped; what stands between backticks as code.
+    """Escape a sentence for HTML; text between backticks becomes <code>.
 
     >>> str(mark_code("run `check` <b>"))
     'run <code>check</code> &lt;b&gt;'

@@ -89,6 +89,58 @@ def link_geometry(
     return out
 
 
+def link_surfaces(
+    path: str | Path,
+    held: Mapping[str, float] | None = None,
+) -> list[Array | None]:
+    """Triangles of the moving links' visual meshes, for pictures.
+
+    Parameters
+    ----------
+    path : path
+        A URDF file.
+    held : mapping or None
+        Positions [rad, m] of joints that count as fixed.
+
+    Returns
+    -------
+    list of (m, 3, 3) array or None
+        Corners of m triangles in the frame of each link [m]; None where a link has no
+        mesh that can be read.
+
+    Raises
+    ------
+    InputError
+        Where the file is no URDF of a tree of joints.
+    """
+    surfaces: list[Array | None] = []
+    for parts in placed_links(path, held):
+        with errors_located_in(path):
+            found = [
+                surface
+                for link, at in parts
+                for surface in _visual_surfaces(Path(path), link, at)
+            ]
+        surfaces.append(np.concatenate(found) if found else None)
+    return surfaces
+
+
+def _visual_surfaces(path: Path, link: Any, placement: Array) -> Iterator[Array]:
+    """(m, 3, 3) triangles of each visual mesh of a <link> element that can be read."""
+    for visual in link.findall("visual"):
+        element = visual.find("geometry/mesh")
+        if element is None:
+            continue
+        file = _mesh_file(path, element.get("filename") or "")
+        scale = _lengths(element, "scale", 3, "1 1 1")
+        mesh = None if file is None else read_mesh(file, scale, triangles=True)
+        if mesh is None or not len(mesh.triangles):
+            continue
+        pose = placement @ pose_of(visual)
+        corners = mesh.vertices[mesh.triangles.astype(int)]
+        yield corners @ pose[:3, :3].T + pose[:3, 3]
+
+
 def self_collision(urdf: str | Path, n: int) -> Callable[[Array], bool] | None:
     """Return a function that tells whether a URDF's arm is free of self-collision.
 

@@ -32,18 +32,18 @@ _ROUNDS = 60
 
 
 def options(accuracy: float) -> dict[str, Any]:
-    """What L-BFGS-B is told, by the names of SciPy's documentation: gtol of the scaled
-    gradient.
+    """Return the options of SciPy's L-BFGS-B for a relative accuracy.
 
     Parameters
     ----------
     accuracy : float
-        Asked for.
+        Relative accuracy that is asked for; gtol, of the scaled gradient, is a
+        hundredth.
 
     Returns
     -------
     dict
-        Options of L-BFGS-B by the names of SciPy's documentation.
+        Options by the names of SciPy's documentation.
     """
     return {
         "maxcor": 50,
@@ -69,6 +69,24 @@ class Chart:
     diagonal = np.arange(4)
 
     def __init__(self, demands: Sequence[Constraint], inside: Array) -> None:
+        """Set up the variables, so that ``start`` stands for the point ``inside``.
+
+        A link's 4x4 demand is P = L L^T with a lower triangular L. Its ten variables
+        are the entries of L, scaled so that the rows have length 1 at ``inside``, with
+        logarithms on the diagonal.
+
+        Parameters
+        ----------
+        demands : sequence of Constraint
+            All constraints; those of 4x4 matrices define the links' variables.
+        inside : (p,) array
+            A strictly feasible point.
+
+        Raises
+        ------
+        LinAlgError
+            If ``inside`` is not strictly feasible.
+        """
         links = _link_demands(demands)
         self.indices = np.array([c.indices for c in links], np.intp).reshape(-1, 10)
         self.others = np.setdiff1d(np.arange(len(inside)), self.indices)
@@ -105,12 +123,13 @@ class Chart:
         )
 
     def theta(self, x: Array) -> tuple[Array, Array]:
-        """Parameters of the variables.
+        """Return the parameters that belong to the variables.
 
         Parameters
         ----------
         x : (n,) array
-            Variables.
+            Variables: ten for each link, then the other parameters in units of their
+            size.
 
         Returns
         -------
@@ -132,19 +151,20 @@ class Chart:
         return theta, factors
 
     def slope(self, factors: Array, gradient: Array) -> Array:
-        """Gradient in the variables.
+        """Return the gradient in the variables from that in the parameters (chain
+        rule).
 
         Parameters
         ----------
         factors : (links, 4, 4) array
-            L of each link.
+            The factor L of each link, P = L L^T.
         gradient : (p,) array
-            In the parameters.
+            Gradient in the parameters.
 
         Returns
         -------
         (n,) array
-            In the variables.
+            Gradient in the variables.
         """
         of_links = np.einsum("kei,ki->ke", self.maps, gradient[self.indices])
         matrix = of_links.reshape(-1, 4, 4)
@@ -162,7 +182,10 @@ class Chart:
 
 
 def _link_demands(demands: Sequence[Constraint]) -> list[Constraint]:
-    """The 4x4 demand of each link: that of a minimum thickness where there is one."""
+    """Return the 4x4 demand of each link; that of a minimum thickness goes first.
+
+    A link is recognised by the index of its first parameter.
+    """
     by_first_index: dict[int, Constraint] = {}
     for c in sorted(demands, key=lambda c: c.family == "minimum thickness"):
         if c.constant.shape == (4, 4) and len(c.indices) == 10:
@@ -187,8 +210,12 @@ class Round:
 
     @cached_property
     def turn(self) -> Array:
-        """The inverse of the weight is the least curvature: a smaller one stretches no
-        variable further."""
+        """(n, n) scaling T of the variables, with T^T H T = 1 for the Gauss-Newton
+        matrix H.
+
+        L-BFGS works in T^-1 x. Curvatures below 1 / weight are raised to that, so that
+        no variable is stretched further.
+        """
         scale = self.penalty.theta_scale
         theta, factors = self.chart.theta(self.x)
         _, slopes = self.penalty.rows(
@@ -202,17 +229,17 @@ class Round:
         return vectors / np.sqrt(np.maximum(values, 1.0 / self.weight))
 
     def value_and_slope(self, z: Array) -> tuple[float, Array]:
-        """The Lagrangian and its gradient.
+        """Return the augmented Lagrangian and its gradient at the scaled variables.
 
         Parameters
         ----------
         z : (n,) array
-            Scaled variables.
+            Scaled step from the variables x: the point is x + T z.
 
         Returns
         -------
         tuple of (float, (n,) array)
-            In units of the loss.
+            Value, in units of the loss, and gradient in z.
         """
         penalty = self.penalty
         theta, factors = self.chart.theta(self.x + self.turn @ z)
@@ -229,22 +256,22 @@ class Round:
 
 
 def solve(instance: Instance, accuracy: float) -> Answer:
-    """Minimise from the interior point; no multipliers come back, since a chart has
-    none for its links.
+    """Minimise from the interior point in rounds, each followed by new multipliers.
 
-    Claims an optimum where slope, violation and complementarity are within accuracy.
+    An optimum is claimed if gradient, violation and change of the multipliers are
+    within the accuracy.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        The problem.
     accuracy : float
-        Asked for.
+        Relative accuracy that is asked for.
 
     Returns
     -------
     Answer
-        Without multipliers.
+        Without multipliers, since the variables leave none for the links.
     """
     inside = instance.interior
     if inside is None:

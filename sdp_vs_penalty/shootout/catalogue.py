@@ -29,69 +29,68 @@ Change = Callable[[Instance], Instance]
 
 
 def posed_as(formulation: str, unit: float = 1.0) -> Change:
-    """Change to other units and another formulation.
+    """Return a change of an instance to other units and another formulation.
 
     Parameters
     ----------
     formulation : str
-        One of an instance's.
+        "residual", "gram", "gram in float32" or "rows".
     unit : float
-        So many kg and m are one.
+        Size of the new units of mass [kg] and length [m].
 
     Returns
     -------
     callable
-        From an instance to the changed one.
+        Maps an instance to the changed one.
     """
     return lambda made: replace(in_units(made, unit, unit), formulation=formulation)
 
 
 def unidentifiable(instance: Instance) -> Instance:
-    """Drop the bounds on size.
+    """Drop all bounds on the size of links, so that the set of optima is unbounded.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        A regular instance.
 
     Returns
     -------
     Instance
-        Whose optima are unbounded; the certificate holds within |theta| <= B.
+        Its parameters are bounded a thousand times as wide, which the certificate
+        needs.
     """
-    open_families = (
+    dropped_families = (
         "trace",
         "range",
         "bounding ellipsoid",
         "total mass",
         "minimum thickness",
     )
-    constraints_kept = [
-        c for c in instance.constraints.convex if c.family not in open_families
-    ]
-    wide = instance.having(
-        (
-            build.linear("mass", c.name, c.indices, [[1.0]], [0.0])
-            if c.family == "mass"
-            else c
-        )
-        for c in constraints_kept
-    )
+    convex = []
+    for c in instance.constraints.convex:
+        if c.family in dropped_families:
+            continue
+        if c.family == "mass":  # masses stay positive only
+            c = build.linear("mass", c.name, c.indices, [[1.0]], [0.0])
+        convex.append(c)
+    wide = instance.having(convex)
     return replace(wide, task=replace(wide.task, bound=1e3 * instance.task.bound))
 
 
 def total_mass_at_least(shift: float) -> Change:
-    """Demand a total mass ``shift`` above what the links may weigh together.
+    """Return a change that demands a total mass near the limit of what is feasible.
 
     Parameters
     ----------
     shift : float
-        Relative; negative: below.
+        The demanded mass is 1 + shift times the largest mass that the links may have
+        together: a negative shift is nearly infeasible, a positive one infeasible.
 
     Returns
     -------
     callable
-        From an instance to the changed one.
+        Maps an instance to the changed one.
     """
 
     def change(instance: Instance) -> Instance:
@@ -107,14 +106,17 @@ def total_mass_at_least(shift: float) -> Change:
         Instance
             With the demand.
         """
-        rows = [
-            (c.constant, c.coefficients[0])
-            for c in instance.constraints.convex
-            if c.family == "mass"
-        ]
-        upper = sum(float(min(-c0[c1 < 0] / c1[c1 < 0])) for c0, c1 in rows)
+        # Rows c0 + c1 m >= 0 with c1 < 0 limit a mass m to -c0 / c1.
+        largest_total = 0.0
+        for c in instance.constraints.convex:
+            if c.family != "mass":
+                continue
+            is_upper_limit = c.coefficients[0] < 0
+            constants = c.constant[is_upper_limit]
+            slopes = c.coefficients[0][is_upper_limit]
+            largest_total += float(min(-constants / slopes))
         masses = instance.task.links[:, 0]
-        smallest_mass = (1.0 + shift) * upper
+        smallest_mass = (1.0 + shift) * largest_total
         demand = build.linear(
             "total mass",
             "robot",
@@ -131,17 +133,17 @@ def total_mass_at_least(shift: float) -> Change:
 
 
 def rounded(instance: Instance) -> Instance:
-    """Round the factor to single precision.
+    """Round R and rho of the objective |R theta - rho|^2 to single precision.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        A regular instance.
 
     Returns
     -------
     Instance
-        Solved and certified as rounded.
+        Its optimum is that of the rounded data, and is proved for them.
     """
     R = instance.data.R.astype(np.float32).astype(float)
     rho = instance.data.rho.astype(np.float32).astype(float)
@@ -149,12 +151,14 @@ def rounded(instance: Instance) -> Instance:
 
 
 def too_thick(instance: Instance) -> Instance:
-    """Demand radii of gyration that the bounds on the moments exclude.
+    """Demand thicker links than their bounds allow, so that nothing is feasible.
+
+    Each link must have radii of gyration of 3 m.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        A regular instance.
 
     Returns
     -------
@@ -168,34 +172,34 @@ def too_thick(instance: Instance) -> Instance:
 
 
 def rank_deficient(instance: Instance) -> Instance:
-    """Leave some twenty rows of the factor.
+    """Keep about twenty rows of R in |R theta - rho|^2.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        A regular instance.
 
     Returns
     -------
     Instance
-        Whose rows see far fewer directions than there are parameters.
+        Its rows determine far fewer directions than there are parameters.
     """
     step = max(1, len(instance.data.R) // 20)
     return instance.having(R=instance.data.R[::step], rho=instance.data.rho[::step])
 
 
 def noise_free(instance: Instance) -> Instance:
-    """Replace the torque by that of the nominal robot, exactly.
+    """Replace the measured torque by that of the nominal robot, without noise.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        A regular instance.
 
     Returns
     -------
     Instance
-        Whose optimum is zero.
+        The loss of its optimum is zero.
     """
     rho = instance.data.R @ instance.task.nominal
     return instance.having(
@@ -282,43 +286,45 @@ class Entry:
 
     @property
     def measured(self) -> bool:
-        """Whether it needs real data."""
+        """Whether the instance needs real measurements, which a computer may lack."""
         return " measured " in self.name
 
     def make(self) -> Instance:
-        """The instance, by its name."""
+        """Build the instance, and give it its name."""
         return replace(self.build(), name=self.name)
 
     @property
     def folder(self) -> str:
-        """Where its files are in the library."""
+        """Folder of the instance in the library: its group and its name in plain
+        letters.
+        """
         return (
             f"{self.group}/{re.sub(r'[^a-z0-9]+', '-', self.name.lower()).strip('-')}"
         )
 
     @property
     def quick(self) -> bool:
-        """Whether it is part of --quick."""
+        """Whether a quick shootout (--quick) includes the instance."""
         return re.fullmatch(_QUICK, self.name) is not None
 
 
 def everything() -> list[Entry]:
-    """Every instance, measured ones included, in a fixed order."""
+    """List every instance, measured ones included, in a fixed order."""
     return [*_robots(), *_chains(), *_changed()]
 
 
 def library() -> list[Entry]:
-    """Those that are exported."""
+    """List the instances that `shootout --export` writes as files."""
     return [entry for entry in everything() if entry.sentence]
 
 
 def catalogue() -> dict[str, Entry]:
-    """Those that the shootout runs on by itself, by name."""
+    """Return the instances, by name, that a shootout runs unless it is told which."""
     return {e.name: e for e in everything() if re.fullmatch(_CATALOGUE, e.name)}
 
 
 def _robots() -> Iterator[Entry]:
-    """Simulated and measured robots in every formulation."""
+    """Yield instances of known robots, simulated and measured, in every formulation."""
     for robot in ("two_link", "panda", "ur10e", "emps", "tx40"):
         sources = ("simulated",) if robot == "two_link" else ("simulated", "measured")
         stops = (14.0, 7.0, 3.0, 1.0) if robot == "panda" else (np.inf,)
@@ -333,7 +339,10 @@ def _robots() -> Iterator[Entry]:
 
 
 def _chains() -> Iterator[Entry]:
-    """Random serial arms: every size once in every shape, small ones twice more."""
+    """Yield instances of random serial arms of 2 to 60 links.
+
+    Every size comes once in every shape; small arms come with two more draws.
+    """
     for n in (2, 3, 4, 5, 6, 7, 8, 10, 12, 14, 20, 30, 40, 60):
         for shape, demand in _SHAPES.items():
             if n > 14 and shape in ("plain", "cones"):
@@ -357,11 +366,14 @@ def _chain(
     shape: str = "gyration",
     draw: int = 0,
 ) -> Instance:
+    """Build an instance of the draw-th random arm of n links, which fits its
+    torques.
+    """
     return posed(chain_task(n, draw), "one-step", shape)
 
 
 def _changed() -> Iterator[Entry]:
-    """Regular instances with one thing changed that users or data do."""
+    """Yield ill-conditioned instances: regular ones with one change of CHANGES."""
     simulated = partial(recorded, source="simulated", step="one-step", shape="gyration")
     bases: dict[str, Callable[[], Instance]] = {
         "two_link": partial(simulated, "two_link"),
@@ -373,13 +385,12 @@ def _changed() -> Iterator[Entry]:
     for (robot, base), (change, (make, words)) in product(
         bases.items(), CHANGES.items()
     ):
-        if (change, robot) != (
-            "rank-deficient",
-            "two_link",
-        ):  # its factor has no more rows than twenty
-            sentence = words and f"{robot} with links at least 2 cm thick, {words}."
-            build = lambda make=make, base=base: make(base())  # noqa: E731
-            yield Entry(f"{robot} {change}", "ill-conditioned", build, sentence)
+        if (change, robot) == ("rank-deficient", "two_link"):
+            continue  # its R has no more than twenty rows
+        # The last change has no words, because the library leaves it out.
+        sentence = words and f"{robot} with links at least 2 cm thick, {words}."
+        build = lambda make=make, base=base: make(base())  # noqa: E731
+        yield Entry(f"{robot} {change}", "ill-conditioned", build, sentence)
 
 
 def selected(
@@ -387,31 +398,32 @@ def selected(
     entries: Iterable[Entry],
     quick: bool = False,
 ) -> tuple[list[Entry], list[Entry]]:
-    """Choose instances by group or name.
+    """Choose instances by group or by name.
 
     Parameters
     ----------
     groups : sequence of str, optional
-        Groups or names; default: all.
+        Names of groups or instances; by default all.
     entries : iterable of Entry
-        Of which to choose.
+        Instances to choose from.
     quick : bool
-        Whether only those of --quick.
+        Whether a group stands for its instances of --quick only.
 
     Returns
     -------
     tuple of (list of Entry, list of Entry)
-        Those at hand, and those whose measurements are absent.
+        The chosen instances, and those whose measurements this computer lacks.
 
     Raises
     ------
     InputError
-        For a group that does not exist.
+        For an unknown group or name.
     """
-    there = list(entries)
-    known = list(dict.fromkeys(e.group for e in there))
+    all_entries = list(entries)
+    known = list(dict.fromkeys(entry.group for entry in all_entries))
+    names = {entry.name for entry in all_entries}
     for group in groups or ():
-        if group not in known and all(group != e.name for e in there):
+        if group not in known and group not in names:
             what = f"--problems {group!r} is unknown"
             remedy = (
                 f"choose from {', '.join(known)} and the names of `sdp-vs-penalty"
@@ -419,34 +431,32 @@ def selected(
             )
             raise InputError(what, remedy)
     groups_chosen = groups or known
-    chosen = [
-        e
-        for e in there
-        if (e.group in groups_chosen and (e.quick or not quick))
-        or e.name in groups_chosen
-    ]
+    chosen = []
+    for entry in all_entries:
+        is_of_group = entry.group in groups_chosen and (entry.quick or not quick)
+        if is_of_group or entry.name in groups_chosen:
+            chosen.append(entry)
     absent = [e for e in chosen if e.measured and real_data_folder() is None]
     return [e for e in chosen if e not in absent], absent
 
 
 @lru_cache(maxsize=4)
 def instance(name: str) -> Instance:
-    """Build an instance.
+    """Build an instance by its name; the last four are cached.
 
     Parameters
     ----------
     name : str
-        Of the catalogue.
+        Name of an entry.
 
     Returns
     -------
     Instance
-        The last few are kept.
 
     Raises
     ------
     InputError
-        Where the name is unknown.
+        For an unknown name.
     """
     entries = {e.name: e for e in everything()}
     if name not in entries:

@@ -28,21 +28,21 @@ def solve_cvxpy(
     accuracy: float,
     solver: str | None,
 ) -> Answer:
-    """Solve the problem by CVXPY as its formulas read.
+    """Solve an instance by CVXPY, written as its formulas read.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        The problem.
     accuracy : float
-        Not told to it.
+        Ignored, since users rarely pass one.
     solver : str or None
-        By name; None: CVXPY's own choice.
+        CVXPY's name of the solver; None for CVXPY's own choice.
 
     Returns
     -------
     Answer
-        Without multipliers.
+        Without dual multipliers.
     """
     import cvxpy as cp
 
@@ -86,19 +86,19 @@ def solve_cvxpy(
 
 
 def solve_penalty(instance: Instance, accuracy: float) -> Answer:
-    """Solve the problem by the exact penalty.
+    """Solve an instance by the exact penalty method from several starts.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        The problem.
     accuracy : float
-        Asked for.
+        Relative accuracy that is asked for.
 
     Returns
     -------
     Answer
-        Its shifts are its multipliers.
+        The penalty's shifts serve as dual multipliers.
     """
     try:
         fit = fit_penalty(
@@ -148,81 +148,84 @@ class Contestant:
 
     @property
     def is_certified(self) -> bool:
-        """Whether it is a solver of the library inside our loop."""
+        """Whether this is a conic solver inside our loop of scaling and
+        certification.
+        """
         return self.name.endswith(" certified")
 
     def asked(self, accuracies: Iterable[float]) -> list[float]:
-        """Accuracies that are asked of it.
+        """Return the accuracies to run this contestant at, from loose to tight.
 
         Parameters
         ----------
         accuracies : iterable of float
-            Of the shootout.
+            Those of the shootout.
 
         Returns
         -------
         list of float
-            From loose to tight; what it promises where it cannot be asked.
+            Only the accuracy that it promises, if it has no setting for accuracy.
         """
-        return (
-            [self.promise]
-            if self.options is None
-            else sorted(set(accuracies), reverse=True)
-        )
+        if self.options is None:
+            return [self.promise]
+        return sorted(set(accuracies), reverse=True)
 
     def settings(self, accuracy: float) -> str:
-        """How a run is set up.
+        """Return the key of a run's settings in runs.csv: its accuracy, or "default".
 
         Parameters
         ----------
         accuracy : float
-            Asked for.
+            Accuracy that is asked for.
 
         Returns
         -------
         str
-            One word: the key in runs.csv.
         """
         return "default" if self.options is None else f"{accuracy:.0e}"
 
     def options_in_words(self, accuracy: float) -> str:
-        """Options of a run.
+        """Return the options that are passed to the solver, in words.
 
         Parameters
         ----------
         accuracy : float
-            Asked for.
+            Accuracy that is asked for.
 
         Returns
         -------
         str
-            By the names of its documentation.
+            Names of its documentation with values; "" if it takes none.
         """
         options = {} if self.options is None else self.options(accuracy)
-        return ", ".join(
-            f"{k} {v:g}" if isinstance(v, float) else f"{k} {v}"
-            for k, v in options.items()
-        )
+        words = [
+            f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+            for name, value in options.items()
+        ]
+        return ", ".join(words)
 
     def refuses(self, instance: Instance) -> str | None:
-        """Why an instance cannot be posed to it.
+        """Return why an instance cannot be posed to this contestant.
 
         Parameters
         ----------
         instance : Instance
-            Which problem.
+            The problem.
 
         Returns
         -------
         str or None
-            The reason; None where it can be posed.
+            The reason; None if it can be posed.
         """
         posed = self.entropy or instance.objective.entropy is None
         return None if posed else "no cone for log det"
 
 
 def contestants() -> dict[str, Contestant]:
-    """All of them by name, absent ones included."""
+    """Return all contestants by name, including those that are not installed.
+
+    Each conic solver takes part twice: by itself, and inside our certified loop.
+    """
     contestants_found = _baselines()
     for name, kind in solver_types().items():
         conic = kind()
@@ -246,32 +249,32 @@ def chosen(names: list[str] | None) -> tuple[list[Contestant], list[Contestant]]
     Parameters
     ----------
     names : list of str or None
-        None: all.
+        None for all.
 
     Returns
     -------
     tuple of (list of Contestant, list of Contestant)
-        Those at hand, and those that are absent.
+        Those that can run, and those that are not installed.
 
     Raises
     ------
     InputError
-        For a name that does not exist, or one asked for that is absent.
+        For an unknown name, or a named contestant that is not installed.
     """
-    everyone = contestants()
+    by_name = contestants()
     if names is None:
-        return [c for c in everyone.values() if not c.absent], [
-            c for c in everyone.values() if c.absent
-        ]
+        present = [c for c in by_name.values() if not c.absent]
+        absent = [c for c in by_name.values() if c.absent]
+        return present, absent
     for name in names:
-        require_known("solver", name, everyone)
-        if why := everyone[name].absent:
-            raise InputError(f"solver {name} cannot be used here", why)
-    return [everyone[name] for name in names], []
+        require_known("solver", name, by_name)
+        if reason := by_name[name].absent:
+            raise InputError(f"solver {name} cannot be used here", reason)
+    return [by_name[name] for name in names], []
 
 
 def _conic(solver: Solver) -> Contestant:
-    """A solver of the library."""
+    """Make a contestant of a conic solver, by itself and without our loop around it."""
 
     def solve(instance: Instance, accuracy: float) -> Answer:
         sdp = instance.sdp
@@ -302,7 +305,21 @@ def _in_our_loop(
     solver: str | None,
     finest: float,
 ) -> Answer:
-    """The certified fit, which claims what its own proof says."""
+    """Solve an instance by the certified fit with a conic solver.
+
+    It claims an optimum only if its own certificate proves the accuracy.
+
+    Parameters
+    ----------
+    instance : Instance
+        The problem.
+    accuracy : float
+        Relative gap below which an optimum is claimed.
+    solver : str or None
+        Name of the conic solver; None for the default of lmi-sdp.
+    finest : float
+        Accuracy that is asked of the solver.
+    """
     try:
         posed = PosedSdp(
             instance.task,
@@ -326,8 +343,11 @@ def _in_our_loop(
 
 
 def _baselines() -> list[Contestant]:
-    """What ``identify`` runs; CVXPY as a user meets it, the penalty, an augmented
-    Lagrangian."""
+    """Return the contestants that are no conic solvers of this package.
+
+    They are our default method, CVXPY as users call it, the penalty method, and an
+    augmented Lagrangian in log-Cholesky variables.
+    """
     words = (
         "our default: the NumPy interior point, certified; Clarabel where the certified"
         " gap is loose"

@@ -54,19 +54,19 @@ class Instance:
     name: str = ""
 
     def having(self, convex: Iterable[Constraint] | None = None, **data: Any) -> Self:
-        """The instance with other constraints, or other entries of the data.
+        """Return the instance with other constraints, or other least-squares data.
 
         Parameters
         ----------
         convex : iterable of Constraint, optional
-            Default: as they are.
+            Convex constraints that replace the present ones.
         **data : Any
-            Fields of the least-squares data.
+            Fields of LeastSquares to replace, such as R and rho.
 
         Returns
         -------
         Instance
-            A copy.
+            A changed copy.
         """
         rows = replace(self.data, **data)
         constraints_kept = (
@@ -81,17 +81,19 @@ class Instance:
 
     @property
     def constraints(self) -> ConstraintSet:
-        """The convex constraints."""
+        """The convex constraints on theta."""
         return self.task.constraints
 
     @property
     def data(self) -> LeastSquares:
-        """The least-squares part of the objective."""
+        """The least-squares part of the objective, |R theta - rho|^2."""
         return self.objective.least_squares
 
     @cached_property
     def interior(self) -> Array | None:
-        """A strictly feasible theta, or None where the constraints exclude each other."""
+        """A strictly feasible theta (p,); None if the constraints exclude each
+        other.
+        """
         try:
             return interior_point(self.task, self.constraints)
         except InputError:
@@ -99,15 +101,18 @@ class Instance:
 
     @cached_property
     def sent(self) -> list[Constraint]:
-        """The constraints that solvers get: ours without redundant ones, users' all of
-        them."""
+        """The constraints that are posed to solvers.
+
+        The formulation "residual" leaves redundant ones out; the others, which stand
+        for what users write, keep all.
+        """
         if self.formulation == "residual":
             return essential(self.constraints, self.objective)
         return list(self.constraints.convex)
 
     @cached_property
     def sdp(self) -> SdpProblem:
-        """The problem as it is posed to conic solvers."""
+        """The semidefinite program as it is posed to conic solvers."""
         if self.formulation != "residual":
             return unscaled_sdp(self.data, self.sent, self.formulation)
         centre = self.task.nominal if self.interior is None else self.interior
@@ -123,9 +128,12 @@ class Instance:
 
     @cached_property
     def hash(self) -> str:
-        """Sixteen hexadecimal digits of the problem and the form it is posed in: of
-        objective and constraints at three points, to the six digits that all libraries
-        of linear algebra share."""
+        """A key of 16 hexadecimal digits that changes with the problem or its
+        formulation.
+
+        It hashes objective and constraints at three random points, to six digits, which
+        all linear algebra libraries share.
+        """
         bound = self.task.bound
         entropy = self.objective.entropy
         numbers = [self.data.tau_squared, float(bound.sum())]
@@ -216,49 +224,49 @@ class Units:
 
     @property
     def torque(self) -> float:
-        """What a torque or an inertia in SI units is multiplied by."""
+        """Factor from a torque or an inertia in SI units to these units."""
         return 1.0 / (self.mass * self.length**2)
 
     @property
     def corner(self) -> Array:
-        """(4,) of rows and columns of a pseudo-inertia."""
+        """(4,) factors of the rows, and of the columns, of a pseudo-inertia matrix."""
         lengths = np.array([1.0, 1.0, 1.0, self.length])
         return lengths / (self.length * np.sqrt(self.mass))
 
     def parameters(self, task: Task) -> Array:
-        """What parameters in SI units are multiplied by.
+        """Return the factor from each parameter in SI units to these units.
 
         Parameters
         ----------
         task : Task
-            In SI units.
+            The problem in SI units; it says which parameters are those of links.
 
         Returns
         -------
         (p,) array
-            Factors.
+            Factors; parameters of effects (friction ...) scale like torques.
         """
         first_moment = 1.0 / (self.mass * self.length)
-        out = np.full(len(task.bound), self.torque)
-        out[task.links] = [
+        factors = np.full(len(task.bound), self.torque)
+        # A link's mass, three first moments and six inertias.
+        factors[task.links] = [
             1.0 / self.mass,
             *[first_moment] * 3,
             *[self.torque] * 6,
         ]
-        return out
+        return factors
 
     def rows(self, family: str) -> float:
-        """What a family's constraint rows in SI units are multiplied by.
+        """Return the factor from a constraint's values in SI units to these units.
 
         Parameters
         ----------
         family : str
-            Of constraints.
+            Family of constraints: one on masses, on first moments, or on inertias.
 
         Returns
         -------
         float
-            Factor.
         """
         if family in ("mass", "total mass", "bounding ellipsoid", "body"):
             return 1.0 / self.mass
@@ -267,26 +275,27 @@ class Units:
         return self.torque
 
     def constraint(self, c: Constraint, parameters: Array) -> Constraint:
-        """A constraint in these units.
+        """Return a constraint in these units.
 
         Parameters
         ----------
         c : Constraint
             In SI units.
         parameters : (p,) array
-            What parameters are multiplied by.
+            Result of :meth:`parameters`.
 
         Returns
         -------
         Constraint
-            In these units.
+            It has the same feasible set.
         """
         scale: Array | float = self.rows(c.family)
         if c.cone == "psd":
             scale = np.outer(self.corner, self.corner)
-        size = (len(c.indices), *[1] * c.constant.ndim)
-        local = parameters[c.indices].reshape(size)
-        coefficients = c.coefficients * scale / local
+        # Coefficients (k, ...) have one leading entry for each of the k parameters.
+        shape = (len(c.indices), *[1] * c.constant.ndim)
+        factors = parameters[c.indices].reshape(shape)
+        coefficients = c.coefficients * scale / factors
         return replace(c, constant=c.constant * scale, coefficients=coefficients)
 
 
@@ -345,20 +354,20 @@ def recorded(
     shape: str,
     stop: float = np.inf,
 ) -> Instance:
-    """Instance from a robot's simulated experiment or its real measurements.
+    """Build an instance from a robot's simulated experiment or its real measurements.
 
     Parameters
     ----------
     robot : str
-        Name of a problem.
+        Name of a problem, such as "panda".
     source : str
         "simulated" or "measured".
     step : str
-        "one-step" or "two-step".
+        "one-step" fits the torques, "two-step" the base parameters of a first fit.
     shape : str
-        The demand on links' shapes.
+        Demand on the links' shapes, as in :func:`posed`.
     stop : float
-        Seconds of the run that count.
+        Length of the run that is used [s].
 
     Returns
     -------
@@ -368,22 +377,24 @@ def recorded(
     Raises
     ------
     InputError
-        Where the measurements are absent.
+        If the measurements are absent.
     """
     return posed(_task(robot, source, stop), step, shape)
 
 
 def posed(task: Task, step: str, shape: str) -> Instance:
-    """Instance from a task, with a demand on the links' shapes.
+    """Build an instance from a task, with a demand on the links' shapes.
 
     Parameters
     ----------
     task : Task
         Data and constraints.
     step : str
-        "one-step" (torque) or "two-step" (base parameters).
+        "one-step" minimises the torque error, "two-step" the distance of the base
+        parameters from their least-squares estimate.
     shape : str
-        "plain", "gyration", "regulariser" or "cones".
+        "plain" adds nothing, "gyration" demands a minimal thickness, "regulariser" adds
+        an entropic distance from the nominal links, "cones" limits the centres of mass.
 
     Returns
     -------
@@ -422,18 +433,25 @@ def shape_cones(task: Task) -> list[Constraint]:
     list of Constraint
         One a link.
     """
-    out = []
+    cones = []
     for k, indices in enumerate(task.links):
         m, mx, my, mz = task.nominal[indices[:4]]
         centre = np.array([mx, my, mz]) / m
         slope = 0.3
-        radius = 1.2 * float(np.hypot(*centre[:2])) + 0.02 - slope * min(centre[2], 0.0)
-        out.append(CentreOfMassCone(k + 1, "z", radius, slope).constraint(indices))
-    return out
+        # 20 % and 20 mm wider than the nominal centre needs.
+        across = float(np.hypot(centre[0], centre[1]))
+        radius = 1.2 * across + 0.02 - slope * min(centre[2], 0.0)
+        cones.append(CentreOfMassCone(k + 1, "z", radius, slope).constraint(indices))
+    return cones
 
 
 @lru_cache(maxsize=8)
 def _task(robot: str, source: str, stop: float) -> Task:
+    """Build the identification task of a robot from the first ``stop`` seconds of its
+    run.
+
+    Nonconvex constraints are left out.
+    """
     problem = load_problem(robot)
     effects = None
     if source == "measured":
@@ -450,12 +468,17 @@ def _task(robot: str, source: str, stop: float) -> Task:
 
 
 def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
-    """The first ``stop`` seconds; of one or two, so many seconds of rows in which the
-    robot moves."""
+    """Return the first ``stop`` seconds of a run.
+
+    For stops below 5 s they begin where the robot moves, and get as many rows more as
+    the filters lose at both ends.
+    """
     if stop >= 5.0:
         return run.window(0.0, stop)
-    moved = np.abs(run.q - run.q[0]).max(axis=1) > 0.2 * np.ptp(run.q, axis=0).max()
-    begin = float(run.t[np.argmax(moved)] - run.t[0])
+    # The robot moves once a joint is a fifth of the largest range from its start.
+    distance = np.abs(run.q - run.q[0]).max(axis=1)
+    is_away = distance > 0.2 * np.ptp(run.q, axis=0).max()
+    begin = float(run.t[np.argmax(is_away)] - run.t[0])
     settings = problem.preprocessing.resolve(run)
     assert settings.state_cutoff is not None
     assert settings.torque_cutoff is not None
@@ -464,29 +487,33 @@ def _part(run: Measurements, problem: Problem, stop: float) -> Measurements:
     return run.window(begin, begin + stop + 2.0 * reach)
 
 
+def _seed_of_chain(base: int, n: int, draw: int) -> list[int]:
+    """Return the seed of a random arm of n links.
+
+    The first draw leaves its number out, as when there was one arm of each size.
+    """
+    return [base, n] if draw == 0 else [base, n, draw]
+
+
 def chain_problem(n: int, draw: int = 0) -> Problem:
-    """Random serial chain: twists of +-90 degrees or 0, link lengths of 0.15-0.45 m, nominal
-    links as balls.
+    """Make a random serial arm: its kinematics, with nominal links shaped as balls.
+
+    Twists are 0 or +-90 degrees, link lengths 0.15 to 0.45 m, and each ball weighs 2
+    kg.
 
     Parameters
     ----------
     n : int
-        Links.
+        Number of links.
     draw : int
-        Number of the arm among those of this size.
+        Which of the arms of this size.
 
     Returns
     -------
     Problem
-        Without bounds.
+        Without bounds on the parameters.
     """
-    rng = np.random.default_rng(
-        [
-            _CHAIN_SEED,
-            n,
-            *[draw] * (draw > 0),
-        ]
-    )
+    rng = np.random.default_rng(_seed_of_chain(_CHAIN_SEED, n, draw))
     a = rng.uniform(0.0, 0.3, n)
     twist = rng.choice([-0.5, 0.0, 0.5], n)
     d = rng.uniform(0.05, 0.3, n)
@@ -497,9 +524,12 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
         d.tolist(),
         "modified",
     )
+    # Balls: I = 2/5 m r^2 on the diagonal (columns Ixx, Iyy, Izz), r = 0.4 reach.
+    mass = 2.0
+    radii = 0.4 * np.array(robot.link_reach())
     balls = np.zeros((n, 10))
-    balls[:, 0] = 2.0
-    balls[:, [4, 6, 9]] = 0.4 * 2.0 * (0.4 * np.array(robot.link_reach())[:, None]) ** 2
+    balls[:, 0] = mass
+    balls[:, [4, 6, 9]] = 0.4 * mass * radii[:, None] ** 2
     links = inertia.standard_from_barycentric(balls)
     title = f"random serial chain of {n} links"
     return Problem(
@@ -513,27 +543,25 @@ def chain_problem(n: int, draw: int = 0) -> Problem:
 
 
 def chain_task(n: int, draw: int = 0) -> Task:
-    """Data of a random serial chain: random states, thin random links, friction.
+    """Simulate torques of a random serial arm in 60 random states.
+
+    Its true links are thin, so that the constraints of consistency bind; friction acts
+    in every joint.
 
     Parameters
     ----------
     n : int
-        Links.
+        Number of links.
     draw : int
-        Number of the arm among those of this size.
+        Which of the arms of this size.
 
     Returns
     -------
     Task
-        Torques have white noise of 1 % of each joint's.
+        Each joint's torque has white noise of 1 % of its root mean square, and is
+        scaled by that.
     """
-    rng = np.random.default_rng(
-        [
-            _CHAIN_SEED + 1,
-            n,
-            *[draw] * (draw > 0),
-        ]
-    )
+    rng = np.random.default_rng(_seed_of_chain(_CHAIN_SEED + 1, n, draw))
     problem = chain_problem(n, draw)
     samples = 60
     model = problem.model()
@@ -557,9 +585,10 @@ def chain_task(n: int, draw: int = 0) -> Task:
         np.column_stack([c.dense_columns(len(theta)), t])
         for c, t in zip(columns, torque.T, strict=True)
     ]
-    for wide in stack:
-        wide /= 0.01 * float(np.sqrt(np.mean(wide[:, -1] ** 2)))
-        wide[:, -1] += rng.normal(size=samples)
+    # In units of the noise, 1 % of the joint's RMS torque (the last column).
+    for rows in stack:
+        rows /= 0.01 * float(np.sqrt(np.mean(rows[:, -1] ** 2)))
+        rows[:, -1] += rng.normal(size=samples)
     data = LeastSquares.stacked(stack, n * samples)
     convex = problem.constraints(model).convex
     return Task(
@@ -573,31 +602,30 @@ def chain_task(n: int, draw: int = 0) -> Task:
 
 
 def thin_links(rng: np.random.Generator, problem: Problem) -> Array:
-    """Links of 1-4 kg whose mass lies near a rod: constraints that bind.
+    """Draw links of 1 to 4 kg whose mass lies near a rod, so that constraints bind.
 
     Parameters
     ----------
     rng : Generator
         Random numbers.
     problem : Problem
-        Gives the links' reach.
+        Its links' reach [m] scales the centres of mass and the radii of gyration.
 
     Returns
     -------
     (n, 10) array
         Standard parameters [kg, kg m, kg m^2].
     """
-    out = []
+    links = []
     for reach in problem.robot.link_reach():
         mass = rng.uniform(1.0, 4.0)
         centre = rng.uniform(-0.2, 0.2, 3) * reach
         frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        # Radii of gyration along the axes: a rod is long in one direction only.
         gyration = reach * np.array([0.3, 0.05, 0.02]) * rng.uniform(0.5, 1.0, 3)
-        second = mass * (frame * gyration**2) @ frame.T + mass * np.outer(
-            centre, centre
-        )
-        corner = (mass * centre)[:, None]
-        out.append(
-            inertia.from_pseudo_inertia(np.block([[second, corner], [corner.T, mass]]))
-        )
-    return np.array(out)
+        about_centre = mass * (frame * gyration**2) @ frame.T
+        second = about_centre + mass * np.outer(centre, centre)
+        first = (mass * centre)[:, None]
+        pseudo_inertia = np.block([[second, first], [first.T, mass]])
+        links.append(inertia.from_pseudo_inertia(pseudo_inertia))
+    return np.array(links)

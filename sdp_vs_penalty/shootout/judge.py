@@ -44,23 +44,22 @@ class Reference:
 
     @property
     def gap(self) -> float:
-        """Width of the proved interval, over ``scale``."""
+        """Width of the proved interval, relative to ``scale``."""
         return (self.upper - self.lower) / self.scale
 
 
 def proved(instance: Instance) -> tuple[str, Proof | None]:
-    """Prove an instance's optimum, or that nothing is feasible.
+    """Prove an instance's optimum, or that it is infeasible, in rational arithmetic.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        The problem.
 
     Returns
     -------
     tuple of (str, Proof or None)
-        "optimum proved", "proved infeasible" or "not proved", and the proof in
-        rational arithmetic.
+        "optimum proved", "proved infeasible" or "not proved", and the proof.
     """
     task = instance.task
     constraints = instance.constraints
@@ -83,21 +82,24 @@ def proved(instance: Instance) -> tuple[str, Proof | None]:
 
 
 def reference(instance: Instance) -> Reference:
-    """Proved interval of an instance's optimum.
+    """Return the proved interval of an instance's optimum, which judges all answers.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        The problem.
 
     Returns
     -------
     Reference
-        The interval, or the verdict that there is none.
+        Verdict "feasible", "infeasible" or "unknown"; the interval is finite for the
+        first one only.
     """
     status, proof = proved(instance)
-    if proof is None or status == "proved infeasible":
-        return Reference("unknown" if proof is None else "infeasible", 0.0, np.inf, 1.0)
+    if proof is None:
+        return Reference("unknown", lower=0.0, upper=np.inf, scale=1.0)
+    if status == "proved infeasible":
+        return Reference("infeasible", lower=0.0, upper=np.inf, scale=1.0)
     scale = instance.data.loss_scale(np.array(proof["theta"], float))
     return Reference(
         "feasible",
@@ -134,19 +136,20 @@ class Judgement:
 
 
 def no_answer(instance: Instance, error: InputError | str) -> Answer:
-    """Answer of a contestant that returns nothing.
+    """Return the answer of a contestant that found no solution.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        The problem.
     error : InputError or str
-        What the contestant says.
+        The contestant's message.
 
     Returns
     -------
     Answer
-        Of NaN; claims infeasibility where the error proves it.
+        theta is NaN. It claims "infeasible" if the error comes with a proof, else
+        "failed".
     """
     nothing = np.full(len(instance.task.bound), np.nan)
     claims = "infeasible" if isinstance(error, Infeasible) and error.proof else "failed"
@@ -159,23 +162,23 @@ def judge(
     answer: Answer,
     accuracy: float,
 ) -> Judgement:
-    """Classify an answer.
+    """Classify an answer by the proved interval, whatever the contestant says of it.
 
     Parameters
     ----------
     instance : Instance
-        Which problem.
+        The problem.
     reference : Reference
         Its proved interval.
     answer : Answer
-        As returned.
+        What the contestant returned.
     accuracy : float
-        Asked for.
+        Relative accuracy that was asked for.
 
     Returns
     -------
     Judgement
-        Class and figures.
+        Class, error of the objective, violation of the constraints, and dual gap.
     """
     error, violation = _primal(instance, reference, answer.theta)
     dual_gap = (reference.upper - _dual(instance, answer)) / reference.scale
@@ -193,28 +196,32 @@ def classified(
     violation: float,
     accuracy: float,
 ) -> tuple[str, str]:
-    """Class of an answer that claims something.
+    """Classify an answer that claims an optimum, infeasibility or unboundedness.
+
+    An answer is right within SLACK times the accuracy, and inaccurate while at least
+    half of the digits are right (the square root of the accuracy). Beyond that it is
+    silently wrong, because it claims success.
 
     Parameters
     ----------
     reference : Reference
         The proved interval.
     claims : str
-        What the contestant claims.
+        "optimal", "infeasible" or "unbounded".
     error : float
         Relative distance of the objective from the interval.
     violation : float
-        Relative.
+        Relative violation of the constraints.
     accuracy : float
-        Asked for.
+        Relative accuracy that was asked for.
 
     Returns
     -------
     tuple of (str, str)
-        The class, and why the answer is not right.
+        The class, and the reason if the answer is not right.
     """
     allowed = SLACK * accuracy
-    half = max(SLACK * accuracy, accuracy**0.5)
+    half_of_digits = max(allowed, accuracy**0.5)
     if claims in ("infeasible", "unbounded"):
         if reference.verdict == claims:
             return "right", ""
@@ -230,7 +237,7 @@ def classified(
     what = "the objective lies outside of the proved interval"
     if violation > allowed:
         what = "violates the constraints"
-    if violation <= half and error <= half:
+    if violation <= half_of_digits and error <= half_of_digits:
         return "inaccurate", f"{what}, with at least half of the digits asked for"
     return "silently_wrong", what
 
@@ -240,7 +247,14 @@ def _primal(
     reference: Reference,
     theta: Array,
 ) -> tuple[float, float]:
-    """Relative distance of the objective from the interval, and relative violation."""
+    """Return how far an answer's theta (p,) is from the proved optimum.
+
+    Returns
+    -------
+    tuple of (float, float)
+        Relative distance of the objective from the interval (inf unless a feasible
+        point is proved), and relative violation of the constraints.
+    """
     if not np.all(np.isfinite(theta)):
         return np.inf, np.inf
     interior = instance.interior
@@ -254,22 +268,23 @@ def _primal(
     if reference.verdict != "feasible":
         return np.inf, violation
     value = instance.objective.value(theta)
-    if not np.isfinite(
-        value
-    ):  # where the entropy is not defined: the least squares alone
+    if not np.isfinite(value):  # the entropy is not defined there
         value = instance.data.loss(theta)
-    return (
-        max(value - reference.upper, reference.lower - value, 0.0) / reference.scale,
-        violation,
-    )
+    distance = max(value - reference.upper, reference.lower - value, 0.0)
+    return distance / reference.scale, violation
 
 
 def _dual(instance: Instance, answer: Answer) -> float:
-    """The bound from the contestant's own multipliers, -inf without finite ones."""
+    """Return the lower bound of the optimum that the contestant's multipliers prove.
+
+    -inf if it returned none, or some that are not finite.
+    """
     multipliers = answer.multipliers
     slopes = answer.entropy_slopes
-    numbers = (x for x in (answer.theta, multipliers, slopes) if x is not None)
-    if multipliers is None or not all(np.all(np.isfinite(x)) for x in numbers):
+    if multipliers is None:
+        return -np.inf
+    arrays = [x for x in (answer.theta, multipliers, slopes) if x is not None]
+    if not all(np.all(np.isfinite(values)) for values in arrays):
         return -np.inf
     fit = Fit(
         answer.theta,
@@ -290,26 +305,27 @@ def relative_violation(
     inside: Array,
     bound: Array,
 ) -> float:
-    """Worst violation in units of each cone's own size at an interior point: free of units.
+    """Return the worst violation of the constraints, independent of units.
 
-    psd: the smallest eigenvalue of D F(theta) D with D F(inside) D of unit diagonal;
-    rows: relative to the largest term that they can hold.
+    Each cone is scaled by its size at an interior point. For a matrix F(theta) the
+    violation is the negative smallest eigenvalue of D F(theta) D, where D F(inside) D
+    has a unit diagonal; for rows it is relative to the largest term that they can hold.
 
     Parameters
     ----------
     constraints : sequence of Constraint
-        Convex.
+        Convex constraints.
     theta : (p,) array
-        What is judged.
+        The judged parameters.
     inside : (p,) array
-        An interior point.
+        A strictly feasible point.
     bound : (p,) array
-        Largest size of each parameter.
+        Largest absolute value of each parameter.
 
     Returns
     -------
     float
-        0 where theta is feasible.
+        0 if theta is feasible.
     """
     worst = 0.0
     for c in constraints:

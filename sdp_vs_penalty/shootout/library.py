@@ -39,10 +39,23 @@ def write_library(
     entries: Sequence[Entry],
     progress: Progress,
 ) -> list[dict[str, Any]]:
-    """Write the instances, their index and the data card; returns the rows of the
-    index.
+    """Write instances as files, with their index and data card.
 
-    An instance whose measurements this machine lacks is left out.
+    Instances whose measurements this computer lacks are left out.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to write.
+    entries : sequence of Entry
+        The instances.
+    progress : callable
+        Called with the number of instances written so far.
+
+    Returns
+    -------
+    list of dict
+        Rows of index.csv.
     """
     rows = []
     for k, item in enumerate(entries):
@@ -72,21 +85,21 @@ def write_instance(
     item: Entry,
     instance: Instance,
 ) -> dict[str, Any]:
-    """Write the files of an instance.
+    """Write the files of one instance: problem, proof and description.
 
     Parameters
     ----------
     folder : Path
-        Of the library.
+        Folder of the instance.
     item : Entry
-        Its name and group.
+        Its name, group and sentence.
     instance : Instance
         The problem.
 
     Returns
     -------
     dict
-        Its row of the index.
+        Its row of index.csv.
     """
     status, proof = proved(instance)
     sdp = instance.sdp
@@ -135,8 +148,23 @@ def _interval_cells(
     status: str,
     interval: tuple[str, str] | None,
 ) -> dict[str, str]:
-    """Difficulty, both ends of the proved interval as rational numbers, and its width
-    over the objective; empty cells where nothing is proved."""
+    """Return the cells of index.csv on the proved interval of the optimum.
+
+    Parameters
+    ----------
+    instance : Instance
+        The problem.
+    status : str
+        "optimum proved", "proved infeasible" or "not proved".
+    interval : (str, str), optional
+        Lower and upper end as rational numbers.
+
+    Returns
+    -------
+    dict
+        "difficulty", "lower", "upper", and "relative_gap", the interval's width over
+        the objective; the last three are "" if nothing is proved.
+    """
     if interval is None:
         return {"difficulty": status, "lower": "", "upper": "", "relative_gap": ""}
     low, high = map(float, interval)
@@ -158,8 +186,11 @@ def _interval_cells(
 
 
 def _npz(problem: ConicProblem) -> bytes:
-    """minimise c^T x subject to b - A x in a product of cones, matrices as svec
-    (README.md)."""
+    """Return a conic problem as the bytes of an .npz file.
+
+    It stands for: minimise c^T x subject to b - A x in a product of cones, with
+    matrices stacked as scaled vectors (svec), as README.md of the library explains.
+    """
     file = io.BytesIO()
     A = problem.A.tocoo()
     arrays = {

@@ -83,43 +83,45 @@ class Results:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.path, self.runs = folder / "runs.csv", _frame([])
+        """Open an output folder, and read the runs that it holds already.
+
+        Raises InputError if the folder holds other files but no runs.csv.
+        """
+        self.path = folder / "runs.csv"
+        self.runs = _frame([])
         if self.path.exists():
             self.runs = _read(self.path)
-        elif any(
-            not p.name.startswith((".", "references.json")) for p in folder.glob("*")
-        ):
+            return
+        harmless = (".", "references.json")
+        if any(not path.name.startswith(harmless) for path in folder.glob("*")):
             what = "holds other files and no runs.csv"
             raise InputError(what, "give --out an empty or a new folder", folder)
 
     def add(self, rows: list[Row]) -> None:
-        """Add runs.
+        """Add runs, and write them to the disk at once.
 
         Parameters
         ----------
         rows : list of dict
-            Runs.
-
-        Returns
-        -------
-        None
-            They are on the disk then.
+            Rows of runs.csv.
         """
-        both = [self.runs, _frame(rows)] if len(self.runs) else [_frame(rows)]
-        self._write(pandas.concat(both, ignore_index=True))
+        frames = [_frame(rows)]
+        if len(self.runs):  # pandas warns of empty frames
+            frames.insert(0, self.runs)
+        self._write(pandas.concat(frames, ignore_index=True))
 
-    def keep(self, current: dict[str, str]) -> int:
-        """Drop runs of instances whose hash has changed.
+    def drop_outdated(self, current: dict[str, str]) -> int:
+        """Drop the runs of instances that have changed since, as their hash tells.
 
         Parameters
         ----------
         current : dict of str to str
-            Hash by problem name.
+            Hash of each instance by problem name. Runs of other problems are kept.
 
         Returns
         -------
         int
-            How many runs were dropped.
+            Number of runs dropped.
         """
         before = len(self.runs)
         is_current = self.runs["problem"].map(current)
@@ -127,17 +129,21 @@ class Results:
         return before - len(self.runs)
 
     def _write(self, runs: pandas.DataFrame) -> None:
+        """Sort the runs, and rewrite runs.csv atomically."""
         self.runs = runs.sort_values(**_ORDER, ignore_index=True)
         write_text(self.path, self.runs.to_csv(index=False, lineterminator="\n"))
 
 
 def _frame(rows: list[Row]) -> pandas.DataFrame:
+    """Return rows as a data frame with the columns of runs.csv and their types."""
     return pandas.DataFrame(rows, columns=list(COLUMNS)).astype(COLUMNS)
 
 
 def _read(path: Path) -> pandas.DataFrame:
+    """Read runs.csv. Raises InputError for other columns, or a damaged row."""
     text = read_text(path, is_own=True)
-    if (head := text.partition("\n")[0].strip()) != ",".join(COLUMNS):
+    head = text.partition("\n")[0].strip()
+    if head != ",".join(COLUMNS):
         what = f"holds the results of something else (its columns are {head[:60]}...)"
         raise InputError(what, "give --out another folder", path)
     try:
@@ -169,22 +175,23 @@ class Assignment:
 
 
 def perform(task: Assignment) -> list[Row]:
-    """Do an assignment here; what a worker of any kind calls.
+    """Do an assignment in this process; workers of any kind call this.
 
     Parameters
     ----------
     task : Assignment
-        What is to be done.
+        Runs of one solver on one problem at several accuracies, from loose to tight;
+        or, without a solver, the proof of the problem's interval.
 
     Returns
     -------
     list of dict
-        A row a run.
+        A row of runs.csv for each accuracy, or the proved interval.
 
     Raises
     ------
     InputError
-        Where its instance is another one.
+        If the instance built here differs from the one that was assigned.
     """
     problem_instance = instance(task.problem)
     if problem_instance.hash != task.hash:
@@ -193,41 +200,51 @@ def perform(task: Assignment) -> list[Row]:
         )
         remedy = "use the same version and data on all machines"
         raise InputError(what, remedy, f"instance {task.problem!r}")
-    # Work that belongs to no contestant: done before the fork, so that children have
-    # it.
+    # Cached properties that are no contestant's work: computed before the fork, so that
+    # every child has them.
     _ = (
         problem_instance.interior,
         problem_instance.constraints.groups,
         problem_instance.task.ols,
     )
     if not task.solver:
-        kind, reference_found, _ = in_child(
-            lambda: reference(problem_instance),
-            task.time_limit,
-            task.memory,
-        )
-        remark = "" if kind == "ended" else f"{kind} {reference_found}".strip()
-        reference_found = (
-            Reference("unknown", -np.inf, np.inf, 1.0) if remark else reference_found
-        )
-        return [
-            {
-                "hash": problem_instance.hash,
-                "reference": asdict(reference_found),
-                "remark": remark,
-            }
-        ]
+        return [_prove_interval(task, problem_instance)]
     _ = problem_instance.sdp
     contestant = contestants()[task.solver]
     stopped = ""
     rows = list[Row]()
-    contestant.warm_up()  # what a first use pays for
+    contestant.warm_up()  # what only the first call pays for
     for accuracy in task.accuracies:
-        rows.append(run_one(task, contestant, problem_instance, accuracy, stopped))
-        stopped = stopped or (
-            rows[-1]["settings"] if rows[-1]["class"] == "timeout" else ""
-        )
+        row = run_one(task, contestant, problem_instance, accuracy, stopped)
+        rows.append(row)
+        if row["class"] == "timeout" and not stopped:
+            stopped = row["settings"]
     return rows
+
+
+def _prove_interval(task: Assignment, problem_instance: Instance) -> Row:
+    """Prove an instance's interval in a child process.
+
+    Returns
+    -------
+    dict
+        "hash" of the instance, "reference" (the interval; -inf to inf if the proof
+        failed), and "remark", why it failed.
+    """
+    kind, outcome, _ = in_child(
+        lambda: reference(problem_instance),
+        task.time_limit,
+        task.memory,
+    )
+    remark = ""
+    if kind != "ended":
+        remark = f"{kind} {outcome}".strip()
+        outcome = Reference("unknown", -np.inf, np.inf, 1.0)
+    return {
+        "hash": problem_instance.hash,
+        "reference": asdict(outcome),
+        "remark": remark,
+    }
 
 
 def run_one(
@@ -237,22 +254,24 @@ def run_one(
     accuracy: float,
     stopped: str = "",
 ) -> Row:
-    """Run a contestant once and judge its answer.
+    """Run a contestant once in a child process, and judge its answer.
 
-    Seconds are processor time, programs that it ran included (machines are shared).
+    Time is processor time, programs that the contestant runs included, because machines
+    are shared.
 
     Parameters
     ----------
     task : Assignment
-        With the proved interval.
+        The assignment, with the proved interval of the optimum.
     contestant : Contestant
-        Who runs.
+        Who solves.
     problem_instance : Instance
-        Which problem.
+        The problem.
     accuracy : float
-        Asked for.
+        Relative accuracy that is asked for.
     stopped : str
-        A looser setting that exceeded the limit; empty: none.
+        A looser setting that exceeded the time limit: the run is then skipped, because
+        it would exceed it too. "" for none.
 
     Returns
     -------
@@ -266,17 +285,21 @@ def run_one(
         answer = contestant.solve(problem_instance, accuracy)
         return answer, _processor() - used
 
-    remark = f"not run: {stopped} exceeded the time limit" if stopped else ""
-    ended: tuple[str, Any, float] = "timeout", "", task.time_limit
-    kind, outcome, seconds = (
-        ended if stopped else in_child(timed, task.time_limit, task.memory)
-    )
-    if kind == "ended" and (seconds := outcome[1]) > task.time_limit:
-        kind = "timeout"
-        outcome = f"took {seconds:.2g} s of processor time"
+    remark = ""
+    kind: str
+    outcome: Any
+    if stopped:
+        remark = f"not run: {stopped} exceeded the time limit"
+        kind, outcome, seconds = "timeout", "", task.time_limit
+    else:
+        kind, outcome, seconds = in_child(timed, task.time_limit, task.memory)
     if kind == "ended":
-        answer = outcome[0]
-        verdict = judge(problem_instance, task.reference, outcome[0], accuracy)
+        answer, seconds = outcome
+        if seconds > task.time_limit:
+            kind = "timeout"
+            outcome = f"took {seconds:.2g} s of processor time"
+    if kind == "ended":
+        verdict = judge(problem_instance, task.reference, answer, accuracy)
     else:
         answer = Answer(np.empty(0), "", outcome, attempts=0)
         verdict = Judgement(kind, remark=remark)
@@ -294,7 +317,7 @@ def run_one(
 
 
 def _processor() -> float:
-    """Processor time of this process and of the programs that it ran [s]."""
+    """Return the processor time of this process and of the programs that it ran [s]."""
     programs = resource.getrusage(resource.RUSAGE_CHILDREN)
     return time.process_time() + programs.ru_utime + programs.ru_stime
 
@@ -325,6 +348,9 @@ class Shootout:
     proof_limit: float = 900.0
 
     def __post_init__(self) -> None:
+        """Raise InputError for settings that make no sense, or a system without
+        fork.
+        """
         if not self.accuracies or any(not 1e-14 < a < 1.0 for a in self.accuracies):
             what = "--accuracy takes numbers between 1e-14 and 1"
             raise InputError(what, "separate them by commas: 1e-4,1e-8")
@@ -347,25 +373,24 @@ class Outcome:
 
 
 def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
-    """Do every run that the folder does not hold yet.
+    """Do every run of the shootout that the output folder does not hold yet.
 
     Parameters
     ----------
     setup : Shootout
-        What to run and how.
+        Which solvers, problems and accuracies, and their limits.
     say : callable
-        Hears what is done, of how much.
+        Called with the progress, a short text each time.
 
     Returns
     -------
     Outcome
-        The folder's runs, and what was left out.
+        All runs of the folder, and what was left out.
 
     Raises
     ------
     InputError
-        For names that do not exist, and where another shootout writes into the
-        folder.
+        For an unknown name, or if another shootout writes into the folder.
     """
     competing, missing = chosen(setup.solvers)
     if setup.quick and setup.solvers is None:
@@ -386,7 +411,7 @@ def run(setup: Shootout, say: Progress = no_progress) -> Outcome:
         notes = []
         references = _references(setup, entries, say, work)
         hashes = {name: proved["hash"] for name, proved in references.items()}
-        if n_dropped := results.keep(hashes):
+        if n_dropped := results.drop_outdated(hashes):
             notes.append(
                 f"{n_dropped} runs of instances that have changed since were dropped"
             )
@@ -407,7 +432,7 @@ class _Facts:
     version_by_solver: Mapping[str, str]
 
     def of(self, task: Assignment) -> Row:
-        """Cells of a run of an assignment."""
+        """Return the cells of runs.csv that all runs of an assignment share."""
         assert task.reference is not None
         return {
             "problem": task.problem,
@@ -430,8 +455,22 @@ def _perform_all(
     facts: _Facts,
     say: Progress,
 ) -> None:
-    """Do the assignments and keep each row as soon as it is there; say : hears how many
-    of the runs are done, and about how long the others take."""
+    """Do the assignments, and write each one's runs as soon as they are there.
+
+    Parameters
+    ----------
+    tasks : sequence of Assignment
+        What to do.
+    work : callable
+        Spreads assignments over workers; yields the index and the rows of each that is
+        done.
+    results : Results
+        Where rows are written.
+    facts : _Facts
+        The cells that a worker does not return.
+    say : callable
+        Called with the number of runs done and an estimate of the time left.
+    """
     n_done = 0
     total = sum(len(task.accuracies) for task in tasks)
     say(f"{n_done} of {total}: runs")
@@ -452,8 +491,10 @@ def _references(
     say: Progress,
     work: Callable[..., Any],
 ) -> dict[str, dict[str, Any]]:
-    """Each instance's hash and proved interval; kept in references.json beside the
-    runs."""
+    """Return hash and proved interval of each instance; proves those that are missing.
+
+    Proofs are kept in references.json of the output folder.
+    """
     path = setup.out / "references.json"
     known = _known_references(path)
     current = {e.name: instance(e.name).hash for e in entries}
@@ -473,8 +514,10 @@ def _references(
 
 
 def _known_references(path: Path) -> dict[str, dict[str, Any]]:
-    """What references.json holds; nothing where there is none. Raises InputError for
-    what no shootout has written."""
+    """Read references.json; empty if there is no such file.
+
+    Raises InputError if its content is not what a shootout writes.
+    """
     if not path.exists():
         return {}
     try:
@@ -497,7 +540,10 @@ def _known_references(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def _require_reference(entry: Any) -> dict[str, Any]:
-    """An entry of references.json; LookupError or TypeError where it is none."""
+    """Check an entry of references.json, and return it.
+
+    Raises LookupError or TypeError for an entry of another form.
+    """
     known = Reference(**entry["reference"])
     texts = (entry["hash"], entry["remark"], known.verdict)
     numbers = (known.lower, known.upper, known.scale)
@@ -515,6 +561,11 @@ def _pending(
     references: dict[str, dict[str, Any]],
     results: Results,
 ) -> tuple[list[Assignment], list[tuple[str, str, str]]]:
+    """Return the assignments whose runs the folder does not hold yet.
+
+    The second result lists what is left out: problem, solver, and the reason why the
+    problem cannot be posed to the solver.
+    """
     done = set(results.runs[KEY].itertuples(index=False, name=None))
     tasks = list[Assignment]()
     left_out = list[tuple[str, str, str]]()
@@ -523,11 +574,11 @@ def _pending(
             left_out.append((entry.name, contestant.name, reason))
             continue
         row = references[entry.name]
-        what = (entry.name, row["hash"], contestant.name)
+        key_without_settings = (entry.name, row["hash"], contestant.name)
         new = [
             accuracy
             for accuracy in contestant.asked(setup.accuracies)
-            if (*what, contestant.settings(accuracy)) not in done
+            if (*key_without_settings, contestant.settings(accuracy)) not in done
         ]
         if new:
             tasks.append(
@@ -549,23 +600,23 @@ def in_child(
     limit: float,
     memory: float,
 ) -> tuple[str, Any, float]:
-    """Fork and work.
+    """Do some work in a forked child process with limits on time and memory.
 
     Parameters
     ----------
     work : callable
-        What is done.
+        The work; its result must be picklable.
     limit : float
-        Seconds of processor time, and four times as many by the clock, because
-        machines are shared.
+        Processor time [s]; the clock may show four times as much, because machines are
+        shared.
     memory : float
-        GB beyond what the parent already has.
+        Memory [GB] beyond what the parent process already uses.
 
     Returns
     -------
     tuple of (str, Any, float)
-        "ended", the result and seconds; or "failed", "timeout" or "crash",
-        words and seconds.
+        "ended", the result and the seconds taken; or "failed", "timeout" or "crash", a
+        message and the seconds.
     """
     reader, writer = Pipe(duplex=False)
     start = time.monotonic()
@@ -577,10 +628,10 @@ def in_child(
     ended = 0
     status = 0
     answer = None
-    # Not by the pipe's end alone: a child of another thread may hold that open.
-    while (
-        not ended and not reader.poll(0.05) and time.monotonic() - start < 4.0 * limit
-    ):
+    # The pipe's end alone does not tell that the child has ended: a child of another
+    # thread may hold it open.
+    latest_end = start + 4.0 * limit
+    while not ended and not reader.poll(0.05) and time.monotonic() < latest_end:
         ended, status = os.waitpid(child, os.WNOHANG)
     seconds = time.monotonic() - start
     if reader.poll():
@@ -608,7 +659,10 @@ def _child(
     memory: float,
     parent: int,
 ) -> None:
-    """In the forked process, which ends here."""
+    """Run in the forked child: set the limits, work, send the result, exit.
+
+    Every failure is sent as ("crash", "timeout" or "failed", a message).
+    """
     try:
         os.setsid()  # a group of its own, so that programs it starts are killed with it
         end_with(parent)

@@ -27,7 +27,10 @@ from sdp_vs_penalty.shootout.judge import CLASSES, SLACK
 
 
 def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
-    """Whether each run claims success rightly at an accuracy.
+    """Whether each run rightly claims success at an accuracy.
+
+    That is an optimum within SLACK times the accuracy of the proved interval, or a
+    proved infeasibility.
 
     Parameters
     ----------
@@ -39,34 +42,37 @@ def reached(runs: pandas.DataFrame, accuracy: float) -> pandas.Series:
     Returns
     -------
     Series of bool
-        By run.
+        One value for each run.
     """
     error = runs[["objective_error", "violation"]].max(axis=1)
-    near = np.isfinite(runs["lower"]) & (error <= SLACK * accuracy)
-    refuted = (runs["claimed"] == "infeasible") & (runs["class"] == "right")
-    return refuted | (runs["claimed"] == "optimal") & near
+    is_accurate = np.isfinite(runs["lower"]) & (error <= SLACK * accuracy)
+    is_optimum = (runs["claimed"] == "optimal") & is_accurate
+    is_refutation = (runs["claimed"] == "infeasible") & (runs["class"] == "right")
+    return is_refutation | is_optimum
 
 
 def at_accuracy(runs: pandas.DataFrame, accuracy: float) -> pandas.DataFrame:
-    """Runs asked for an accuracy, and those of contestants that cannot be asked.
+    """Select the runs that were asked for an accuracy.
+
+    Runs of contestants that have no setting for accuracy ("default") are included.
 
     Parameters
     ----------
     runs : DataFrame
         Rows of runs.csv.
     accuracy : float
-        Asked for.
+        Relative.
 
     Returns
     -------
     DataFrame
-        Of them.
+        The selected rows.
     """
     return runs[(runs["settings"] == "default") | (runs["accuracy"] == accuracy)]
 
 
 def accuracies(runs: pandas.DataFrame) -> list[float]:
-    """Accuracies that were asked for.
+    """Return the accuracies that contestants were asked for, from loose to tight.
 
     Parameters
     ----------
@@ -76,7 +82,7 @@ def accuracies(runs: pandas.DataFrame) -> list[float]:
     Returns
     -------
     list of float
-        Loose to tight; 1e-8 where nobody could be asked.
+        [1e-8] if no contestant has a setting for it.
     """
     values = runs.loc[runs["settings"] != "default", "accuracy"].unique()
     return sorted(values, reverse=True) or [1e-8]
@@ -85,7 +91,9 @@ def accuracies(runs: pandas.DataFrame) -> list[float]:
 def profile(
     runs: pandas.DataFrame, accuracy: float
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Performance profile of each solver.
+    """Return the performance profile of each solver (Dolan, More 2002).
+
+    It is the share of problems solved within a factor of the fastest solver's time.
 
     Parameters
     ----------
@@ -97,24 +105,26 @@ def profile(
     Returns
     -------
     dict of str to ((k,) array, (k,) array)
-        Ratios and shares: the corners of its step.
+        By solver: factors of time in increasing order, and the share of problems at
+        each.
     """
     runs_at_accuracy = at_accuracy(runs, accuracy)
     count = runs["problem"].nunique()
     right = runs_at_accuracy[reached(runs_at_accuracy, accuracy)]
     seconds = right["seconds"].clip(lower=1e-6)
     ratio = seconds / seconds.groupby(right["problem"]).transform("min")
-    steps = {
-        s: np.sort(ratio[right["solver"] == s])
-        for s in sorted(runs_at_accuracy["solver"].unique())
-    }
-    return {
-        solver: (x, np.arange(1, len(x) + 1) / count) for solver, x in steps.items()
-    }
+    profiles = {}
+    for solver in sorted(runs_at_accuracy["solver"].unique()):
+        factors = np.sort(ratio[right["solver"] == solver])
+        shares = np.arange(1, len(factors) + 1) / count
+        profiles[solver] = factors, shares
+    return profiles
 
 
 def _pyplot() -> Any:
-    """matplotlib.pyplot, drawing into files alone; None where it is not installed."""
+    """Return matplotlib.pyplot, which draws into files only; None if it is not
+    installed.
+    """
     if importlib.util.find_spec("matplotlib") is None:
         return None
     import matplotlib
@@ -126,20 +136,22 @@ def _pyplot() -> Any:
 
 
 def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
-    """Draw the profiles of the solvers that ran on four fifths of the problems at least, an
-    accuracy a panel.
+    """Draw the performance profiles, one panel for each accuracy.
+
+    Solvers that ran on less than four fifths of the problems are left out, because
+    their shares could not be compared.
 
     Parameters
     ----------
     runs : DataFrame
         Rows of runs.csv.
     path : Path
-        Of the SVG.
+        The SVG file to write.
 
     Returns
     -------
     bool
-        False without matplotlib.
+        False if matplotlib is not installed.
     """
     plt = _pyplot()
     if plt is None:
@@ -197,7 +209,7 @@ def plot_profile(runs: pandas.DataFrame, path: Path) -> bool:
 def solved_over_time(
     runs: pandas.DataFrame, accuracy: float
 ) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Share of all problems that each solver has brought to an accuracy over time.
+    """Return the share of all problems that each solver has solved over time.
 
     Parameters
     ----------
@@ -209,36 +221,37 @@ def solved_over_time(
     Returns
     -------
     dict of str to ((k,) array, (k,) array, (w,) array)
-        Seconds, shares, and when it gave its silently wrong answers [s].
+        By solver: times [s] in increasing order, the share of problems at each, and the
+        times of its silently wrong answers [s].
     """
-    asked = at_accuracy(runs, accuracy)
+    runs_at_accuracy = at_accuracy(runs, accuracy)
     count = runs["problem"].nunique()
-    right = reached(asked, accuracy)
-    out = {}
-    for solver, solver_rows in asked.groupby("solver"):
-        seconds = np.sort(solver_rows["seconds"][right[solver_rows.index]])
-        wrong = np.sort(
-            solver_rows["seconds"][solver_rows["class"] == "silently_wrong"]
-        )
-        out[str(solver)] = seconds, np.arange(1, len(seconds) + 1) / count, wrong
-    return out
+    is_right = reached(runs_at_accuracy, accuracy)
+    curves = {}
+    for solver, rows in runs_at_accuracy.groupby("solver"):
+        seconds = np.sort(rows["seconds"][is_right[rows.index]])
+        shares = np.arange(1, len(seconds) + 1) / count
+        wrong = np.sort(rows["seconds"][rows["class"] == "silently_wrong"])
+        curves[str(solver)] = seconds, shares, wrong
+    return curves
 
 
 def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
-    """Draw the share of problems solved over time, an accuracy a panel, a cross for each
-    silently wrong answer.
+    """Draw the share of problems solved over time, one panel for each accuracy.
+
+    Crosses mark silently wrong answers.
 
     Parameters
     ----------
     runs : DataFrame
         Rows of runs.csv.
     path : Path
-        Of the SVG.
+        The SVG file to write.
 
     Returns
     -------
     bool
-        False without matplotlib.
+        False if matplotlib is not installed.
     """
     plt = _pyplot()
     if plt is None:
@@ -312,13 +325,17 @@ def plot_over_time(runs: pandas.DataFrame, path: Path) -> bool:
 
 
 def _milliseconds(seconds: float) -> str:
+    """Write seconds as a number of milliseconds."""
     return number(1e3 * seconds)
 
 
 def _small(value: float) -> str:
+    """Write a small number with one decimal and an exponent; "-" if it is not known."""
     return "-" if np.isnan(value) else f"{value:.1e}"
 
 
+#: Shift s of the geometric mean of times [s]: shorter times hardly differ in it.
+_TIME_SHIFT = 0.01
 #: Headings and forms of the summary's columns, where these are not the column's own.
 _SHOWN: dict[str, tuple[str, Callable[[Any], str]]] = {
     "success_percent": ("right %", "{:.0f}".format),
@@ -331,28 +348,30 @@ _SHOWN: dict[str, tuple[str, Callable[[Any], str]]] = {
 
 
 def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame:
-    """How often each solver is right and silently wrong, and how fast.
+    """Summarise for each solver how often it is right or silently wrong, and how fast.
 
-    Of the answers called optimal the median of each figure for itself.
+    The mean time is the shifted geometric mean exp(mean log(t + s)) - s with s = 10 ms,
+    in which a run that is not right counts with the time limit. Errors are medians over
+    the answers that claim an optimum.
 
     Parameters
     ----------
     runs : DataFrame
         Rows of runs.csv.
     time_limit : float
-        Counts for a run that is not right [s].
+        Of each run [s].
 
     Returns
     -------
     DataFrame
-        One row for each solver and settings.
+        One row for each solver and setting.
     """
     errors = runs[["objective_error", "violation", "own_gap"]].where(
         runs["claimed"] == "optimal"
     )
     times = runs["seconds"].where(runs["class"] == "right", time_limit)
     runs_with_errors = runs.assign(
-        **errors.replace(np.inf, np.nan), mean_seconds=np.log(times + 0.01)
+        **errors.replace(np.inf, np.nan), mean_seconds=np.log(times + _TIME_SHIFT)
     )
     runs_with_errors = runs_with_errors.join(
         pandas.get_dummies(runs["class"], dtype=int).reindex(
@@ -377,15 +396,15 @@ def summary_table(runs: pandas.DataFrame, time_limit: float) -> pandas.DataFrame
         as_index=False,
     ).agg(**how)
     table["success_percent"] *= 100.0
-    table["mean_seconds"] = np.exp(table["mean_seconds"]) - 0.01
+    table["mean_seconds"] = np.exp(table["mean_seconds"]) - _TIME_SHIFT
     return table.assign(attempts=table["attempts"].map("{:.1f}".format))
 
 
 def by_problem(runs: pandas.DataFrame) -> list[str]:
-    """Class of each solver's answer at the tightest accuracy asked for.
+    """Return a table of how each solver did on each problem, at its tightest accuracy.
 
-    Beside a wrong answer stands the larger of its error and its violation, both
-    relative.
+    A silently wrong answer is followed by the larger of its relative error and
+    violation.
 
     Parameters
     ----------
@@ -395,7 +414,7 @@ def by_problem(runs: pandas.DataFrame) -> list[str]:
     Returns
     -------
     list of str
-        Markdown: problems down, solvers across.
+        Lines of a Markdown table: a row for each problem, a column for each solver.
     """
     tightest = runs.sort_values("accuracy").drop_duplicates(["problem", "solver"])
     worst = tightest[["objective_error", "violation"]].max(axis=1)
@@ -414,6 +433,7 @@ def by_problem(runs: pandas.DataFrame) -> list[str]:
 
 
 def _markdown(table: pandas.DataFrame) -> list[str]:
+    """Return the lines of a data frame as a Markdown table."""
     return markdown_lines(list(table.columns), table.astype(str).to_numpy().tolist())
 
 
@@ -422,7 +442,9 @@ def ranking(
     accuracy: float,
     links: int | None = None,
 ) -> pandas.DataFrame:
-    """Contestants, those that reach the accuracy most often first.
+    """Rank the contestants: those that reach the accuracy most often first.
+
+    Ties are ranked by fewer silently wrong answers, then by shorter time.
 
     Parameters
     ----------
@@ -431,29 +453,31 @@ def ranking(
     accuracy : float
         Relative.
     links : int, optional
-        Of the arms that count; default: everything.
+        Number of links of the arms that count; by default all problems count.
 
     Returns
     -------
     DataFrame
-        run : on how many of the ``problems`` it ran (log det cannot be posed to
-        all, time ran out for some); seconds : the median where it was right.
+        One row for each contestant: "right", "silently wrong"; "run", on how many of
+        the "problems" it ran; "seconds", the median where it was right; "attempts".
     """
-    mine = at_accuracy(runs, accuracy)
+    rows = at_accuracy(runs, accuracy)
     if links is not None:
-        # By its name or its robot; an ill-conditioned problem has neither.
-        robots = {name: load_problem(name).robot.n for name in problem_names()}
-        named = mine["problem"].str.extract(r"^chain of (\d+)")[0].astype(float)
-        mine = mine[named.fillna(mine["group"].map(robots)) == links]
-    right = reached(mine, accuracy)
-    runs_with_class = mine.assign(right=right, wrong=mine["class"] == "silently_wrong")
+        # A chain's name says its number of links, or else its robot (the group) has it;
+        # an ill-conditioned problem has neither.
+        links_by_robot = {name: load_problem(name).robot.n for name in problem_names()}
+        of_chain = rows["problem"].str.extract(r"^chain of (\d+)")[0].astype(float)
+        n_links = of_chain.fillna(rows["group"].map(links_by_robot))
+        rows = rows[n_links == links]
+    right = reached(rows, accuracy)
+    runs_with_class = rows.assign(right=right, wrong=rows["class"] == "silently_wrong")
     runs_with_class["seconds"] = runs_with_class["seconds"].where(right)
     table = runs_with_class.groupby("solver").agg(
         **{"right": ("right", "sum"), "run": ("problem", "nunique")},
         **{"silently wrong": ("wrong", "sum"), "seconds": ("seconds", "median")},
         attempts=("attempts", "mean"),
     )
-    table = table.assign(problems=mine["problem"].nunique()).reset_index()
+    table = table.assign(problems=rows["problem"].nunique()).reset_index()
     order = {
         "by": ["right", "silently wrong", "seconds"],
         "ascending": [False, True, True],
@@ -467,14 +491,14 @@ def ranking(
 
 
 def advice(table: pandas.DataFrame, where: str) -> list[str]:
-    """Which solver to take, and whose answers to check.
+    """Say which solver to use, and whose answers to check.
 
     Parameters
     ----------
     table : DataFrame
-        A ranking.
+        Result of :func:`ranking`.
     where : str
-        What the problems are.
+        The problems in words, such as "of 7 links at 1e-06".
 
     Returns
     -------
@@ -484,12 +508,12 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
     if table.empty:
         return []
     wrong = table["silently wrong"]
-    enough = table[(table["right"] >= 0.9 * table["right"].max()) & (wrong == 0)]
+    # Nearly as often right as the best one, and never silently wrong.
+    is_reliable = (table["right"] >= 0.9 * table["right"].max()) & (wrong == 0)
+    reliable = table[is_reliable].sort_values("seconds", kind="stable")
     best = table.iloc[0]
     worst = table.loc[wrong.idxmax()]
-    quick = (
-        best if enough.empty else enough.sort_values("seconds", kind="stable").iloc[0]
-    )
+    quick = best if reliable.empty else reliable.iloc[0]
     sentences = [
         (
             f"Take {best['solver']}: right on {best['right']} of {best['problems']}"
@@ -511,7 +535,7 @@ def advice(table: pandas.DataFrame, where: str) -> list[str]:
 
 
 def answer(runs: pandas.DataFrame) -> str:
-    """Which solver for seven links, and why.
+    """Answer which solver to use for an arm of seven links, with the ranking behind it.
 
     Parameters
     ----------
@@ -521,7 +545,7 @@ def answer(runs: pandas.DataFrame) -> str:
     Returns
     -------
     str
-        Markdown; empty where nothing was run on seven links.
+        Markdown; "" if no problem of seven links was run.
     """
     links = 7
     accuracy = 1e-6
@@ -543,7 +567,7 @@ def answer(runs: pandas.DataFrame) -> str:
 
 
 def sentences(runs: pandas.DataFrame) -> list[str]:
-    """Advice from all runs at the tightest accuracy asked for.
+    """Advise on solvers from all runs at the tightest accuracy asked for.
 
     Parameters
     ----------
@@ -566,25 +590,25 @@ def write_summary(
     absent: dict[str, str],
     not_applicable: Sequence[tuple[str, str, str]],
 ) -> list[Path]:
-    """Write summary.md, summary.csv and two pictures.
+    """Write the summary of a shootout: summary.md, summary.csv and two pictures.
 
     Parameters
     ----------
     folder : Path
-        That of runs.csv.
+        The shootout's output folder.
     runs : DataFrame
         Rows of runs.csv.
     time_limit : float
-        Of a run [s].
+        Of each run [s].
     absent : dict of str to str
-        Why, by name.
+        Why a solver or problem was left out, by its name.
     not_applicable : sequence of (str, str, str)
-        Problem, solver and reason.
+        Problem, solver, and why the one cannot be posed to the other.
 
     Returns
     -------
     list of Path
-        What was written.
+        The files written.
     """
     table = summary_table(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]

@@ -36,25 +36,25 @@ from sdp_vs_penalty.robot.trajectory import FourierTrajectory, random_trajectory
 
 
 def sigmoid_friction(phi: ArrayLike, dq: Array) -> Array:
-    """phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)): zero
-    at rest (Gaz et al. 2019, eq. 12).
+    """Return sigmoid friction, which is zero at rest (Gaz et al. 2019, eq. 12).
+
+    phi_1 / (1 + exp(-phi_2 (dq + phi_3))) - phi_1 / (1 + exp(-phi_2 phi_3)).
 
     Parameters
     ----------
     phi : (n, 3)
-        phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s].
+        phi_1 [N m], phi_2 [s/rad], phi_3 [rad/s] of each joint.
     dq : (N, n)
         Velocities [rad/s].
 
     Returns
     -------
     (N, n)
-        [N m].
+        Friction torque [N m].
     """
     amplitude, slope, shift = np.asarray(phi, float).T
-    return amplitude * scipy.special.expit(
-        slope * (dq + shift)
-    ) - amplitude * scipy.special.expit(slope * shift)
+    expit = scipy.special.expit  # 1 / (1 + exp(-x))
+    return amplitude * expit(slope * (dq + shift)) - amplitude * expit(slope * shift)
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ class Sensor:
     log_jitter: float = 0.0
 
     def __post_init__(self) -> None:
+        """Raise InputError if the torque noise is no stable process."""
         for row in self.poles:
             if np.any(np.abs(np.roots(row)) >= 1.0):
                 what = (
@@ -88,57 +89,57 @@ class Sensor:
 
     @property
     def poles(self) -> Array:
-        """(n, 1 + k) the filter that whitens each joint's torque noise."""
+        """(n, 1 + k) coefficients of the filter that whitens each joint's torque noise.
+
+        This is the denominator 1 - sum_m a_m z^-m of the autoregressive process.
+        """
         ones = np.ones((len(self.torque_std), 1))
-        return (
-            ones
-            if self.torque_ar is None
-            else np.hstack([ones, -np.asarray(self.torque_ar, float)])
-        )
+        if self.torque_ar is None:
+            return ones
+        return np.hstack([ones, -np.asarray(self.torque_ar, float)])
 
     def noise(
         self,
         count: int,
         rng: np.random.Generator,
     ) -> Array:
-        """Samples of the torque noise at ``rate``.
+        """Draw samples of the torque noise at the controller's rate.
 
         Parameters
         ----------
         count : int
-            How many.
+            Number of samples.
         rng : numpy.random.Generator
-            Of everything random.
+            Random numbers.
 
         Returns
         -------
         (count, n)
-            Stationary from the first on: 500 before them are thrown away.
+            Torque noise [N m]. It is stationary, because 500 samples before it are
+            dropped.
         """
-        white = rng.normal(size=(count + 500, len(self.torque_std)))
-        out = []
-        for x, std, row in zip(
-            white.T,
-            self.torque_std,
-            self.poles,
-            strict=True,
-        ):
-            innovation = std * np.sqrt(innovation_share(row))
-            out.append(scipy.signal.lfilter([innovation], row, x)[500:])
-        return np.column_stack(out)
+        settling = 500
+        white = rng.normal(size=(settling + count, len(self.torque_std)))
+        joints = zip(white.T, self.torque_std, self.poles, strict=True)
+        columns = []
+        for white_noise, std, poles in joints:
+            gain = std * np.sqrt(innovation_share(poles))
+            coloured = scipy.signal.lfilter([gain], poles, white_noise)
+            columns.append(coloured[settling:])
+        return np.column_stack(columns)
 
     def instants(self, duration: float) -> Array:
-        """When the controller renews its values.
+        """Return the instants at which the controller renews its values.
 
         Parameters
         ----------
         duration : float
-            [s].
+            Length of the run [s].
 
         Returns
         -------
         (N,)
-            [s], in [0, duration].
+            From 0 until the duration or one sample more [s].
         """
         return np.arange(int(np.ceil(duration * self.rate)) + 1) / self.rate
 
@@ -149,73 +150,72 @@ class Sensor:
         torque: Array,
         rng: np.random.Generator,
     ) -> tuple[Array, Array, Array]:
-        """What is logged: the log's clock reads whatever value was last.
+        """Return what the log shows: the controller's last value at each of its
+        entries.
+
+        Torque noise is added, then values are rounded to the sensor's steps.
 
         Parameters
         ----------
         duration : float
-            [s].
+            Length of the run [s].
         q : (N, n)
-            True positions at :meth:`instants`.
+            True positions at :meth:`instants` [rad, m].
         torque : (N, n)
-            True torques there.
+            True torques at the same instants [N m, N].
         rng : numpy.random.Generator
-            Of everything random.
+            Random numbers.
 
         Returns
         -------
         tuple
-            Times (K,), positions and torques (K, n).
+            Time stamps (K,) [s], positions (K, n) and torques (K, n).
         """
         noisy = torque + self.noise(len(q), rng)
-        times = (
-            np.arange(int(np.floor(duration * self.rate * (1.0 + 1e-12))) + 1)
-            / self.rate
-        )
-        if self.log_step is not None:
-            steps = rng.normal(
-                self.log_step,
-                self.log_jitter,
-                int(1.2 * duration / self.log_step) + 10,
-            )
+        if self.log_step is None:
+            # Rounding must not lose the last sample.
+            n_steps = int(np.floor(duration * self.rate * (1.0 + 1e-12)))
+            times = np.arange(n_steps + 1) / self.rate
+        else:
+            n_entries = int(1.2 * duration / self.log_step) + 10  # enough for jitter
+            steps = rng.normal(self.log_step, self.log_jitter, n_entries)
             times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
             times = np.concatenate([[0.0], times[times > 0.0]])
             times = times[times <= duration]
-        held = np.clip(
-            np.floor(times * self.rate + 1e-9).astype(np.intp),
-            0,
-            len(q) - 1,
-        )
+        last_renewed = np.floor(times * self.rate + 1e-9).astype(np.intp)
+        rows = np.clip(last_renewed, 0, len(q) - 1)
         return (
             times,
-            _counted(q[held], self.position_step),
-            _counted(noisy[held], self.torque_step),
+            _counted(q[rows], self.position_step),
+            _counted(noisy[rows], self.torque_step),
         )
 
 
 def innovation_share(poles: Array) -> float:
-    """White noise's variance over the process's, of an autoregression 1 / poles.
+    """Return the variance of an autoregressive process's white input over its own
+    variance.
+
+    This is 1 / sum h_k^2 with the impulse response h of 1 / poles.
 
     Parameters
     ----------
-    poles : (k,)
-        Coefficients of the denominator.
+    poles : (1 + k,)
+        Coefficients of the denominator, 1 first.
 
     Returns
     -------
     float
-        One over the sum of its squared answer to an impulse, as long as a pole
-        of 0.999 needs.
+        From 20 000 terms, enough for a pole of 0.999.
     """
-    return float(
-        1.0
-        / np.sum(
-            scipy.signal.lfilter([1.0], poles, scipy.signal.unit_impulse(20_000)) ** 2
-        )
-    )
+    impulse = scipy.signal.unit_impulse(20_000)
+    response = scipy.signal.lfilter([1.0], poles, impulse)
+    return float(1.0 / np.sum(response**2))
 
 
 def _counted(values: Array, step: ArrayLike) -> Array:
+    """Round values to multiples of a step, as an encoder does; a step of 0 leaves
+    them.
+    """
     unit = nonzero_or_one(np.asarray(step, float))
     return np.where(
         np.asarray(step) > 0.0,
@@ -232,25 +232,25 @@ def simulate(
     *,
     name: str = "simulated",
 ) -> Measurements:
-    """Measure a torque along a trajectory.
+    """Simulate a measurement of the torque along a trajectory.
 
     Parameters
     ----------
     trajectory : FourierTrajectory
-        Of the joints.
+        Motion of the joints.
     torque : callable
-        (N, n) of a motion [N m, N].
+        Maps a motion to torques (N, n) [N m, N].
     sensor : Sensor
-        What it is measured with.
+        What a log shows of the truth.
     seed : int or sequence of int
-        Of the noise and the clock.
+        Seed of noise and time stamps.
     name : str
-        Of the run.
+        Name of the run.
 
     Returns
     -------
     Measurements
-        Without the measured velocity: estimators do not use it.
+        Without measured velocity, which estimators do not use.
     """
     t = sensor.instants(trajectory.duration)
     motion = Motion(t, *trajectory.states(t))
@@ -284,12 +284,12 @@ class Experiment:
     effects: tuple[str, ...]
 
     def torque(self, motion: Motion) -> Array:
-        """The true torque: Newton-Euler's of the links, and friction.
+        """Return the true torque: rigid-body torque by Newton-Euler, plus friction.
 
         Parameters
         ----------
         motion : Motion
-            Of the joints.
+            N samples of the joints' motion.
 
         Returns
         -------
@@ -303,24 +303,21 @@ class Experiment:
             motion.dq,
             motion.ddq,
         )
-        return (
-            rigid
-            if self.friction is None
-            else rigid + sigmoid_friction(self.friction, motion.dq)
-        )
+        if self.friction is None:
+            return rigid
+        return rigid + sigmoid_friction(self.friction, motion.dq)
 
     def training_run(self, seed: int = 0) -> Measurements:
-        """The exciting trajectory, measured once.
+        """Simulate one measurement of the exciting trajectory.
 
         Parameters
         ----------
         seed : int
-            Of the noise.
+            Seed of the noise.
 
         Returns
         -------
         Measurements
-            One run.
         """
         return simulate(
             self.trajectory,
@@ -331,17 +328,17 @@ class Experiment:
         )
 
     def validation_runs(self, seed: int = 0) -> list[Measurements]:
-        """Random trajectories inside the joint limits, each measured once.
+        """Simulate measurements of random trajectories inside the joint limits.
 
         Parameters
         ----------
         seed : int
-            Of trajectories and noise.
+            Seed of trajectories and noise, which never equal those of training.
 
         Returns
         -------
         list of Measurements
-            A run each.
+            One run for each trajectory.
         """
         count, duration = self.validation
         # Apart from the training ones, noise included, at any seed.
@@ -363,17 +360,18 @@ class Experiment:
 
 
 def experiment(problem: Problem) -> Experiment:
-    """The simulated experiment of a problem.
+    """Return the simulated experiment of a problem.
 
     Parameters
     ----------
     problem : Problem
-        With or without a simulation.toml.
+        If its folder has no simulation.toml, the experiment is assumed from its nominal
+        links.
 
     Returns
     -------
     Experiment
-        Links, friction, trajectory and sensor.
+        True links and friction, trajectory and sensor.
 
     Raises
     ------
@@ -388,6 +386,7 @@ def experiment(problem: Problem) -> Experiment:
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
+    """Make the experiment that simulation.toml describes."""
     truth = data["truth"]
     motion = data["trajectory"]
     limits = data["validation"]
@@ -424,35 +423,40 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
 
 
 def _assumed(problem: Problem) -> Experiment:
-    """Friction of 2 % and noise of 0.1 % of the torque that it moves with."""
+    """Assume an experiment for a robot without simulation.toml.
+
+    Nominal links, a random trajectory of 21 s, friction of 2 % and noise of 0.1 % of
+    each joint's RMS torque.
+    """
     robot = problem.robot
-    none = np.zeros(problem.robot.n)
+    zeros = np.zeros(problem.robot.n)
     trajectory = random_trajectory(robot, seed=1, duration=21.0)
-    bare = Experiment(
+    without_friction = Experiment(
         problem,
-        problem.nominal_links,
-        None,
-        trajectory,
-        Sensor(50.0, none),
-        (10, 10.0),
-        problem.default_effects,
+        links=problem.nominal_links,
+        friction=None,
+        trajectory=trajectory,
+        sensor=Sensor(rate=50.0, torque_std=zeros),
+        validation=(10, 10.0),
+        effects=problem.default_effects,
     )
-    size = np.sqrt(np.mean(bare.training_run().tau ** 2, axis=0))
-    # A motor whose links weigh nothing rubs all the same, and is measured with noise.
-    size = np.where(
-        size > 1e-6 * size.max(),
-        size,
-        0.01 * size.max(),
+    torque = np.sqrt(np.mean(without_friction.training_run().tau ** 2, axis=0))
+    # A motor whose links weigh nothing has friction and noise all the same.
+    torque = np.where(
+        torque > 1e-6 * torque.max(),
+        torque,
+        0.01 * torque.max(),
     )
+    # The sigmoid saturates at half its amplitude phi_1 on either side.
     phi = np.column_stack(
         [
-            2.0 * 0.02 * size,
-            none + 10.0,
-            none,
+            2.0 * 0.02 * torque,
+            zeros + 10.0,
+            zeros,
         ]
     )
     return replace(
-        bare,
+        without_friction,
         friction=phi,
-        sensor=Sensor(1000.0, 0.001 * size, 1e-5),
+        sensor=Sensor(rate=1000.0, torque_std=0.001 * torque, position_step=1e-5),
     )

@@ -67,8 +67,17 @@ class Ahead(JsonRecord):
         error: Array,
         naive: Array,
     ) -> Self:
-        """From errors (K, n) of K windows so many seconds ahead, and those of standing
-        still."""
+        """Summarise the errors of K windows at one horizon.
+
+        Parameters
+        ----------
+        seconds : float
+            Horizon [s].
+        error : (K, n) array
+            Simulated minus measured, for each window and joint.
+        naive : (K, n) array
+            The same for a guess of constant velocity.
+        """
         band = np.quantile(
             np.abs(error),
             [0.05, 0.95],
@@ -101,7 +110,7 @@ class FreeRun(JsonRecord):
     cut: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON of the figures."""
+        """Return the figures of the run as JSON, without the simulated motion."""
         motion = "simulated", "measured", "cut"
         figures = {k: x for k, x in super().to_dict().items() if k not in motion}
         return {
@@ -112,7 +121,7 @@ class FreeRun(JsonRecord):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote; without the motion."""
+        """Make a free run from the JSON of :meth:`to_dict`; its motion is empty."""
         torque = np.array(data["torque"], float)
         nothing = np.zeros((0, len(torque)))
         spread, loop = data["spread"], data["loop"]
@@ -152,12 +161,15 @@ class Following(Record):
 
     @property
     def share(self) -> Array:
-        """(n,) error a tenth of a second ahead over that of going on at constant
-        velocity; with a loop, the torque that it adds over the measured one."""
-        pairs = [(f.loop, f.torque) for f in self.free if f.loop is not None]
+        """(n,) error of each joint relative to a simple alternative.
+
+        That is the position error at the horizon over that of a constant velocity; with
+        a control loop, the torque that the loop adds over the measured torque.
+        """
+        of_loop = [(run.loop, run.torque) for run in self.free if run.loop is not None]
+        of_horizon = [(self.ahead.rms, self.ahead.naive)]
         shares = [
-            a / at_least_tiny(b)
-            for a, b in pairs or [(self.ahead.rms, self.ahead.naive)]
+            size / at_least_tiny(reference) for size, reference in of_loop or of_horizon
         ]
         return np.asarray(np.max(shares, axis=0))
 
@@ -187,9 +199,12 @@ class Following(Record):
 
     @property
     def verdict(self) -> str:
-        """How far ahead it is right, in a sentence; the grade of a model is
-        estimation/verdict.py's."""
-        facts, j = self.facts(), self.worst_joint - 1
+        """Sentence on how well the simulated motion follows the measured one.
+
+        It grades nothing: the grade of a model comes from estimation/verdict.py.
+        """
+        facts = self.facts()
+        j = self.worst_joint - 1
         if self.drive == "pd":
             return (
                 f"Simulated under control, joint {j + 1} needs"
@@ -205,18 +220,25 @@ class Following(Record):
 
     @property
     def _stays(self) -> str:
-        """How near the free run stays to the measured one."""
-        worst = max(self.free, key=lambda f: float(f.rms.max()))
-        k = int(np.argmax(worst.rms))
+        """Phrase on how close the free run with the largest error stays to the
+        measured motion.
+        """
+        worst = max(self.free, key=lambda run: float(run.rms.max()))
+        joint = int(np.argmax(worst.rms))
         return (
-            f"stays within {said(worst.rms[k], self.units[k])} RMS over"
+            f"stays within {said(worst.rms[joint], self.units[joint])} RMS over"
             f" {worst.seconds:.3g} s"
         )
 
     @property
     def _free_run_words(self) -> str:
-        """What the free run does; "" of one that was not followed to its end."""
-        first = min(self.free, key=lambda f: f.seconds if f.left else np.inf)
+        """Phrase on the free run: when it leaves the measured motion, or how close it
+        stays.
+
+        "" if it was stopped before the end of the run.
+        """
+        # The run that leaves first, if any does.
+        first = min(self.free, key=lambda run: run.seconds if run.left else np.inf)
         if first.left:
             return (
                 f"; the free run leaves the measured motion after {first.seconds:.2g} s"
@@ -226,11 +248,15 @@ class Following(Record):
         return f"; the free run {self._stays}"
 
     def _summary(self) -> Summary:
+        """Return the title for the repr: the verdict is all."""
         return self.verdict, []
 
     def table(self) -> Table:
-        """Headings, and one row a joint, in thousandths of its unit: velocity after one step, position
-        0.1 s ahead with 5 and 95 % and what a constant velocity gives, the free run and its spread.
+        """Return a table of the errors, one row for each joint, in thousandths of its
+        unit.
+
+        Columns: velocity after one step; position at the horizon with its 5 % and 95 %
+        quantiles, and for a constant velocity; the free run with its 95 % band.
         """
         free, ahead = self.free[0], self.ahead
         columns = {
@@ -261,8 +287,10 @@ class Following(Record):
     _table = table
 
     def to_frame(self) -> pandas.DataFrame:
-        """One row a joint (from 1): errors after one step, after the horizon, at
-        constant velocity and of the free run; units in the columns' names."""
+        """Return the errors as a data frame, one row for each joint (from 1).
+
+        The names of the columns include their units.
+        """
         import pandas
 
         columns = {
@@ -277,7 +305,7 @@ class Following(Record):
 
     @property
     def explained(self) -> str:
-        """What the columns of :meth:`table` are."""
+        """Sentence that explains the columns of :meth:`table`."""
         free = self.free[0]
         text = (
             "RMS errors in thousandths of the unit: of the velocity after one step, of"
@@ -293,7 +321,9 @@ class Following(Record):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote; the free runs without their motion."""
+        """Make the result from the JSON of :meth:`to_dict`; free runs lose their
+        motion.
+        """
         return cls(
             drive=data["drive"],
             units=tuple(data["units"]),
@@ -304,7 +334,7 @@ class Following(Record):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Return the result as JSON: verdict, errors, free runs and facts."""
         held = {
             "drive": self.drive,
             "units": list(self.units),
@@ -324,7 +354,7 @@ class Following(Record):
 
 
 def said(value: float, unit: str) -> str:
-    """An angle or a length in thousandths.
+    """Write an angle or a length in thousandths of its unit.
 
     >>> said(0.0123, "rad")
     '12.3 mrad'
@@ -415,36 +445,22 @@ def follow(
     ]
     loop = (plant, 2.0 * np.pi * bandwidth) if drive == "pd" else None
     servo = ServoLoop(estimate.model, estimate.theta) if drive == "servo" else None
-    rides = [
-        _Ride(
-            plant,
-            course,
-            loop,
-            servo,
-        )
-        for course in courses
-    ]
+    rides = [_Ride(plant, course, loop, servo) for course in courses]
     progress("simulating windows")
-    windows_by_ride = zip(
-        *(_windows(ride, horizon, windows) for ride in rides), strict=True
+    errors_of_rides = [_windows(ride, horizon, windows) for ride in rides]
+    # Each kind of error (W, n) over the windows of all runs.
+    one, far, naive_one, naive_far = (
+        np.concatenate(errors) for errors in zip(*errors_of_rides, strict=True)
     )
-    joined = [np.concatenate(x) for x in windows_by_ride]
-    one, far, naive_one, naive_far = joined
     drawn = _drawn(estimate, seed, draws)
     free = []
     for ride in rides:
         progress(f"simulating {ride.course.name} freely")
-        most_steps = (
-            None if steps is None else 1 + steps // (len(courses) * ride.substeps)
-        )
-        free.append(
-            _free_run(
-                estimate,
-                drawn[:1] if servo else drawn,
-                ride,
-                most_steps,
-            )
-        )
+        most_steps = None
+        if steps is not None:
+            most_steps = 1 + steps // (len(courses) * ride.substeps)
+        parameters = drawn[:1] if servo else drawn
+        free.append(_free_run(estimate, parameters, ride, most_steps))
     return Following(
         drive,
         estimate.robot.position_units,
@@ -467,7 +483,9 @@ class _Ride:
 
     @property
     def substeps(self) -> int:
-        """Steps within a sample, no longer than the simulation's."""
+        """Number of simulation steps within a sample, so that none is longer than
+        STEP.
+        """
         return int(np.ceil(self.course.dt / STEP - 1e-9))
 
     def added(
@@ -477,27 +495,52 @@ class _Ride:
         share: float,
         h: float,
     ) -> tuple[Array, Array]:
-        """M(q) (w^2 e + 2 w de/dt), critically damped: (W, n) at the middle of a step
-        of h [s], between samples k and k + 1, and (W, n, n) its fall with the velocity
-        there."""
+        """Return the torque of the control loop, M(q) (w^2 e + 2 w de/dt), critically
+        damped.
+
+        e is the measured minus the simulated position at the middle of a step. The
+        derivative lets the integrator treat the stiff loop implicitly.
+
+        Parameters
+        ----------
+        state : State
+            Simulated states of W windows.
+        k : (W,) array
+            Sample at which each window's step begins.
+        share : float
+            Middle of the step between samples k and k + 1, from 0 to 1.
+        h : float
+            Length of the step [s].
+
+        Returns
+        -------
+        (W, n) array and (W, n, n) array
+            Torque [N m, N], and minus its derivative by the velocity.
+        """
         assert self.loop is not None
-        (mass, w), states = self.loop, self.course.states
+        plant, w = self.loop
+        states = self.course.states
+        # Measured and simulated motion at the middle of the step.
         q = (1.0 - share) * states.q[k] + share * states.q[k + 1]
         dq = (1.0 - share) * states.dq[k] + share * states.dq[k + 1]
-        half = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
-        pull = w * w * (q - state.q - half) + 2.0 * w * (
-            dq - state.dq - 0.5 * h * state.ddq
-        )
-        M = mass.mass(states.q[k])
-        return np.einsum("kij,kj->ki", M, pull), (2.0 * w + 0.5 * h * w * w) * M
+        half_step = 0.5 * h * state.dq + 0.125 * h * h * state.ddq
+        position_error = q - state.q - half_step
+        velocity_error = dq - state.dq - 0.5 * h * state.ddq
+        acceleration = w * w * position_error + 2.0 * w * velocity_error
+        M = plant.mass(states.q[k])  # (W, n, n)
+        torque = np.einsum("kij,kj->ki", M, acceleration)  # M times vector, each window
+        return torque, (2.0 * w + 0.5 * h * w * w) * M
 
     def step(
         self,
         state: State,
         k: NDArray[np.intp],
     ) -> State:
-        """From sample k (W,) of the course to the next. InputError where a servo has no
-        command."""
+        """Simulate from sample k (W,) of the measured run to the next one, for W
+        windows.
+
+        Raises InputError if a servo drives the arm, and the run has no commands.
+        """
         course = self.course
         h = self.course.dt / self.substeps
         for m in range(self.substeps):
@@ -536,46 +579,81 @@ def _windows(
     horizon: float,
     most_windows: int,
 ) -> tuple[Array, Array, Array, Array]:
-    """Errors (W, n) of windows all over the course: of velocity after one step, of
-    position at the horizon; and both at constant velocity."""
+    """Simulate short windows spread evenly over the moving part of a run.
+
+    Parameters
+    ----------
+    ride : _Ride
+        Plant, measured run and drive.
+    horizon : float
+        Length of a window [s].
+    most_windows : int
+        Largest number of windows.
+
+    Returns
+    -------
+    four (W, n) arrays
+        Errors (simulated minus measured) of the velocity after one step and of the
+        position at the horizon; then both for a guess of constant velocity.
+    """
     course = ride.course
     states = ride.course.states
     dt = ride.course.dt
     steps = max(1, round(horizon / dt))
-    starts = np.flatnonzero(course.moving[: len(states.t) - steps - 1])
-    if not len(starts):
-        starts = np.arange(len(states.t) - steps - 1)
-    at = starts[
-        np.unique(
-            np.linspace(0, len(starts) - 1, min(most_windows, len(starts))).astype(int)
-        )
-    ]
-    state = states.rows(at)
-    first = np.zeros((len(at), states.q.shape[1]))
+    candidates = np.flatnonzero(course.moving[: len(states.t) - steps - 1])
+    if not len(candidates):
+        candidates = np.arange(len(states.t) - steps - 1)
+    n_windows = min(most_windows, len(candidates))
+    spread = np.unique(np.linspace(0, len(candidates) - 1, n_windows).astype(int))
+    start = candidates[spread]  # (W,) first sample of each window
+    state = states.rows(start)
+    velocity_error = np.zeros((len(start), states.q.shape[1]))
     for k in range(steps):
-        state = ride.step(state, at + k)
+        state = ride.step(state, start + k)
         if k == 0:
-            first = state.dq - states.dq[at + 1]
-    straight = states.q[at] + steps * dt * states.dq[at]
-    there = states.q[at + steps]
-    return first, state.q - there, states.dq[at] - states.dq[at + 1], straight - there
+            velocity_error = state.dq - states.dq[start + 1]
+    measured = states.q[start + steps]
+    at_constant_velocity = states.q[start] + steps * dt * states.dq[start]
+    return (
+        velocity_error,
+        state.q - measured,
+        states.dq[start] - states.dq[start + 1],
+        at_constant_velocity - measured,
+    )
 
 
 def _drawn(estimate: Estimate, seed: int, draws: int) -> Array:
-    """(1 + draws, p) the parameters, and some drawn from what the data leave open of
-    them."""
+    """Return the parameters, and samples of them from their estimated covariance.
+
+    Samples with a mass matrix that is not positive definite are left out, because they
+    cannot be simulated.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model; its uncertainty holds a factor of the covariance.
+    seed : int
+        Of the random numbers.
+    draws : int
+        Number of samples.
+
+    Returns
+    -------
+    (1 + d, p) array
+        The estimate itself first; d <= draws.
+    """
     factor = np.nan_to_num(estimate.uncertainty.factor)
     if not np.any(factor):
         return estimate.theta[None]
     std = nonzero_or_one(np.linalg.norm(factor, axis=1))
     u, s, _ = np.linalg.svd(factor / std[:, None], full_matrices=False)
-    # By the symmetric root of the correlation, which is unique: a factor's signs are
-    # rounding's.
-    white = np.random.default_rng(seed).normal(size=(draws, len(std))) @ (u * s) @ u.T
-    drawn = [
-        x for x in estimate.theta + white * std if Plant(estimate.model, x).can_move
-    ]
-    return np.array([estimate.theta, *drawn])
+    # The symmetric root U S U^T of the correlation is unique; signs of the factor's
+    # columns depend on rounding.
+    normal = np.random.default_rng(seed).normal(size=(draws, len(std)))
+    correlated = normal @ (u * s) @ u.T
+    samples = estimate.theta + correlated * std
+    movable = [x for x in samples if Plant(estimate.model, x).can_move]
+    return np.array([estimate.theta, *movable])
 
 
 def _free_run(
@@ -584,6 +662,24 @@ def _free_run(
     measured: _Ride,
     most_steps: int | None,
 ) -> FreeRun:
+    """Simulate a run from its first moving state until it ends or leaves the measured
+    one.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The model.
+    drawn : (1 + d, p) array
+        The parameters, then samples of them, which give the band of the result.
+    measured : _Ride
+        Measured run and drive.
+    most_steps : int, optional
+        Largest number of samples to simulate.
+
+    Returns
+    -------
+    FreeRun
+    """
     ride = replace(measured, plant=Plant(estimate.model, drawn))
     course = ride.course
     states = ride.course.states
@@ -594,35 +690,26 @@ def _free_run(
     q = [state.q]
     added = []
     left = False
-    end = (
-        len(course.torque) - 1
-        if most_steps is None
-        else min(start + most_steps, len(course.torque) - 1)
-    )
+    end = len(course.torque) - 1
+    if most_steps is not None:
+        end = min(end, start + most_steps)
     for k in range(start, end):
-        at = np.full(size, k)
+        sample = np.full(size, k)
         if ride.loop is not None:
-            added.append(
-                ride.added(
-                    state,
-                    at,
-                    0.0,
-                    0.0,
-                )[0][0]
-            )
-        state = ride.step(state, at)
+            loop_torque, _ = ride.added(state, sample, share=0.0, h=0.0)
+            added.append(loop_torque[0])
+        state = ride.step(state, sample)
         q.append(state.q)
         if not np.all(np.abs(state.q[0] - states.q[k + 1]) <= limit):
             left = True
             break
-    motion = np.array(q)
+    motion = np.array(q)  # (samples, 1 + d, n): the model's motion first
     until = start + len(q)
     error = motion[:, 0] - states.q[start:until]
     spread = None
     if size > 2:
-        spread = NORMAL_95 * np.sqrt(
-            np.nanmean((motion[:, 1:] - motion[:, :1]) ** 2, axis=(0, 1))
-        )
+        deviation = motion[:, 1:] - motion[:, :1]
+        spread = NORMAL_95 * np.sqrt(np.nanmean(deviation**2, axis=(0, 1)))
     torque = course.torque[start:until]
     t = states.t[start:until]
     return FreeRun(
@@ -644,4 +731,5 @@ def _free_run(
 
 
 def _rms(error: Array) -> Array:
+    """Return the root mean square over the rows (N, n), one for each joint: (n,)."""
     return np.asarray(np.sqrt(np.mean(error**2, axis=0)))

@@ -68,31 +68,26 @@ class HiddenRuns(Shown):
 
     @property
     def train(self) -> tuple[Measurements, ...]:
-        """The runs to identify from."""
+        """The runs to identify from: all but the last."""
         return self.runs[:-1]
 
     @property
     def test(self) -> Measurements:
-        """The run to judge on."""
+        """The run to judge models on: the last."""
         return self.runs[-1]
 
     def save(self, folder: str | Path) -> None:
-        """Write truth.json, run1..3.csv and test.csv.
+        """Write the runs as CSV files, and what is hidden in them as truth.json.
 
         Parameters
         ----------
         folder : path
-            Where.
-
-        Returns
-        -------
-        None
-            Nothing.
+            Folder for truth.json, run1.csv to run3.csv and test.csv.
 
         Raises
         ------
         InputError
-            Where the folder holds runs that were not written here.
+            If the folder holds runs that this method did not write.
         """
         folder = Path(folder)
         truth = json.dumps(self.truth, indent=1)
@@ -104,6 +99,9 @@ class HiddenRuns(Shown):
                 save(run, folder / name)
 
     def _summary(self) -> Summary:
+        """Return title and lines of the repr: lengths of the runs, effects for a
+        first model.
+        """
         length = self.test.t[-1] - self.test.t[0]
         return f"Simulated runs: {self.truth['problem']}, seed {self.truth['seed']}", [
             ("train", f"{formatting.count(len(self.train), 'run')} of {length:.3g} s"),
@@ -113,28 +111,20 @@ class HiddenRuns(Shown):
 
 
 def refuse_foreign(folder: Path) -> None:
-    """Refuse a folder that holds runs which :meth:`HiddenRuns.save` did not write.
+    """Raise InputError if a folder holds runs that :meth:`HiddenRuns.save` did not
+    write.
+
+    Its own folders are recognised by truth.json.
 
     Parameters
     ----------
     folder : Path
-        Where runs are to be written.
-
-    Returns
-    -------
-    None
-        Nothing.
-
-    Raises
-    ------
-    InputError
-        Where there are such runs.
+        Folder that runs are to be written into.
     """
-    there = [name for name in RUN_FILES if (folder / name).exists()]
-    if (
-        there and not (folder / "truth.json").exists()
-    ):  # else the folder is one that was written here
-        raise InputError(f"{there[0]} exists already", "name another folder", folder)
+    existing = [name for name in RUN_FILES if (folder / name).exists()]
+    is_foreign = not (folder / "truth.json").exists()
+    if existing and is_foreign:
+        raise InputError(f"{existing[0]} exists already", "name another folder", folder)
 
 
 def simulate(
@@ -190,57 +180,54 @@ def true_world(
     seed: int,
     without: Sequence[str] = (),
 ) -> World:
-    """The true robot: the experiment's links, random viscous and Coulomb friction and
-    offsets of the size of friction there.
+    """Make the true robot of a simulation.
+
+    Its links are those of the experiment; viscous and Coulomb friction and torque
+    offsets are drawn at random, of the size of the experiment's friction.
 
     Parameters
     ----------
     problem : Problem
-        Of the robot.
+        The robot.
     setup : Experiment
-        Its links and friction.
+        Its true links, friction and sensor noise.
     seed : int
-        Of the friction.
+        Seed of the random friction.
     without : sequence of str
-        Effects that are not among them.
+        Effects that the robot does not have, because they are hidden later.
 
     Returns
     -------
     World
-        As it is simulated.
     """
     robot = problem.robot
     rng = np.random.default_rng([seed, 1])
-    none = np.zeros(problem.robot.n)
-    size = 0.02 + none if setup.friction is None else np.abs(setup.friction[:, 0])
-    coulomb = (
-        size * rng.uniform(0.5, 1.5, robot.n) * ("coulomb_friction" not in without)
-    )
-    viscous = (
-        size * rng.uniform(0.2, 0.8, robot.n) * ("viscous_friction" not in without)
-    )
-    offset = (
-        0.2 * size * rng.uniform(-1.0, 1.0, robot.n) * ("torque_offset" not in without)
-    )
+    zeros = np.zeros(problem.robot.n)
+    # Size of friction [N m, N]: that of the experiment.
+    size = 0.02 + zeros if setup.friction is None else np.abs(setup.friction[:, 0])
+    # All are drawn, whether they act or not: each has the same random numbers then.
+    coulomb = size * rng.uniform(0.5, 1.5, robot.n)
+    viscous = size * rng.uniform(0.2, 0.8, robot.n)
+    offset = 0.2 * size * rng.uniform(-1.0, 1.0, robot.n)
     model = robot._with_inertias(setup.links)
     chain = robot.mechanism
     rotary = np.array([joint.kind == "revolute" for joint in robot.joints])
-    follows = (np.eye(robot.n), none) if chain is None else (chain.matrix, chain.offset)
     arm = Arm(
         model,
         rotary,
-        robot.link_joints[-1] + 1,
-        *follows,
+        last=robot.link_joints[-1] + 1,
+        follows=np.eye(robot.n) if chain is None else chain.matrix,
+        shift=zeros if chain is None else chain.offset,
     )
     dry = DryFriction(np.full(robot.n, min(problem.model().sign_width)))
     return World(
         arm,
-        model,
-        dry,
-        coulomb,
-        viscous,
-        offset,
-        setup.sensor.torque_std,
+        built=model,
+        dry=dry,
+        coulomb=zeros if "coulomb_friction" in without else coulomb,
+        viscous=zeros if "viscous_friction" in without else viscous,
+        offset=zeros if "torque_offset" in without else offset,
+        noise=setup.sensor.torque_std,
     )
 
 
@@ -252,25 +239,25 @@ def hidden_runs(
     count: int = 4,
     world: World | None = None,
 ) -> HiddenRuns:
-    """Simulate runs, the last meant as the test run, with effects hidden in them.
+    """Simulate runs with hidden effects; the last run is meant for testing.
 
     Parameters
     ----------
     problem : Problem
-        Of the robot.
+        The robot.
     effects : sequence of (str, sequence of int)
-        Names and joints (from 0; empty: one effect on every joint that it can
-        act on, or of the whole robot).
+        Name and joints (from 0) of each effect. Without joints it acts on every joint
+        that it can act on, or on the whole robot.
     level : str or float
-        Of LEVELS, or the root mean square of the hidden torque over the raw
-        noise of the joint that it moves most.
+        Name in LEVELS, or the RMS of the hidden torque over the raw noise, on the joint
+        that the effect moves most.
     seed : int
-        Of everything random.
+        Seed of everything random.
     count : int
-        Of the runs.
+        Number of runs.
     world : World, optional
-        The true robot (default: that of the seed), so that the same one is
-        measured with and without a load.
+        The true robot; by default that of the seed. Passing one measures the same robot
+        with and without a load.
 
     Returns
     -------
@@ -280,79 +267,47 @@ def hidden_runs(
     Raises
     ------
     InputError
-        For an effect that has no simulation, or makes no torque on a joint that
-        is named (backlash about a vertical axis).
+        For an effect that cannot be simulated, or that makes no torque on a named joint
+        (such as backlash about a vertical axis).
     """
     factor = LEVELS[level] if isinstance(level, str) else float(level)
     setup = experiment(problem)
     rng = np.random.default_rng([seed, 2])
     without = [name for name, _ in effects]
-    world = (
-        true_world(
-            problem,
-            setup,
-            seed,
-            without,
-        )
-        if world is None
-        else world
-    )
-    # One and a half periods in a run.
+    if world is None:
+        world = true_world(problem, setup, seed, without)
     length = DURATION + 2.0 * _BLEND
+    # One and a half periods in a run, so that a part of it repeats.
     frequency = 3.0 * np.pi / DURATION
-    drawn = (10 * seed + k for k in range(count))
     trajectories = [
         random_trajectory(
             problem.robot,
-            x,
+            10 * seed + k,
             length,
             frequency=frequency,
         )
-        for x in drawn
+        for k in range(count)
     ]
-    inside = np.arange(
-        _BLEND,
-        _BLEND + DURATION,
-        1.0 / 200.0,
-    )  # coarse enough to be sized quickly
-    coarse = [
-        _motion(
-            x,
-            inside,
-            k,
-        )
-        for k, x in enumerate(trajectories)
+    # Effects are sized on a coarse grid of 200 Hz, which is fast.
+    coarse_times = np.arange(_BLEND, _BLEND + DURATION, 1.0 / 200.0)
+    coarse_motions = [
+        _motion(trajectory, coarse_times, k)
+        for k, trajectory in enumerate(trajectories)
     ]
     hidden = []
     for name, joints in effects:
-        if name not in MAKERS:
-            raise InputError(
-                f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}"
-            )
-        kind = effect_types()[name]
-        for joint in joints or (
-            [0] if kind.whole_robot else kind(problem.robot).joints
-        ):
-            one = replace(MAKERS[name](world, joint, rng), effect=name)
-            sized = one.sized(world, coarse, factor)
-            if sized is not one:
-                hidden.append(sized)
-            elif joints or not one.joints:
-                where = f"on joint {joint + 1}" if one.joints else "on this robot"
-                raise InputError(
-                    f"{name} makes no torque {where}",
-                    "hide it elsewhere, or hide another",
-                )
-    runs = tuple(
-        _measure(
-            x,
-            world,
-            hidden,
-            setup,
-            seed,
-            k,
+        hidden += _sized_effects(
+            name,
+            joints,
+            problem=problem,
+            world=world,
+            motions=coarse_motions,
+            factor=factor,
+            rng=rng,
         )
-        for k, x in enumerate(trajectories)
+    runs = tuple(
+        _measure(trajectory, world, hidden, setup, seed, k)
+        for k, trajectory in enumerate(trajectories)
     )
     truth = {
         "problem": problem.name,
@@ -376,13 +331,55 @@ def hidden_runs(
     )
 
 
+def _sized_effects(
+    name: str,
+    joints: Sequence[int],
+    *,
+    problem: Problem,
+    world: World,
+    motions: Sequence[TrueMotion],
+    factor: float,
+    rng: np.random.Generator,
+) -> list[Hidden]:
+    """Make one effect on each of its joints, scaled to ``factor`` times the noise.
+
+    Without joints (from 0) these are all on which it can act; there it may make no
+    torque, and is left out. Raises InputError for an effect that cannot be simulated,
+    or makes no torque where it was asked for.
+    """
+    if name not in MAKERS:
+        raise InputError(
+            f"effect {name!r} cannot be hidden", f"choose from {', '.join(MAKERS)}"
+        )
+    kind = effect_types()[name]
+    all_joints = [0] if kind.whole_robot else kind(problem.robot).joints
+    sized_effects = []
+    for joint in joints or all_joints:
+        unsized = replace(MAKERS[name](world, joint, rng), effect=name)
+        sized = unsized.sized(world, motions, factor)
+        if sized is not unsized:
+            sized_effects.append(sized)
+        elif joints or not unsized.joints:
+            where = f"on joint {joint + 1}" if unsized.joints else "on this robot"
+            raise InputError(
+                f"{name} makes no torque {where}",
+                "hide it elsewhere, or hide another",
+            )
+    return sized_effects
+
+
 def _motion(trajectory: FourierTrajectory, local: Array, k: int) -> TrueMotion:
-    """Of run k, on the sitting's clock."""
+    """Return the motion of run k; ``local`` (N,) is time since the run's start [s].
+
+    Its time stamps continue from run to run, since the gears warm up meanwhile.
+    """
     return TrueMotion(local + _start(k), *trajectory.states(local))
 
 
 def _start(k: int) -> float:
-    """Of run k, on the sitting's clock [s]."""
+    """Return when run k starts [s], counted from the start of run 0; PAUSE lies
+    between.
+    """
     return k * (DURATION + 2.0 * _BLEND + PAUSE)
 
 
@@ -394,7 +391,10 @@ def _measure(
     seed: int,
     k: int,
 ) -> Measurements:
-    """One run as the sensor logs it, on the sitting's clock."""
+    """Simulate run k as the sensor logs it, with the hidden effects.
+
+    The blends into and out of the motion are cut off.
+    """
 
     def torque(motion_now: Motion) -> Array:
         motion = _motion(trajectory, motion_now.t, k)

@@ -122,6 +122,8 @@ def test_no_drive_looks_ahead(problem):
         (("another effect fits as well",), True),
         (("more error is left on its joints than it explains",), True),
         (("its size is not told from zero",), True),
+        (("any sharp friction looks so",), True),
+        (("it lies at the end of the range in which it was looked for",), False),
         (("its gain is small",), False),
         (("another effect fits as well", "its gain is small"), False),
         (("what is sure raises a held-out error with it",), False),

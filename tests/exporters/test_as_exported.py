@@ -223,10 +223,10 @@ def test_a_urdf_without_the_spring_is_judged_without_it(sprung, capsys):
     assert run_cli("export", sprung / "better.json", "--out", out) == 0
     said = " ".join(capsys.readouterr().out.split())
     verdict = re.search(
-        r"As exported, without torque_offset, joint_spring.*?Verdict on test", head(out)
+        r"As exported, without torque offset, joint spring.*?Verdict on test", head(out)
     )
     assert verdict, head(out)
-    assert "As exported, without torque_offset, joint_spring" in said
+    assert "As exported, without torque offset, joint spring" in said
     assert re.search(r"joint 2 worse: [\d.]+ -> [\d.]+", said)
 
 
@@ -242,7 +242,7 @@ def test_without_the_runs_a_file_says_that_it_is_not_judged(sprung, tmp_path, ca
 
     estimate = load_estimate(sprung / "better.json")
     export(estimate, tmp_path / "robot.urdf")
-    assert "Not judged as exported, without torque_offset, joint_spring" in head(
+    assert "Not judged as exported, without torque offset, joint spring" in head(
         tmp_path / "robot.urdf"
     )
 
@@ -250,7 +250,7 @@ def test_without_the_runs_a_file_says_that_it_is_not_judged(sprung, tmp_path, ca
 def test_python_judges_on_the_runs_it_is_given(sprung, tmp_path):
     out = tmp_path / "robot.sdf"
     export(sprung / "better.json", out, measurements=sprung / "test.csv")
-    assert "As exported, without torque_offset, joint_spring" in head(out)
+    assert "As exported, without torque offset, joint spring" in head(out)
 
 
 def test_a_run_of_another_robot_is_refused(sprung, tmp_path, capsys):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from page_sessions import Here, do, finish, numbers, opened, saved
+from page_sessions import Here, Screen, do, finish, numbers, opened, saved
 from recorded import refusal
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
@@ -483,13 +483,13 @@ def test_sessions_are_private_and_end_with_the_server(pool, monkeypatch):
     assert len(first.token) >= 32
     assert first.folder.stat().st_mode & 0o077 == 0
     assert sessions.root.stat().st_mode & 0o077 == 0
-    assert sessions.closed(first.token) is first
+    assert sessions.unwatched(first.token) is first
     tab = Tab()
     first.watchers.append(tab)
-    assert sessions.closed(first.token) is None
+    assert sessions.unwatched(first.token) is None
     tab.present = False  # just closed: not yet forgotten, but to be found again
-    assert sessions.closed(first.token) is first
-    assert sessions.closed("other") is sessions.closed(None) is None
+    assert sessions.unwatched(first.token) is first
+    assert sessions.unwatched("other") is sessions.unwatched(None) is None
     for _ in range(2 * tabs.MOST):  # the tab of each was closed
         sessions.new()
     assert sessions.get(first.token) is first  # a tab shows it
@@ -580,3 +580,20 @@ def test_at_least_a_fifth_of_a_single_run_is_kept_for_testing(here, hidden, tmp_
     )
     split = s.runs[0]["split"]
     assert split["test_seconds"] >= 0.2 * s.runs[0]["seconds"]
+
+
+def test_an_issue_of_two_runs_is_said_once_and_repaired_together(
+    here, tmp_path, hidden
+):
+    runs = []
+    for run in hidden.runs[:2]:
+        tau = run.tau.copy()
+        tau[500, 0] = 1e4
+        runs.append(replace(run, tau=tau))
+    s = opened(here, "two_link", **saved(tmp_path, runs, "a.csv", "b.csv"))
+    screen = Screen(s)
+    assert screen.text("check").count("What to do: delete") == 1
+    assert "a.csv and b.csv: spikes." in screen.text("check")
+    screen.click("mend-all")
+    assert [run["name"] for run in s.runs] == ["a_fixed.csv", "b_fixed.csv"]
+    assert not s.meaningless

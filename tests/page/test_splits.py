@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the page needs the extra [page]")
 
+from sdp_vs_penalty import load_problem
 from sdp_vs_penalty.diagnosis.findings import Finding
 from sdp_vs_penalty.page import splits
 
@@ -80,3 +81,27 @@ def test_other_splits_judge_as_much(two_link, run):
     split = splits.split_run(two_link, run)
     for _, test in splits.other_splits(two_link, run, split):
         assert sum(b - a for a, b in test) >= 0.8 * split["test_seconds"]
+
+
+@pytest.mark.long
+def test_a_spring_in_a_run_alone_is_shown_by_its_splits(tmp_path):
+    """Dropped alone, identified and diagnosed: the card counts the splits."""
+    from page_sessions import Here, Screen, saved
+
+    from sdp_vs_penalty.page import Sessions
+    from sdp_vs_penalty.simulation.hidden_runs import hidden_runs
+
+    problem = load_problem("two_link")
+    (run, *_) = hidden_runs(problem, [("joint_spring", [1])], "strong", 24, 1).runs
+    session = Sessions(Here()).new()
+    screen = Screen(session)
+    screen.do(session.start, session.choose_robot, "two_link")
+    thin = run.rows(slice(None, None, 5))
+    session.arrived |= saved(tmp_path, [thin], "alone.csv")
+    screen.do(session.read_arrived)
+    screen.click("identify", "diagnose")
+    (spring,) = (f for f in session.findings.effects if f.effect == "joint_spring")
+    assert spring.n_splits >= 4
+    assert spring.n_splits_showing >= splits.CONFIRMED_SHARE * spring.n_splits - 1e-9
+    assert spring.rating == "confident"
+    assert spring.splits_sentence in screen.text("findings")

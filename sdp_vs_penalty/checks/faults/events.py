@@ -134,8 +134,8 @@ def _law(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         kind=f"law: {event.at}",
         severity="note",
         joints=(event.joint,),
-        what=f"the torque of {joints_text([event.joint])} holds a law that the model"
-        f" lacks, most like {event.at}.",
+        what=f"{joints_text([event.joint])} behaves as if it had {event.at}, which the"
+        " model lacks.",
         remedy="identify, and let `diagnose` name it",
         removal=repair.without_event(event),
         log_odds_against=odds_against_one_of(log.n * len(LAWS)),

@@ -73,7 +73,9 @@ def verb(
 
 
 def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
-    """Findings of effects that the held model has itself, which stay as they are."""
+    """Print findings that were not added, because the fixed model has their effect
+    already.
+    """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.effects import effect_in_words
 
@@ -87,7 +89,7 @@ def _say_what_a_held_model_keeps(diagnosis: Any, added: Any) -> None:
 
 
 def _say_sizes(effects: Any, model: Any) -> None:
-    """The size of each finding in the model that holds it, with its interval."""
+    """Print the size of each finding in the new model, with its interval."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.diagnosis.sizes_in_model import size_in_model
     from sdp_vs_penalty.render.words import place, plain_name
@@ -103,7 +105,10 @@ def _effects(
     confident: bool,
     only: str | None,
 ) -> Any:
-    """What to add: the text, or the Diagnosis of a findings.json, all or some of it."""
+    """Return what to add: the text of EFFECT, or the selected findings of a diagnosis.
+
+    Raises InputError unless exactly one of both is given.
+    """
     from sdp_vs_penalty.data.parsing import numbers
     from sdp_vs_penalty.diagnosis.findings import load_diagnosis
 

@@ -67,7 +67,7 @@ def _refuse(
     fix: Path | None,
     apply: list[str] | None,
 ) -> None:
-    """InputError for options that do not belong together."""
+    """Raise InputError for options that exclude each other."""
     if fix is None:
         if apply:
             raise InputError("--apply: nothing to write", "name the copy with --fix")
@@ -89,7 +89,11 @@ def _read_and_check(
     gravity: str | None,
     hold: str | None,
 ) -> tuple[Problem, list[Measurements], Sequence[Report], str | None]:
-    """The robot, its runs, a report a run, and --hold with what stands still."""
+    """Read the runs and check them.
+
+    Returns the problem, its runs, a report for each run, and the text of --hold with
+    the joints that stand still.
+    """
     from sdp_vs_penalty.checks import check_runs
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.cli.runs import problem_from_options, read_and_hold
@@ -119,7 +123,10 @@ def _write_copies(
     fix: Path,
     apply: Sequence[str],
 ) -> list[Path]:
-    """Write a repaired copy of each run, and what was changed beside it."""
+    """Write a repaired copy of each run, and a text file of what was changed.
+
+    Returns the paths of the copies.
+    """
     from sdp_vs_penalty.checks.fixing import fix_runs
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import save
@@ -154,7 +161,7 @@ def _say_identify(
     problem: str,
     options: Sequence[str],
 ) -> None:
-    """The command that identifies from all runs but those for testing."""
+    """Print the command that identifies from all runs except those for testing."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.files import for_testing
 
@@ -164,8 +171,10 @@ def _say_identify(
 
 
 def _repair_words(reports: Sequence[Report]) -> list[str] | None:
-    """Words of the explanations that a repair may apply; none of them where facts are
-    repaired without; None where there is nothing to repair."""
+    """Return the words of --apply that a repair of these runs can use.
+
+    [] if only facts, which need no consent, are repaired; None if nothing can be.
+    """
     issues = [issue for report in reports for issue in report.errors_and_warnings]
     named = list(dict.fromkeys(issue.apply for issue in issues if issue.apply))
     is_repairable = bool(named) or any(issue.mends for issue in issues)

@@ -51,7 +51,9 @@ def verb(
 
 
 def _print_inertials(checks: Sequence[LinkCheck]) -> None:
-    """A table of all links; of each that is impossible the nearest possible inertia."""
+    """Print a table of all links, and the nearest possible inertia of each
+    impossible one.
+    """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters import inertials
     from sdp_vs_penalty.results.table import Table

@@ -64,8 +64,10 @@ def verb(
 def _simulated_loops(
     estimates: Mapping[str, Estimate], runs: Measurements
 ) -> dict[str, Following]:
-    """Without torque the motion is what was measured: each model's loop with the
-    identified gains predicts it, for some seconds at most."""
+    """Simulate the servo loop of each model that has one, along runs without torque.
+
+    Such runs measured the motion only. The simulation is cut off after 5000 steps.
+    """
     from sdp_vs_penalty.simulation.follow import follow
 
     servos = {k: e for k, e in estimates.items() if e.model.drives.any()}

@@ -22,7 +22,7 @@ def verb(shell: Shell = Shell.bash) -> None:
 
 
 def _whole_parser() -> argparse.ArgumentParser:
-    """The program with all its verbs, as one parser."""
+    """Return one argparse parser of the program with all its verbs."""
     import shtab
 
     from sdp_vs_penalty.cli.main import VERBS, named

@@ -78,13 +78,17 @@ def verb(
 
 
 def _written(options: dict[str, object]) -> list[str]:
-    """Options with their values, those that were given."""
+    """Return the options that were given, with their values, as words of a command."""
     pairs = [(name, x) for name, x in options.items() if x is not None]
     return [str(word) for pair in pairs for word in pair]
 
 
 def _what_to_add(result: Diagnosis, json_: Path | None) -> list[str]:
-    """What `add` takes: the file of findings where there is one, else their texts."""
+    """Return the arguments of `add`: the file of findings if there is one, else their
+    texts.
+
+    Curves have no text: they can be added from the file only.
+    """
     if not result.sure and not result.curves:
         return []
     if json_ is None:
@@ -98,7 +102,7 @@ def _what_to_add(result: Diagnosis, json_: Path | None) -> list[str]:
 
 
 def _free_name(model: Path) -> Path:
-    """The next free name after model.json: model2.json, model3.json ..."""
+    """Return the next free file name after a model: model2.json, model3.json ..."""
     stem = model.stem.rstrip("0123456789") or model.stem
     names = [path.stem for path in model.parent.glob(f"{stem}*.json")]
     numbers = [name.removeprefix(stem) for name in names]

@@ -84,7 +84,10 @@ def _payload(
     out: Path,
     **settings: Any,
 ) -> None:
-    """The run that weighs a load, and how well it does."""
+    """Design a motion that weighs a load, write it, and print how precisely it does.
+
+    joints : numbers from 1 of the joints that move, such as "5+6".
+    """
     import numpy as np
 
     from sdp_vs_penalty.errors import InputError
@@ -128,7 +131,11 @@ def _payload(
 def _separate(
     model: Path, effects: str, out: Path, urdf: Path | None, **settings: Any
 ) -> None:
-    """The run that would tell: trajectory as CSV and, beside it, as ROS text."""
+    """Design the motion that distinguishes two effects, and write it as CSV and ROS
+    text.
+
+    effects : both, as `add` takes them; urdf : shapes for the check of self-collision.
+    """
     from sdp_vs_penalty.estimation.constants import LEVEL
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.estimation.excitation import save_trajectory

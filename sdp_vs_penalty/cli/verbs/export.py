@@ -31,6 +31,7 @@ def verb(
     """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.data.parsing import numbers
+    from sdp_vs_penalty.effects import effect_in_words
     from sdp_vs_penalty.estimation.estimate import load_estimate
     from sdp_vs_penalty.exporters.export import write_model
 
@@ -54,9 +55,8 @@ def verb(
     if urdf is None:
         _warn_of_names(out)
     if left_out:
-        console.warn(
-            f"{out.suffix} files cannot hold {', '.join(left_out)}; .json files can."
-        )
+        names = ", ".join(map(effect_in_words, left_out))
+        console.warn(f"{out.suffix} files cannot hold {names}; .json files can.")
 
 
 def _judged_as_exported(
@@ -65,8 +65,14 @@ def _judged_as_exported(
     data: list[Path] | None,
     window: str | None,
 ) -> tuple[bool, tuple[Verdict, str] | None]:
-    """Whether a file of this name holds less than the model; then the verdict on what
-    it holds, and what is lost in words, where there are runs to judge it on."""
+    """Judge what a file of this name holds of the model.
+
+    Returns
+    -------
+    bool, (Verdict, str) or None
+        Whether the file holds less than the model; then, if runs are at hand, the
+        verdict on what it holds, and how the errors change, in words.
+    """
     from sdp_vs_penalty.api.exporting import judge_as_exported
     from sdp_vs_penalty.cli.runs import judging_runs
     from sdp_vs_penalty.exporters.export import as_exported
@@ -83,6 +89,9 @@ def _judged_as_exported(
 def _say_what_is_lost(
     left_out: tuple[str, ...], judged: tuple[Verdict, str] | None
 ) -> None:
+    """Print the verdict on a file that cannot hold all effects, and how the errors
+    change.
+    """
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.exporters.export import exported_verdict
 
@@ -92,6 +101,7 @@ def _say_what_is_lost(
 
 
 def _say_verdict(estimate: Estimate) -> None:
+    """Print the verdict that is stored in the model, or that there is none."""
     from sdp_vs_penalty.cli import console
     from sdp_vs_penalty.estimation.verdict import NOT_JUDGED
 
@@ -100,7 +110,10 @@ def _say_verdict(estimate: Estimate) -> None:
 
 
 def _warn_of_names(out: Path) -> None:
-    """A model.json holds no names of links: a file made from it has others."""
+    """Warn that the exported file has its own names of links.
+
+    A model.json holds names of joints only.
+    """
     from sdp_vs_penalty.cli import console
 
     ending = out.suffix.lower()

@@ -60,18 +60,19 @@ _SHORT = {
 
 
 def details(kind: str, name: str) -> tuple[str, ...]:
-    """The whole row of one name; InputError where there is none."""
+    """Return the full row of one name. Raises InputError if there is none."""
     rows = {row[0]: row for row in listing(kind)[1]}
     require_known("", name, rows, where=kind)
     return rows[name]
 
 
 def listing(kind: str) -> tuple[tuple[str, ...], Rows]:
-    """Headings and rows of one kind of thing that can be chosen; names come first."""
+    """Return headings and rows of one kind of names, such as "effects"."""
     return _LISTINGS[kind]()
 
 
 def _problems() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the built-in problems."""
     from sdp_vs_penalty.problem.load import load_problem, problem_names
 
     problems = map(load_problem, problem_names())
@@ -80,6 +81,7 @@ def _problems() -> tuple[tuple[str, ...], Rows]:
 
 
 def _effects() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the library's effects."""
     from sdp_vs_penalty.effects import effect_types
 
     rows: Rows = []
@@ -96,6 +98,7 @@ def _effects() -> tuple[tuple[str, ...], Rows]:
 
 
 def _methods() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the identification methods."""
     from sdp_vs_penalty.estimation.output_error import DESCRIPTION, OUTPUT_ERROR
     from sdp_vs_penalty.estimators import estimator_types
 
@@ -104,6 +107,7 @@ def _methods() -> tuple[tuple[str, ...], Rows]:
 
 
 def _solvers() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the SDP solvers, installed or not."""
     from sdp_vs_penalty.solvers import solver_types
 
     rows: Rows = []
@@ -115,6 +119,7 @@ def _solvers() -> tuple[tuple[str, ...], Rows]:
 
 
 def _tables() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the paper's tables."""
     from sdp_vs_penalty.paper.tables import makers
 
     rows: Rows = [
@@ -125,6 +130,7 @@ def _tables() -> tuple[tuple[str, ...], Rows]:
 
 
 def _datasets() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the public data sets."""
     from sdp_vs_penalty.data.datasets import DATASETS
 
     rows: Rows = [(d.name, d.problem, d.licence, d.title) for d in DATASETS.values()]
@@ -132,6 +138,7 @@ def _datasets() -> tuple[tuple[str, ...], Rows]:
 
 
 def _engines() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the physics engines, installed or not."""
     from sdp_vs_penalty.simulation.engines import engine_types
 
     rows: Rows = [
@@ -142,6 +149,7 @@ def _engines() -> tuple[tuple[str, ...], Rows]:
 
 
 def _exports() -> tuple[tuple[str, ...], Rows]:
+    """Return headings and rows of the export formats, by file suffix."""
     from sdp_vs_penalty.exporters.export import formats
 
     rows: Rows = [(ending, home.ABOUT) for ending, home in formats().items()]

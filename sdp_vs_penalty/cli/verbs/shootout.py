@@ -97,7 +97,7 @@ def verb(
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """While it lasts a signal to terminate is an interrupt, as from the keyboard."""
+    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, while this runs."""
 
     own = os.getpid()
 
@@ -114,6 +114,9 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 def _export(folder: Path, groups: list[str] | None) -> None:
+    """Write the library of instances as files, of these groups only, if any are
+    named.
+    """
     from sdp_vs_penalty.shootout import catalogue, library
 
     entries, _ = catalogue.selected(groups, catalogue.library())
@@ -126,6 +129,7 @@ def _export(folder: Path, groups: list[str] | None) -> None:
 
 
 def _list() -> None:
+    """Print the shootout's instances, and its solvers."""
     from sdp_vs_penalty.results.table import Table
     from sdp_vs_penalty.shootout.catalogue import catalogue
     from sdp_vs_penalty.shootout.contestants import contestants
@@ -152,6 +156,7 @@ def _list() -> None:
 
 
 def _words(text: str | None) -> list[str] | None:
+    """Split a comma-separated option into words; None if it was not given."""
     return (
         None
         if text is None

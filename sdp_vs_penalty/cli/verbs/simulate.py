@@ -75,6 +75,10 @@ def _follow(
     out: Path | None,
     json_file: Path | None,
 ) -> None:
+    """Simulate a model along measured runs, and print the errors of its motion.
+
+    drive : "torque", "pd" or "servo"; out : file for the motion of the first free run.
+    """
     from sdp_vs_penalty.cli.runs import next_diagnosis
     from sdp_vs_penalty.data.formats import csv
     from sdp_vs_penalty.estimation.estimate import load_estimate

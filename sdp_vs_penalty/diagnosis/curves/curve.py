@@ -115,9 +115,9 @@ class Curve(JsonRecord):
         return (
             f"joint {self.joint} misses a torque over {ranges}:"
             f" {np.ptp(self.torque):.3g} {unit} from peak to peak,"
-            f" {100.0 * self.explained_share:.0f} % of the held-out energy beyond"
-            f" noise; held-out error {self.held_out_rmse_before:.3g} to"
-            f" {self.held_out_rmse_after:.3g} {unit}.{words}"
+            f" {100.0 * self.explained_share:.0f} % of the error's energy beyond noise on"
+            f" data left out; the error there falls from {self.held_out_rmse_before:.3g}"
+            f" to {self.held_out_rmse_after:.3g} {unit}.{words}"
         )
 
 

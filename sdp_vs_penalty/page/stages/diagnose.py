@@ -17,12 +17,13 @@ from sdp_vs_penalty.render.words import (
     DiagnosisWords,
     FindingWords,
     describe_diagnosis,
+    weak_title,
 )
 
 
 @requires_model("history", "The model so far", lambda s: len(s.undone))
 def models(view: View) -> None:
-    """Each joint's error from model to model, with undo and redo."""
+    """Draw each joint's error from model to model, with buttons to undo and redo."""
     session = view.session
     history = session.history
     units = session.robot["units"]
@@ -51,7 +52,9 @@ def models(view: View) -> None:
     lambda s: (s.frozen, s.findings and s.findings.to_dict()),
 )
 def findings(view: View) -> None:
-    """What the last diagnosis found, each to be added."""
+    """Draw what the last diagnosis found, with buttons to add it, and one to
+    diagnose.
+    """
     session = view.session
     diagnosis = view.session.findings
     with draw.tag("div", style="row"):
@@ -88,7 +91,11 @@ def findings(view: View) -> None:
 
 
 def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
-    """A card a finding, those that are sure first to be seen; weak ones are folded."""
+    """Draw a card for each finding: first the certain ones; weak ones are folded away.
+
+    The position of a finding in the diagnosis numbers its card, so that both lists use
+    the same numbers.
+    """
     places = list(enumerate(diagnosis.effects))
     sure = [k for k, finding in places if finding.torque_is_certain]
     weak = [k for k, finding in places if not finding.torque_is_certain]
@@ -97,9 +104,8 @@ def _cards(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
             _card(view, diagnosis, words.findings[k], k)
     if not weak:
         return
-    title = f"Not worth adding yet: {formatting.count(len(weak), 'weak finding')}"
     with (
-        draw.details(title, "weak-findings", on=not sure),
+        draw.details(weak_title(len(weak)), "weak-findings", on=not sure),
         draw.tag("ol", style="findings"),
     ):
         for k in weak:
@@ -112,8 +118,11 @@ def _card(
     words: FindingWords,
     k: int,
 ) -> None:
-    """The picture of a joint's error against its cause, then what the finding is and
-    what adding it does."""
+    """Draw the card of one finding, the k-th of the diagnosis (from 0).
+
+    It shows the joint's error against its cause, what the effect is, what adding it
+    does to the error, what else would fit, and the button to add it.
+    """
     session = view.session
     finding = diagnosis.effects[k]
     done = " done" if finding.text in session.added else ""
@@ -150,7 +159,10 @@ def _card(
 def _adding(
     session: Session, text: str, key: str, style: str = "", **more: str
 ) -> None:
-    """The button that adds something, or that it has been added."""
+    """Draw the button that adds an effect, or the remark that it was added.
+
+    text : the effect as `add` writes it; key : by which focus finds the button again.
+    """
     if text in session.added:
         draw.tag("p", "Added to the model.", "chosen")
     else:
@@ -164,7 +176,9 @@ def _adding(
 
 
 def _constants(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
-    """Other constants of the model's own effects."""
+    """Draw a card for each constant of the model's effects that should be
+    re-estimated.
+    """
     pairs = zip(diagnosis.retuned, words.constants, strict=True)
     for k, (constant, said) in enumerate(pairs):
         with draw.tag("div", style="card finding-card"):
@@ -176,7 +190,10 @@ def _constants(session: Session, diagnosis: Diagnosis, words: DiagnosisWords) ->
 
 
 def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
-    """What was measured without a name: curve, band, and a button to add it as a table."""
+    """Draw each measured curve of missing torque that no effect explains.
+
+    It has its 95 % band and a button to add it to the model as a table.
+    """
     session = view.session
     units = view.session.robot["units"]
     texts = session.diagnosed.curve_texts
@@ -192,8 +209,11 @@ def _curves(view: View, diagnosis: Diagnosis, words: DiagnosisWords) -> None:
 
 
 def _by_hand(view: View) -> None:
-    """Any effect by its name: a payload beside a fixed model, or one that the diagnosis
-    did not name."""
+    """Draw a field to add any effect by its name.
+
+    This is needed for a payload of a fixed model, or for what the diagnosis did not
+    name.
+    """
     with draw.details("Add an effect by its name", "by-hand"):
         hint = "name[:joints][@shape=value], such as payload with the model kept fixed"
         written = [""]
@@ -213,7 +233,9 @@ def _by_hand(view: View) -> None:
 
 
 def _others(words: DiagnosisWords) -> None:
-    """Events, what is left, what can never be seen, and remarks."""
+    """Draw disturbances at single instants, the error that is left, effects that these
+    runs cannot show, and remarks.
+    """
     for line in words.events:
         draw.tag("p", f"{formatting.sentence(line)}.", "finding")
     if words.all_events != words.events:
@@ -232,8 +254,10 @@ def _others(words: DiagnosisWords) -> None:
 
 
 def _diagnosed(session: Session) -> StageVerdict | None:
-    """What became of each joint's error, and what the last diagnosis says, where it is
-    of this model."""
+    """Return the stage's sentence: how the errors changed, and what is missing now.
+
+    Effects of the last diagnosis that were not added yet are counted.
+    """
     diagnosis = session.findings
     added = session.added
     sentence = ""

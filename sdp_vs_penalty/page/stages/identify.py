@@ -2,7 +2,6 @@
 was found; the same by other methods."""
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -41,6 +40,7 @@ _USUAL = (
 
 
 def _model_now(session: Session) -> Any:
+    """Return what the form depends on: the page redraws it when any of this changes."""
     chosen = (
         session.robot["source"],
         session.method,
@@ -59,18 +59,20 @@ def _model_now(session: Session) -> Any:
     _model_now,
 )
 def model(view: View) -> None:
-    """What is identified, and how; folded away once there is a model."""
+    """Draw the form to identify a model; it is folded once there is one."""
     again = "Effects, method, options: identify again"
-    with (
-        nullcontext()
-        if view.session.model is None
-        else draw.details(again, "model-form")
-    ):
+    if view.session.model is None:
+        _form(view)
+        return
+    with draw.details(again, "model-form"):
         _form(view)
 
 
 def _methods() -> dict[str, str]:
-    """Those that take measurements, with what they are."""
+    """Return name and description of the methods that work on measurements.
+
+    Methods that query a black-box simulator are left out.
+    """
     return {
         name: k.description
         for name, k in estimator_types().items()
@@ -79,21 +81,30 @@ def _methods() -> dict[str, str]:
 
 
 def _form(view: View) -> None:
+    """Draw the form to identify a model: effects, method, seed, options and its button.
+
+    Effects that need a fixed model, such as a payload, are not offered here.
+    """
     session = view.session
     effects = {
         name: kind for name, kind in effect_types().items() if not kind.frozen_only
     }
 
     def tick(name: str, on: bool) -> None:
-        chosen = [e for e in session.effects if _name(e) != name] + [name] * on
-        order = [*effects, *map(_name, chosen)]
-        session.effects = sorted(chosen, key=lambda e: order.index(_name(e)))
+        chosen = [text for text in session.effects if _effect_name(text) != name]
+        if on:
+            chosen.append(name)
+        # In the library's order; unknown names stay behind.
+        order = [*effects, *map(_effect_name, chosen)]
+        session.effects = sorted(
+            chosen, key=lambda text: order.index(_effect_name(text))
+        )
         session.changed()
 
     def boxes(names: Sequence[str]) -> None:
         with draw.tag("div", style="checks"):
             for name in names:
-                on = name in map(_name, session.effects)
+                on = name in map(_effect_name, session.effects)
                 label = effects[name].explanation
                 draw.check(
                     plain_name(name),
@@ -107,7 +118,9 @@ def _form(view: View) -> None:
         draw.tag("legend", "Effects of the first model")
         boxes(_USUAL)
         unusual = [name for name in effects if name not in _USUAL]
-        chosen = [name for name in unusual if name in map(_name, session.effects)]
+        chosen = [
+            name for name in unusual if name in map(_effect_name, session.effects)
+        ]
         with draw.details(
             f"More effects ({len(chosen)} of {len(unusual)} chosen)",
             "more-effects",
@@ -157,7 +170,7 @@ def _form(view: View) -> None:
 
 
 def _options(view: View) -> None:
-    """Effects as they are written on the command line, and its options."""
+    """Draw a field for the effects as text, and one for each option of `identify`."""
     session = view.session
 
     def write(text: str) -> None:
@@ -183,8 +196,11 @@ def _options(view: View) -> None:
             draw.draw_form(view.forms["identify"], session.options)
 
 
-def _name(effect: str) -> str:
-    """coulomb_friction of coulomb_friction:7@v_s=0.01."""
+def _effect_name(effect: str) -> str:
+    """Return the name of an effect without its joints and constants.
+
+    "coulomb_friction:7@v_s=0.01" is named "coulomb_friction".
+    """
     return effect.partition("@")[0].partition(":")[0]
 
 
@@ -194,7 +210,7 @@ def _name(effect: str) -> str:
     lambda s: s.findings and s.findings.to_dict(),
 )
 def fit(view: View) -> None:
-    """Measured against modelled torque, where it fails and why."""
+    """Draw measured and modelled torque, where the model fails, and why."""
     model = view.session.current
     view.look_at_worst_joint()
     if view.run not in model.runs:
@@ -215,6 +231,9 @@ class _Fit:
     torques with the arm, words, causes, and the error against a signal."""
 
     def __init__(self, view: View) -> None:
+        """Draw the elements of the part, still without data: bars, chart, arm and
+        table.
+        """
         self.view = view
         self.model = view.session.current
         show = partial(_show, view)
@@ -256,13 +275,15 @@ class _Fit:
         self.against = draw.chart({}, "Error of the joint against a signal")
 
     def zoom(self, event: Any) -> None:
-        """Look at the stretch of time that was dragged."""
+        """Select the time span that was dragged in the chart."""
         span = charts.asked_span(event.args)
         if not isinstance(span, bool) and span != self.view.span:
             self.view.select(span=span)
 
     def follow(self) -> None:
-        """Show what is chosen now."""
+        """Update all elements to the joint, run, span and signal that are selected
+        now.
+        """
         view = self.view
         model = self.model
         session = view.session
@@ -286,7 +307,7 @@ class _Fit:
         self.move(view.run, last, charts.torque_errors(model, last))
 
     def _draw_bars(self, j: int, units: Sequence[str]) -> None:
-        """The error of each joint, joint j (from 0) chosen."""
+        """Draw the error of each joint as bars; joint j (from 0) is highlighted."""
         history = self.view.session.history
         comparison = self.model.comparison
         after = comparison["rmse"] if len(history) > 1 else None
@@ -306,7 +327,12 @@ class _Fit:
         units: Sequence[str],
         recordings: Sequence[Any],
     ) -> None:
-        """Measured and modelled torque, and where the error is large."""
+        """Draw measured and modelled torque of joint j (from 0), shaded where the error
+        is large.
+
+        recordings : arrays of the selected run, for the first model and the current
+        one.
+        """
         view = self.view
         last = recordings[-1]
         steps = view.session.first_and_current
@@ -325,8 +351,10 @@ class _Fit:
 
 
 def _figures(model: ModelStep) -> None:
-    """What the model is judged on, and the other lines of the verdict: its grade stands
-    above, once."""
+    """Draw on which data the model was judged, and the verdict without its first line.
+
+    That line is the stage's heading.
+    """
     facts = model.comparison["facts"]
     runs = model.judged_on
     judged = ", ".join(runs) if len(runs) <= 3 else f"{len(runs)} runs"
@@ -345,7 +373,7 @@ def _figures(model: ModelStep) -> None:
 
 
 def _words(model: ModelStep, j: int, unit: str) -> str:
-    """What can be said of the error of joint j (from 0) in a sentence or two."""
+    """Say how large the error of joint j (from 0) is and what it depends on."""
     facts = model.comparison["facts"]
     plain = formatting.plain_unit(unit)
     number = model.joint_number(j)
@@ -364,8 +392,10 @@ def _heat(
     failures: list[dict[str, Any]],
     diagnosis: Diagnosis | None,
 ) -> None:
-    """Which cause explains how much of each joint's error: darker is more; findings
-    first."""
+    """Draw the share of each joint's error that each cause explains, as a heat map.
+
+    Causes that the diagnosis has found come first. A click on a cell selects its joint.
+    """
     draw.tag("h4", "Where it fails, and why")
     draw.note(
         "Share of the error explained by each cause, in per cent, on data left out."
@@ -383,7 +413,7 @@ def _heat(
 
 
 def _show(view: View, event: Any) -> None:
-    """The joint that was clicked, and the signal that shows the cause."""
+    """Select the joint that was clicked, and the signal that shows its cause."""
     joint, signal = event.args
     view.select_joint(joint, signal if signal in charts.SIGNALS else view.signal)
 
@@ -395,15 +425,15 @@ _CELL = """(e) => { const cell = e.target.closest("[data-joint]");
 
 @requires_model("parameters", "Parameters")
 def parameters(view: View) -> None:
-    """Links, friction, certificate and every parameter with its interval."""
+    """Draw links, friction, certificate and all parameters, folded at first."""
     for words in view.session.current.about["words"]:
         draw.tag("p", words, "words")
     box = draw.details("Links, friction, certificate and every parameter", "parameters")
 
-    def fill() -> (
-        None
-    ):  # once it is opened: a chart that nobody sees costs as much at every click
-        if len(box.default_slot.children) == 1:
+    def fill() -> None:
+        # Only once it is opened: a hidden chart slows every click like a visible one.
+        is_empty = len(box.default_slot.children) == 1  # the summary alone
+        if is_empty:
             with box:
                 _tables(view)
 
@@ -411,6 +441,10 @@ def parameters(view: View) -> None:
 
 
 def _tables(view: View) -> None:
+    """Draw the tables of links, certificate and parameters, and the friction curve.
+
+    The curve follows the joint that is selected elsewhere on the page.
+    """
     about = view.session.current.about
     robot = view.session.robot
     if about["links"]:
@@ -447,7 +481,9 @@ def _tables(view: View) -> None:
 
 @requires_model("methods", "Compare methods", lambda s: s.answer("methods"))
 def methods(view: View) -> None:
-    """Other methods beside the current model's, on the same runs."""
+    """Draw a form to identify the same effects by other methods, and the last
+    result.
+    """
     session = view.session
     chosen = view.methods
     names = _methods()

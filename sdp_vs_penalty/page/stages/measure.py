@@ -20,13 +20,16 @@ from sdp_vs_penalty.simulation.worlds.hidden import LEVELS
 
 
 def _robot_now(session: Session) -> Any:
+    """Return what the robot's part depends on: the page redraws it when this
+    changes.
+    """
     robot_fields = [session.robot.get(name) for name in ("source", "title", "gravity")]
     return robot_fields, bool(session.runs)
 
 
 @partial(PagePart, "robot", "Robot", lambda session: True, _robot_now)
 def robot(view: View) -> None:
-    """The robot that is chosen and its gravity; or those to choose from."""
+    """Draw the chosen robot and its gravity, or the robots to choose from."""
     session = view.session
     robot = view.session.robot
     if not robot:
@@ -62,7 +65,9 @@ def robot(view: View) -> None:
 
 
 def _choose(view: View) -> None:
-    """The built-in robots, those of the folder, and a place to drop one."""
+    """Draw the robots to choose from: built-in ones, those of the folder, a dropped
+    URDF.
+    """
     session = view.session
     robot = view.session.robot
     with draw.tag("div", style="row"):
@@ -119,8 +124,8 @@ _USES = (
     lambda s: (s.robot["source"], s.runs, s.refusals, s.mappings),
 )
 def runs(view: View) -> None:
-    """The ways to get measurements, and the runs that are there."""
-    ways = {"Your runs": _own, "Simulated, with a hidden effect": _simulated}
+    """Draw the ways to get measurements, and the runs that are loaded."""
+    ways = {"Your runs": _your_runs, "Simulated, with a hidden effect": _simulated}
     with draw.tag("div", style="ways"):
         for title, fill in ways.items():
             with draw.tag("section", style="way"):
@@ -133,8 +138,11 @@ def runs(view: View) -> None:
 
 
 def _mapping(session: Session, mapping: dict[str, Any]) -> None:
-    """Which column of a refused file is what: a drop-down each, as far as it was
-    recognised."""
+    """Draw a form to assign the columns of a refused file, as far as not recognised.
+
+    mapping : the file's path, name, columns with first cells, the names that a run
+    needs ("ours"), and the column chosen for each.
+    """
     path = mapping["path"]
     draw.tag("h4", f"Which column of {mapping['name']} is what?")
     described = zip(mapping["columns"], mapping["cells"], strict=True)
@@ -159,9 +167,8 @@ def _mapping(session: Session, mapping: dict[str, Any]) -> None:
 _OURS = {"t": "t, the clock"}
 
 
-def _own(view: View) -> None:
-    """A place to drop runs; those of the folder that the page was started with: ticked,
-    then read."""
+def _your_runs(view: View) -> None:
+    """Draw a zone to drop logs on, and the logs of the page's folder to tick and read."""
     draw.drop("Drop measurements here", "runs")
     draw.note("They stay on this computer.")
     with draw.details("Other column names, motors, ROS topics", "reading"):
@@ -186,6 +193,7 @@ def _own(view: View) -> None:
 
 
 def _simulated(view: View) -> None:
+    """Draw the form to simulate runs with a hidden effect."""
     session = view.session
     hiding = view.hiding
     kinds = effect_types()
@@ -232,6 +240,7 @@ def _simulated(view: View) -> None:
 
 
 def _list(view: View) -> None:
+    """Draw the table of runs with a choice of what each is used for."""
     session = view.session
     with draw.tag("div", style="wide"), draw.tag("table", style="runs"):
         draw.tag("caption", "Runs", "unseen")
@@ -280,8 +289,11 @@ def _split_bar(
     run: dict[str, Any],
     k: int,
 ) -> None:
-    """The run as a bar of what is identified from and what is kept for testing; its
-    handle can be dragged."""
+    """Draw which seconds of the k-th run are for training and for testing, with a
+    slider.
+
+    run : the page's record of the run; its "split" holds the windows and what to draw.
+    """
     split = run["split"]
     with draw.tag("div", style="split"):
         with draw.tag("p", style="soft row"):
@@ -306,7 +318,19 @@ def _split_bar(
         )
 
 
+def _kept_of(run: dict[str, Any]) -> str:
+    """What of a run is kept for testing, in words; "" where nothing is."""
+    if run["use"] == "test":
+        return str(run["name"])
+    if run["use"] == "split":
+        return f"{run['split']['judged_share']:.0%} of {run['name']}"
+    return ""
+
+
 def _measured(session: Session) -> StageVerdict | None:
+    """Say which robot is chosen, how many runs it has, and whether any are for
+    testing.
+    """
     robot = session.robot
     if not robot:
         return None
@@ -314,9 +338,9 @@ def _measured(session: Session) -> StageVerdict | None:
         f"{robot['file'] or robot['name']} has {formatting.count(robot['n'], 'joint')}"
     )
     if session.runs:
-        has_test_run = any(run["use"] in ("test", "split") for run in session.runs)
-        sentence += f"; {formatting.count(len(session.runs), 'run')}, "
-        sentence += f"{'part' if has_test_run else 'nothing'} kept for testing"
+        kept = ", ".join(filter(None, map(_kept_of, session.runs))) or "nothing"
+        count = formatting.count(len(session.runs), "run")
+        sentence += f"; {count}, {kept} kept for testing"
     return StageVerdict("", f"{sentence}.")
 
 
@@ -331,7 +355,7 @@ MEASURE = Stage("measure", "Measure", "", (robot, runs), _measured)
     lambda s: (s.robot["source"], s.runs),
 )
 def check(view: View) -> None:
-    """What the check says, and the runs as they were measured."""
+    """Draw the check's issues and the signals of a run, with the arm in 3D."""
     session = view.session
     units = view.session.robot["units"]
     _findings(session)
@@ -367,36 +391,69 @@ def check(view: View) -> None:
 
 
 def _findings(session: Session) -> None:
-    """What the check says, each with its repair; a tick where it says nothing."""
+    """Draw the check's issues of each run, with a button for each repair.
+
+    A run without any gets a tick.
+    """
     with draw.tag("p", style="row"):
         for run in session.runs:
             if not run["findings"]:
                 draw.tag("span", f"✓ {run['name']}", "tick")
+    for issue, runs in _issues_with_runs(session):
+        names = formatting.words([run["name"] for run in runs])
+        with draw.tag("p", style=f"finding {issue['severity']}"):
+            draw.tag("strong", f"{names}: {issue['kind']}. ")
+            what = formatting.sentence(issue["what"])
+            draw.tag("span", f"{what} What to do: {issue['remedy']}.")
+        if issue["gravity"]:
+            vector = ",".join(f"{g:g}" for g in issue["gravity"])
+            apply = partial(session.start, session.mount, vector)
+            key = f"apply-{runs[0]['file']}"
+            draw.button(f"Apply: gravity {vector}", apply, key, "primary")
+    _repairs(session)
+
+
+def _issues_with_runs(
+    session: Session,
+) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """Each issue once, with the runs of which the check says the same."""
+    groups: dict[tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]] = {}
     for run in session.runs:
-        for finding_of_run in run["findings"]:
-            with draw.tag("p", style=f"finding {finding_of_run['severity']}"):
-                draw.tag("strong", f"{run['name']}: {finding_of_run['kind']}. ")
-                what = finding_of_run["what"]
-                draw.tag(
-                    "span",
-                    f"{what[0].upper()}{what[1:]} What to do: {finding_of_run['remedy']}.",
-                )
-            if finding_of_run["gravity"]:
-                vector = ",".join(f"{g:g}" for g in finding_of_run["gravity"])
-                apply = partial(session.start, session.mount, vector)
-                key = f"apply-{run['file']}"
-                draw.button(f"Apply: gravity {vector}", apply, key, "primary")
-        if any(finding_of_run["can_fix"] for finding_of_run in run["findings"]):
-            apply = partial(session.start, session.mend, run["file"])
+        for issue in run["findings"]:
+            text = (issue["kind"], issue["what"], issue["remedy"])
+            groups.setdefault(text, (issue, []))[1].append(run)
+    return list(groups.values())
+
+
+def _repairs(session: Session) -> None:
+    """A button a run that the check can repair, and one for all of them."""
+    runs = [
+        run
+        for run in session.runs
+        if any(issue["can_fix"] for issue in run["findings"])
+    ]
+    with draw.tag("div", style="row"):
+        if len(runs) > 1:
+            files = [run["file"] for run in runs]
             draw.button(
-                f"Apply to {run['name']}",
-                apply,
-                f"mend-{run['file']}",
+                f"Repair all {len(runs)} runs",
+                partial(session.start, session.mend_all, files),
+                "mend-all",
                 "primary",
+            )
+        for run in runs:
+            draw.button(
+                f"Repair {run['name']}",
+                partial(session.start, session.mend, run["file"]),
+                f"mend-{run['file']}",
+                "primary" if len(runs) == 1 else "",
             )
 
 
 def _checked(session: Session) -> StageVerdict:
+    """Return the verdict of the check: errors first, then warnings, else all is
+    well.
+    """
     if session.meaningless:
         return StageVerdict("bad", f"{session.meaningless[0]}.", "Check failed")
     warned = sorted({f["kind"] for run in session.runs for f in run["findings"]})

@@ -30,7 +30,9 @@ MORE = {name: use for name, use in _EXPORTS.items() if name not in LOAD}
 
 @requires_model("take-away", "Download", lambda s: (s.findings is None, s.runs))
 def take_away(view: View) -> None:
-    """The model's files, its runs, and the commands that make the same."""
+    """Draw the files to download and the command lines that repeat the session's
+    work.
+    """
     session = view.session
     flange = {"flange": ""}
 
@@ -87,7 +89,9 @@ _SERVO = ("servo", "the commands alone, through the model's servos")
 
 @requires_model("forward", "Run forward", lambda s: s.answer("forward"))
 def forward(view: View) -> None:
-    """The model run along the judged runs."""
+    """Draw the form to simulate the model along the judged runs, and the last
+    result.
+    """
     session = view.session
     drives = [_SERVO] * session.current.servo + list(_DRIVES)
     if view.drive not in dict(drives):
@@ -133,7 +137,9 @@ def forward(view: View) -> None:
 
 
 def _replay(view: View, answer: dict[str, Any]) -> None:
-    """A free run of one joint as curves, and of the arm in 3D."""
+    """Draw a simulated run against the measured one: curves of one joint, and both
+    arms.
+    """
     session = view.session
     about = view.session.current.about
     units = answer["units"]

@@ -30,32 +30,31 @@ def make_figures(
     progress: Progress = no_progress,
     workers: Workers = ALONE,
 ) -> list[Path]:
-    """Draw figures and write each, as soon as it is drawn, as figure_N.png and
-    figure_N.pdf.
+    """Draw figures, and write each at once as figure_N.png and figure_N.pdf.
 
     Parameters
     ----------
     numbers : sequence of int
-        Of the figures; none: all.
+        Numbers of the figures; none for all.
     out : str or Path
-        The folder.
+        Folder to write to.
     budget : str
-        As :func:`~sdp_vs_penalty.paper.tables.make_tables` takes it.
+        How long searches last, as for :func:`~sdp_vs_penalty.paper.tables.make_tables`.
     progress : callable
-        Hears what is at work.
+        Called with a short text at each step.
     workers : Workers
-        Who estimates, a method on a data set or a fold each.
+        Processes for estimates that are needed at the same time.
 
     Returns
     -------
     list of Path
-        What was written.
+        The files written.
 
     Raises
     ------
     InputError
-        For a number that is no figure, before anything is computed or written, and
-        where matplotlib is absent.
+        For a number without a figure, before anything is computed, or if matplotlib is
+        not installed.
     """
     for number in numbers:
         if number not in FIGURES:
@@ -81,14 +80,14 @@ def make_figures(
 
 
 def save(figure: Any, base: Path) -> list[Path]:
-    """Write a figure as PNG and PDF, each whole or not at all.
+    """Write a figure as PNG and PDF, each atomically, and close it.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
-        Closed afterwards.
+        The figure.
     base : Path
-        The files' name without its ending.
+        Path of the files without the suffix.
 
     Returns
     -------

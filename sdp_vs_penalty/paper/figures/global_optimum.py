@@ -11,20 +11,20 @@ from sdp_vs_penalty.paper.tables.global_optimum import WEIGHTS, Searched
 
 
 def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
-    """Draw the objective over the feasible optimum, and the worst violation, over the weight:
-    a line the certified optimum, a dot a run of annealing.
+    """Draw objective and worst violation over the penalty's weight.
+
+    Lines are certified optima, dots are runs of annealing.
 
     Parameters
     ----------
     searched : sequence of Searched
-        A column each.
+        The problems, one for each column.
     title : str
-        Above all.
+        Title of the figure.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
     """
     figure, axes = new_figure(2, len(searched), 5.2, sharex=True)
     for column, problem in zip(axes.T, searched, strict=True):
@@ -57,6 +57,7 @@ def draw_global_optima(searched: Sequence[Searched], title: str) -> Any:
 
 
 def _draw_objective(axis: Any, problem: Searched) -> None:
+    """Draw how far objectives lie above the feasible optimum [%], over the weight."""
     base = problem.feasible_loss
     lines = {
         "certified optimum": ([x.value for x in problem.free], style.BLACK, "-"),
@@ -83,6 +84,10 @@ def _draw_objective(axis: Any, problem: Searched) -> None:
 
 
 def _draw_violation(axis: Any, problem: Searched) -> None:
+    """Draw the worst violation over the weight, on a logarithmic scale.
+
+    A violation of zero is drawn at 1e-8.
+    """
     none = 1e-8  # where "none" is drawn [kg m^2, kg or m]
     worst = np.maximum([x.worst for x in problem.free], none)
     axis.plot(WEIGHTS, worst, color=style.BLACK, label="certified optimum")
@@ -110,7 +115,10 @@ def _dots(
     problem: Searched,
     values: Sequence[float],
 ) -> None:
-    """Draw a dot for every run of annealing at every weight."""
+    """Draw a dot for every run of annealing at every weight.
+
+    values : what is drawn, for each point of ``problem.annealed``.
+    """
     n_runs = max(point.run for point in problem.annealed)
     n_evaluations = max(point.evaluations for point in problem.annealed)
     axis.plot(

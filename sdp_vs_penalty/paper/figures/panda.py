@@ -40,8 +40,16 @@ _COMPARED = (
 def _on_unseen_folds(
     study: Study, methods: Mapping[str, str | Estimator]
 ) -> tuple[Array, Array, dict[str, Array], list[float]]:
-    """The real run's first motion [s], its torque and each method's prediction of it,
-    every stretch by the model that was estimated without it; where stretches begin."""
+    """Predict the torque of the real run by models that have not seen it.
+
+    Each fold's stretch is predicted by the model that was estimated without it.
+
+    Returns
+    -------
+    tuple
+        Time (M,) [s], measured torque (M, n), predicted torque (M, n) by method, and
+        the time at which each fold begins [s].
+    """
     data = study.measured
     assert data is not None
     run = data.train
@@ -69,7 +77,14 @@ def _on_unseen_folds(
 def _on_all_runs(
     study: Study, methods: Mapping[str, str | Estimator]
 ) -> tuple[Array, Array, dict[str, Array], list[float]]:
-    """The same of the simulated validation runs, one after the other."""
+    """Predict the torques of the simulated validation runs, joined one after another.
+
+    Returns
+    -------
+    tuple
+        Time (M,) [s], recorded torque (M, n), predicted torque (M, n) by method, and
+        the time at which each run begins [s].
+    """
     data = study.simulated
     assert data.test is not None
     times = list[Array]()
@@ -139,17 +154,18 @@ def _draw_unseen(
 
 
 def figure_1(study: Study) -> Any:
-    """Measured torques of unseen motion, and those of p_hat, delta and both routes.
+    """Draw measured torques of unseen motion, and those of p_hat, delta, SDP and
+    penalty.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint the torque, and its error.
     """
     source = "simulated" if study.run is None else "measured"
     routes = routes_of(study)
@@ -176,17 +192,18 @@ def figure_1(study: Study) -> Any:
 
 
 def figure_2(study: Study) -> Any:
-    """The validation motions: all simulated ones, and the real run's.
+    """Draw the motions that estimates are judged on: simulated ones, and the real
+    run's.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint its position and its limits.
     """
     assert study.simulated.test is not None
     runs_by_source = {"simulated": list(study.simulated.test.runs())}
@@ -215,7 +232,7 @@ def figure_2(study: Study) -> Any:
 
 
 def _draw_positions(axes: Any, runs: Sequence[Measurements]) -> None:
-    """Each joint's position on its axis (n,), all runs over their own time."""
+    """Draw each joint's position over time, all runs on the same axes (n,)."""
     width = 1.0 if len(runs) == 1 else 0.6
     for number, run in enumerate(runs):
         label = "position" if number == 0 else "_"
@@ -230,7 +247,7 @@ def _draw_positions(axes: Any, runs: Sequence[Measurements]) -> None:
 
 
 def _draw_limits(axes: Any, joints: Sequence[Joint]) -> None:
-    """Both ends of each joint's range."""
+    """Draw both ends of each joint's range as dashed lines."""
     for axis, joint in zip(axes, joints, strict=True):
         for limit in (joint.lower, joint.upper):
             axis.axhline(
@@ -243,7 +260,7 @@ def _draw_limits(axes: Any, joints: Sequence[Joint]) -> None:
 
 
 def _mark_folds(axes: Any, starts: Sequence[float]) -> None:
-    """Where a fold begins, but the first [s]."""
+    """Draw a line where each fold but the first begins [s]."""
     for start in starts[1:]:
         for axis in axes:
             axis.axvline(
@@ -255,17 +272,17 @@ def _mark_folds(axes: Any, starts: Sequence[float]) -> None:
 
 
 def figure_3(study: Study) -> Any:
-    """Torques along all validation motions, all of it unseen.
+    """Draw torques along all validation motions, none of which an estimate has seen.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint torque and error, on simulated and on measured motion.
     """
     sources = ["simulated"] if study.run is None else ["simulated", "measured"]
     n = study.problem.robot.n
@@ -298,8 +315,11 @@ def figure_3(study: Study) -> Any:
 
 
 def _present(results: table_v.Played) -> list[table_v.EngineRun]:
-    """The runs of the engines at hand, the noisiest first so that it is drawn below the
-    others."""
+    """Return the runs of the installed engines.
+
+    Bullet, whose torque is the noisiest, comes first, so that it is drawn below the
+    others.
+    """
     runs = [run for run in results.values() if not isinstance(run, str)]
     return sorted(runs, key=lambda run: run.engine != "Bullet")
 
@@ -309,7 +329,7 @@ def _engines_title(
     text: str,
     results: table_v.Played,
 ) -> None:
-    """The title, with the engines that are not there."""
+    """Write the figure's title, with the engines that are not installed."""
     absent = [kind.name for kind, run in results.items() if isinstance(run, str)]
     figure.suptitle(text + (f"\n(absent here: {', '.join(absent)})" if absent else ""))
 
@@ -322,9 +342,30 @@ def _engines(
     model: bool = False,
     results: table_v.Played | None = None,
 ) -> tuple[Any, Any]:
-    """On sinusoidal velocities one panel a joint, one line an engine, beside the model
-    if asked for; the legend is in the panel that seven joints leave free in four rows
-    of two."""
+    """Draw a quantity of all physics engines: one panel for each joint, one line an
+    engine.
+
+    The legend takes the panel that seven joints leave free in four rows of two.
+
+    Parameters
+    ----------
+    study : Study
+        Data and estimates.
+    values : callable
+        Returns the quantity (N, n) of an engine's run.
+    what : str
+        Name of the quantity.
+    text : str
+        Title of the figure.
+    model : bool
+        Whether to draw the identified model's torque as well.
+    results : mapping, optional
+        Runs of the engines; by default those on sinusoidal velocities.
+
+    Returns
+    -------
+    figure, (rows, 2) array of Axes
+    """
     robot = study.problem.robot
     if results is None:
         results = study.once(table_v.sinusoidal_runs)
@@ -367,18 +408,19 @@ def _engines(
 
 
 def figure_5(study: Study) -> Any:
-    """Torques of physics engines and of the identified model, beside the measured torque
-    where there is one: along the real run, else along sinusoidal velocities.
+    """Draw torques of physics engines, of the identified model, and measured ones.
+
+    The motion is the real run's; without it, sinusoidal velocities.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        One panel for each joint.
     """
     if study.measured is None:
         text = "Torques of physics engines on sinusoidal velocities (nothing measured)"
@@ -422,17 +464,17 @@ def figure_5(study: Study) -> Any:
 
 
 def figure_6(study: Study) -> Any:
-    """Torque errors of physics engines against the identified model.
+    """Draw the torque of physics engines minus that of the identified model.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        One panel for each joint, on sinusoidal velocities.
     """
     text = "Torque of the engine less that of the identified model"
     figure, axes = _engines(study, lambda run: run.error, "torque error", text)
@@ -453,17 +495,17 @@ def figure_6(study: Study) -> Any:
 
 
 def figure_7(study: Study) -> Any:
-    """Where the end effector goes in physics engines: position and orientation errors.
+    """Draw how far physics engines put the end effector from where it is commanded.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The Panda's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        Errors of position and orientation over time.
     """
     groups = {"sinusoids (simulated)": study.once(table_v.sinusoidal_runs)}
     if study.measured is not None:

@@ -53,23 +53,21 @@ LOOKS: dict[str, dict[str, Any]] = {
 def new_figure(
     rows: int, columns: int, height: float, width: float = PAGE_WIDTH, **options: Any
 ) -> tuple[Any, Any]:
-    """A figure with this package's settings.
+    """Make an empty figure in the paper's style.
 
     Parameters
     ----------
     rows, columns : int
-        Of the axes.
+        Number of axes.
     height, width : float
-        Of the figure [inch].
+        Size of the figure [inch].
     **options : Any
-        For matplotlib.pyplot.subplots.
+        Passed to matplotlib.pyplot.subplots.
 
     Returns
     -------
     figure : Figure
-        Empty.
     axes : (rows, columns) array of Axes
-        Empty.
     """
     import matplotlib.pyplot as plt
 
@@ -97,7 +95,7 @@ def draw_torques(
     Parameters
     ----------
     axes : (n, 2) array of Axes
-        A row a joint.
+        One row for each joint.
     t : (M,) array
         Instants [s].
     known : (M, n) array
@@ -138,11 +136,11 @@ def label_joints(
     Parameters
     ----------
     axes : (n, k) array of Axes
-        A row a joint.
+        One row for each joint.
     units : sequence of str
-        Of each joint's quantity.
+        Unit of each joint's quantity.
     what : str
-        The quantity.
+        Name of the quantity.
     """
     for j, unit in enumerate(units):
         axes[j, 0].set_ylabel(f"joint {j + 1}\n{what} [{plain_unit(unit)}]")
@@ -157,16 +155,16 @@ def legend_below(
     n_columns: int = 5,
     handle_length: float = 2.5,
 ) -> None:
-    """Put one legend for the whole figure under the axes, each label once.
+    """Put one legend below all axes; each label appears once.
 
     Parameters
     ----------
     figure : Figure
-        Which gets it.
+        The figure.
     axis : Axes
-        Whose lines it names.
+        The axes whose lines it names.
     n_columns : int
-        At most so many labels side by side.
+        Largest number of labels in a row.
     handle_length : float
         Length of the lines in the legend [font sizes].
     """

@@ -24,17 +24,18 @@ PROBLEM = "two_link"
 
 
 def figure_8(study: Study) -> Any:
-    """The 2R from its parameters: shapes, frames, centres of mass, inertia ellipsoids.
+    """Draw the 2R from its parameters: shapes, frames, centres of mass, inertia
+    ellipsoids.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The 2R's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        The arm in 3D, and a section of each link.
     """
     problem = study.problem
     figure, axes = new_figure(
@@ -80,19 +81,20 @@ def figure_8(study: Study) -> Any:
 
 
 def radius_profile(problem: Problem, link: int) -> tuple[int, Array, Array]:
-    """Radius of a link's shape along its axis.
+    """Return the radius of a link's shape along its axis.
 
     Parameters
     ----------
     problem : Problem
-        With cones for the centres of mass.
+        Its cones for centres of mass describe the shapes.
     link : int
-        From 0.
+        Index of the link, from 0.
 
     Returns
     -------
     tuple of (int, (k,) array, (k,) array)
-        Axis of the link's shape, positions along it and radius there [m].
+        Index of the axis in the link's frame (0 is x), positions along it [m], and the
+        radius there [m].
     """
     cones = [c for c in problem.cones if c.link == link + 1]
     along = "xyz".index(cones[0].axis)
@@ -118,7 +120,7 @@ _AXIS_COLORS = {
 
 
 def _robot(axis: Any, problem: Problem) -> None:
-    """In three dimensions: each link's shape, and its frame."""
+    """Draw the 2R in three dimensions: each link's shape, and its frame."""
     (poses,) = problem.robot.poses(np.array([_POSE]))
     frames = [np.eye(4)]
     for pose, joint in zip(poses, problem.robot.joints, strict=True):
@@ -145,7 +147,11 @@ def _robot(axis: Any, problem: Problem) -> None:
 
 
 def _surface(problem: Problem, link: int, frame: Array) -> Array:
-    """(3, k, k) points of a link's shape in the base [m]: circles along its axis."""
+    """Return the surface of a link's shape, circles along its axis.
+
+    frame : (4, 4) pose of the link in the base. Returns points (3, k, k) in the base
+    [m].
+    """
     along, x, radius = radius_profile(problem, link)
     angle = np.linspace(0.0, 2.0 * np.pi, len(x))
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
@@ -158,7 +164,7 @@ def _surface(problem: Problem, link: int, frame: Array) -> Array:
 
 
 def _draw_frame(axis: Any, frame: Array, number: int) -> None:
-    """The axes of a frame, labelled."""
+    """Draw the axes of a frame (4, 4) with their labels, such as x_1."""
     origin = frame[:3, 3]
     for k, (letter, color) in enumerate(_AXIS_COLORS.items()):
         end = origin + _AXIS_LENGTH * frame[:3, k]
@@ -176,8 +182,11 @@ def _section(
     link: int,
     plane: tuple[int, int],
 ) -> None:
-    """The link's shape and a margin of it: an ellipsoid that is larger is cut off, not
-    the link."""
+    """Draw a section of a link's shape in its frame, with a margin around it.
+
+    Ellipsoids larger than the margin are cut off. plane : indices of the two axes
+    drawn.
+    """
     along, x, radius = radius_profile(problem, link)
     edge = np.column_stack(
         [
@@ -203,8 +212,12 @@ def _section(
 
 
 def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
-    """(2, 100) outline of the uniform ellipsoid of this mass and inertia, along the
-    third axis."""
+    """Return the outline (2, 100) [m] of a link's ellipsoid, seen along the third axis.
+
+    It is uniform and has the link's mass and inertia: with half axes a, its second
+    moments are a^2 / 5, so its shadow is the ellipse of 5 Sigma. plane : indices of the
+    two axes.
+    """
     # A uniform ellipsoid with half axes a has second moments a^2 / 5; its shadow is
     # that of 5 Sigma.
     values, vectors = np.linalg.eigh(
@@ -218,17 +231,18 @@ def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
 
 
 def figure_9(study: Study) -> Any:
-    """Torques of the 2R, true ones and with parameters retrieved by penalty and by SDP.
+    """Draw the true torques of the 2R, and those with links estimated by SDP and
+    penalty.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The 2R's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        For each joint the torque, and its error in thousandths.
     """
     robot = study.problem.robot
     x = study.experiment
@@ -276,18 +290,18 @@ def figure_9(study: Study) -> Any:
 
 
 def figure_10(study: Study) -> Any:
-    """Internal wrenches of the 2R: real, feasible, unfeasible, and all that are
-    possible.
+    """Draw the internal wrenches of the 2R: true, feasible, unfeasible, and all
+    possible ones.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The 2R's data sets and estimates.
 
     Returns
     -------
     matplotlib.figure.Figure
-        To be saved.
+        One row for each component of force and moment, one column for each joint.
     """
     w = study.once(wrench_study)
     n = study.problem.robot.n
@@ -367,8 +381,10 @@ _TRUE: dict[str, Any] = {
 
 
 def _limit_to_interval(axis: Any, lower: Array, upper: Array) -> None:
-    """Room around the interval; unfeasible wrenches may leave it by orders of
-    magnitude."""
+    """Set the vertical range to an interval with 30 % of room.
+
+    Unfeasible wrenches may leave it by orders of magnitude.
+    """
     low = lower.min()
     high = upper.max()
     room = 0.3 * (high - low)

@@ -27,7 +27,7 @@ DEFAULT_TABLES = ("III", "IV", "VIII", "IX")
 
 @cache
 def makers() -> dict[str, TableSpec]:
-    """Every table of the package by its name."""
+    """Return the registration of every table, by name."""
     specs = (
         value for home in modules(__name__, __path__) for value in vars(home).values()
     )
@@ -37,14 +37,14 @@ def makers() -> dict[str, TableSpec]:
 
 
 def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
-    """The tables as data.
+    """Build tables as data, without writing them.
 
     Parameters
     ----------
     names : sequence of str or None
-        Of the tables, in any case; None for III, IV, VIII and IX.
+        Names of the tables, in any case; None for III, IV, VIII and IX.
     study : Study
-        The problem, its data, the budget and who works.
+        Problem, data, budget and workers.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
     Raises
     ------
     InputError
-        For a table that does not exist, or not for the problem.
+        For a table that does not exist, or not for this problem.
     """
     specs = _chosen(names)
     _check_problem(specs, study)
@@ -62,7 +62,7 @@ def build_tables(names: Sequence[str] | None, study: Study) -> list[Table]:
 
 
 def _check_problem(specs: Sequence[TableSpec], study: Study) -> None:
-    """Raises InputError for a table that does not exist for the problem."""
+    """Raise InputError if a table does not exist for the study's problem."""
     for spec in specs:
         if spec.problems and study.problem.name not in spec.problems:
             what = f"table {spec.name} belongs to {' and '.join(spec.problems)}"
@@ -70,7 +70,7 @@ def _check_problem(specs: Sequence[TableSpec], study: Study) -> None:
 
 
 def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
-    """The tables of these names, however they are written, each once."""
+    """Return the registrations of these names, in any case, without repetition."""
     known = {name.lower(): spec for name, spec in makers().items()}
     for name in names or ():
         if name.lower() not in known:
@@ -80,7 +80,7 @@ def _chosen(names: Sequence[str] | None) -> list[TableSpec]:
 
 
 def _written_nowhere(_: Table, __: list[Path]) -> None:
-    """The default: nobody hears of a table."""
+    """Ignore a table that was written; this is the default of ``report``."""
 
 
 def make_tables(
@@ -160,7 +160,7 @@ def make_tables(
 def _write_page(
     tables_and_paths: Sequence[tuple[Table, list[Path]]], study: Study
 ) -> None:
-    """The page of tables of one problem."""
+    """Write the HTML page that shows a problem's tables with the links drawn."""
     from sdp_vs_penalty.paper.links_page import links_page
 
     _, paths = tables_and_paths[0]
@@ -169,8 +169,11 @@ def _write_page(
 
 
 def _folder(table: Table, out: Path) -> Path:
-    """Where to write a table so that it takes no measured one's place without being
-    measured itself."""
+    """Return the folder to write a table to.
+
+    A table without measured figures never replaces one with them: it goes to the
+    subfolder "simulated".
+    """
     there = out / f"table_{table.name}.csv"
     if table.measured or not there.is_file():
         return out

@@ -32,7 +32,7 @@ def emps(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -113,8 +113,22 @@ def _row(
     pulses: Measurements,
     unseen: float | None = None,
 ) -> Row:
-    """The constants, the error of the force and of the simulated position on either
-    file."""
+    """Return a row: the constants, and the errors of force and simulated position.
+
+    Parameters
+    ----------
+    study : Study
+        The EMPS problem.
+    estimate : str
+        Name of the row.
+    constants : tuple of float
+        Mass [kg], viscous friction [N s/m], Coulomb friction [N], offset [N], and the
+        asymmetry of viscous friction [N s/m].
+    tracking, pulses : Measurements
+        The two public runs, on each of which errors are computed.
+    unseen : float, optional
+        Cross-validated relative error of the force [%].
+    """
     model = study.problem.model((*study.problem.default_effects, *REFINED))
     theta = np.zeros(len(model.parameters))
     theta[model.rigid_indices[0]] = constants[0]
@@ -142,9 +156,14 @@ def _row(
 
 
 def _constants(estimate: Estimate) -> tuple[float, ...]:
-    """Mass, viscous and Coulomb friction, offset, asymmetry of an estimate."""
-    others = np.delete(estimate.theta, estimate.model.rigid_indices)
-    return float(estimate.links[0, 0]), *map(float, others), *(0.0,) * (4 - len(others))
+    """Return mass, viscous and Coulomb friction, offset and asymmetry of an estimate.
+
+    Constants that its model lacks are zero.
+    """
+    mass = float(estimate.links[0, 0])
+    others = np.delete(estimate.theta, estimate.model.rigid_indices).tolist()
+    missing = [0.0] * (4 - len(others))
+    return mass, *others, *missing
 
 
 def simulated(
@@ -152,18 +171,19 @@ def simulated(
     constants: tuple[float, ...],
     substeps: int = 4,
 ) -> Array:
-    """Position of the axis from the measured force alone; dry friction is implicit, so that
-    it can stick.
+    """Simulate the position of the axis from the measured force alone.
+
+    Dry friction is integrated implicitly, so that the axis can stick.
 
     Parameters
     ----------
     run : Measurements
         Its force drives the model.
     constants : tuple of float
-        Mass [kg], viscous [N s/m], Coulomb friction [N], offset [N], asymmetry
-        [N s/m].
+        Mass [kg], viscous friction [N s/m], Coulomb friction [N], offset [N], asymmetry
+        of viscous friction [N s/m].
     substeps : int
-        Within a sample of the log.
+        Number of steps within a sample of the log.
 
     Returns
     -------

@@ -30,7 +30,7 @@ def errata_table(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -63,7 +63,7 @@ def errata_table(study: Study) -> Table:
 
 
 def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
-    """Base parameters of the published p_hat.
+    """Return the base parameters of the published links p_hat.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def pi_p_hat(problem: Problem, corrected: bool) -> np.ndarray:
 
 
 def _panda(problem: Problem) -> dict[int, str]:
-    """What shows each of the Panda's errata, by number."""
+    """Return the evidence for each of the Panda's errata, by number."""
     printed = pi_p_hat(problem, False)
     corrected = pi_p_hat(problem, True)
     table = problem.published["table_III"]
@@ -135,7 +135,7 @@ def _panda(problem: Problem) -> dict[int, str]:
 
 
 def _two_link(problem: Problem) -> dict[int, str]:
-    """What shows each of the 2R's errata, by number."""
+    """Return the evidence for each of the 2R's errata, by number."""
     symbol = list(base_parameter_symbols(problem).values())[5]
     c = published_values(problem, "p_real")
     printed = np.hypot(c["c1y"], c["c1z"])
@@ -154,7 +154,7 @@ def _two_link(problem: Problem) -> dict[int, str]:
 
 
 def _free_of_link_1(problem: Problem) -> str:
-    """Which of link 1's inertias no base parameter holds."""
+    """Say which inertias of link 1 no base parameter contains."""
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     columns = zip(
         inertia.PARAMETERS,
@@ -168,8 +168,10 @@ def _free_of_link_1(problem: Problem) -> str:
 
 
 def _volumes(problem: Problem) -> str:
-    """Of link 2, a cylinder with a conical end: the box of its centre of mass over its
-    own volume, from the cones of the problem."""
+    """Compare the volume of link 2 with the box of its centre of mass.
+
+    Link 2 is a cylinder with a conical end; the problem's two cones describe it.
+    """
     cones = [c for c in problem.cones if c.link == 2]
     wide, tapered = cones
     low, high = problem.box[1, 1]

@@ -20,7 +20,7 @@ def fold_counts(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -60,6 +60,10 @@ def fold_counts(study: Study) -> Table:
 
 
 def _row(study: Study, added: str, count: int) -> Row:
+    """Return the row that compares SDP and least squares on ``count`` folds.
+
+    added : effects that join the problem's own, separated by ", ".
+    """
     effects = [*study.problem.default_effects]
     if added:
         effects += added.split(", ")

@@ -23,22 +23,22 @@ class FoldInterval:
 
     @property
     def is_significant(self) -> bool:
-        """Whether zero lies outside."""
+        """Whether zero lies outside of the 95 % interval."""
         return self.lower > 0.0 or self.upper < 0.0
 
     @property
     def in_words(self) -> str:
-        """Lower to upper end, to three digits."""
+        """The interval as text, with three digits."""
         return f"{self.lower:.3g} to {self.upper:.3g}"
 
 
 def fold_errors(result: CrossValidation) -> Array:
-    """Relative error on each fold.
+    """Return a method's relative error on each fold.
 
     Parameters
     ----------
     result : CrossValidation
-        A method's folds.
+        Its errors on k folds.
 
     Returns
     -------
@@ -49,30 +49,30 @@ def fold_errors(result: CrossValidation) -> Array:
 
 
 def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
-    """Interval of a mean by Student's t.
+    """Return the confidence interval of a mean by Student's t.
 
     Parameters
     ----------
     values : (k,) array
-        Taken as independent.
+        Values that are taken as independent.
     coverage : float
-        Share of intervals that are to hold the mean.
+        Probability that the interval holds the mean.
 
     Returns
     -------
     FoldInterval
         In the unit of the values.
     """
-
     k = len(values)
     mean = float(np.mean(values))
-    error = float(np.std(values, ddof=1)) / math.sqrt(k)
-    half = float(scipy.stats.t.ppf(0.5 + 0.5 * coverage, k - 1)) * error
+    standard_error = float(np.std(values, ddof=1)) / math.sqrt(k)
+    quantile = float(scipy.stats.t.ppf(0.5 + 0.5 * coverage, k - 1))
+    half = quantile * standard_error
     return FoldInterval(
         mean,
-        mean - half,
-        mean + half,
-        mean / error if error else 0.0,
+        lower=mean - half,
+        upper=mean + half,
+        t=mean / standard_error if standard_error else 0.0,
     )
 
 

@@ -38,17 +38,16 @@ MOST_CELLS = 40
 
 
 def is_rounding(loss: float) -> bool:
-    """Whether a loss is too small for shares of it to mean anything.
+    """Whether a loss is zero up to rounding, so that ratios to it mean nothing.
 
     Parameters
     ----------
     loss : float
-        Of any objective.
+        A loss in its units.
 
     Returns
     -------
     bool
-        True for a loss of zero up to rounding.
     """
     return loss <= 1e-12
 
@@ -76,21 +75,21 @@ class Searched:
 
     @property
     def name(self) -> str:
-        """ "one-step" or "two-step"."""
+        """The kind of problem, "one-step" or "two-step"."""
         return "two-step" if self.two_step else "one-step"
 
     def excess_percent(self, optimum: PenalisedOptimum) -> float:
-        """Loss of an optimum over that of the feasible one.
+        """Return by how much an optimum's loss exceeds that of the feasible optimum.
 
         Parameters
         ----------
         optimum : PenalisedOptimum
-            Of this problem.
+            An optimum of this problem.
 
         Returns
         -------
         float
-            [%]; 0 where the feasible optimum is rounding.
+            [%]; 0 if the feasible optimum's loss is rounding.
         """
         if is_rounding(self.feasible_loss):
             return 0.0
@@ -114,7 +113,7 @@ def global_optima(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -142,7 +141,7 @@ def global_optima(study: Study) -> Table:
 
 
 def _searches_in_words(study: Study) -> str:
-    """Runs and evaluations of each data set's searches."""
+    """Say how many runs and evaluations the searches of each data set have."""
     return "; ".join(
         f"{data.label}: runs {effort.global_runs}, evaluations a weight"
         f" {effort.global_evaluations}"
@@ -152,17 +151,17 @@ def _searches_in_words(study: Study) -> str:
 
 
 def penalised_optima(study: Study) -> list[Searched]:
-    """Certified optima and searches of both problems.
+    """Return certified optima and searches for the one-step and two-step problem.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
     list of Searched
-        One-step and two-step of each data set.
+        Both problems for each data set.
     """
     items = [
         _Item(
@@ -179,13 +178,17 @@ def penalised_optima(study: Study) -> list[Searched]:
 
 
 def _effort(study: Study, data: Data) -> Effort:
-    """The budget; "single" searches long in the real run alone, where there is one."""
+    """Return the budget for a data set.
+
+    With "single", only the last data set (the real run, if present) is searched long.
+    """
     if study.budget == "single" and data is not study.whole[-1]:
         return QUICK
     return study.effort
 
 
 def _searched(item: _Item) -> Searched:
+    """Compute everything about one problem; a worker process calls this."""
     problem = PenalisedProblem(item.task, item.two_step)
     boxed = BoxedProblem(problem).branch_all(WEIGHTS, GAP, MOST_CELLS)
     content = (source_version(), *task_content(item.task), item.two_step, WEIGHTS)
@@ -208,24 +211,24 @@ def _searched(item: _Item) -> Searched:
 
 
 def _by_cvxpy(problem: PenalisedProblem) -> list[float]:
-    """The relaxation's optimum at each weight, NaN where there is none."""
+    """Return the relaxation's optimum at each weight by CVXPY, NaN if there is none."""
     optima = cvxpy_optima(problem, WEIGHTS)
     return [optima.get(weight, np.nan) for weight in WEIGHTS]
 
 
 def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
-    """Every run of both searches at every weight, with how far it ends above the certified
-    bound inside the box [%].
+    """Return every run of both searches at every weight.
 
     Parameters
     ----------
     searched : sequence of Searched
-        What was searched.
+        The problems.
 
     Returns
     -------
     DataFrame
-        A row a run and weight.
+        One row for each run and weight, with how far it ends above the certified bound
+        inside the box [%].
     """
     rows = list[Row]()
     for problem in searched:
@@ -243,6 +246,7 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
 
 
 def _rows(problem: Searched) -> list[Row]:
+    """Return the table's rows of one problem, one for each weight."""
     rows = []
     for k, (weight, free, boxed) in enumerate(
         zip(WEIGHTS, problem.free, problem.boxed, strict=True)
@@ -275,13 +279,16 @@ def _rows(problem: Searched) -> list[Row]:
 
 
 def _above(value: float | None, lower: float) -> float | None:
-    """By how much a value is above a lower bound [%]; None above a bound of zero."""
+    """Return how far a value lies above a lower bound [%]; None if the bound is
+    zero.
+    """
     if value is None or is_rounding(lower):
         return None
     return 100.0 * (value / lower - 1.0)
 
 
 def _headline(searched: Sequence[Searched]) -> str:
+    """Say what the optimum at the paper's largest weight is like, for each problem."""
     sentences = []
     largest = max(PenaltyPaper.weights)
     for problem in searched:

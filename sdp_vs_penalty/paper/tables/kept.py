@@ -23,7 +23,11 @@ _SHORT_FIELDS = ("title", "headline", "digits", "caption", "name")
 
 
 def table_once(spec: TableSpec, study: Study) -> Table:
-    """A table of a study, made where the disk does not hold it.
+    """Return a table of a study, read from the disk if nothing that it depends on has
+    changed.
+
+    That is this program, the installed packages, the problem, the files of the real
+    run, the budget and the seed.
 
     Parameters
     ----------
@@ -35,13 +39,7 @@ def table_once(spec: TableSpec, study: Study) -> Table:
     Returns
     -------
     Table
-        The same cells and words, and no index of rows.
-
-    Notes
-    -----
-    A table is made again where anything that it depends on has changed: this program,
-    the installed packages, the problem, the files of the real run, the budget or the
-    seed.
+        With the same cells and words, but without an index of rows.
     """
     content = (
         program_version(),
@@ -60,7 +58,7 @@ def table_once(spec: TableSpec, study: Study) -> Table:
 
 
 def _made(spec: TableSpec, study: Study) -> dict[str, Any]:
-    """A new table as JSON."""
+    """Build a table, and return it as JSON."""
     table = spec.made(study)
     return {
         **{name: getattr(table, name) for name in _SHORT_FIELDS},
@@ -71,7 +69,7 @@ def _made(spec: TableSpec, study: Study) -> dict[str, Any]:
 
 
 def _restored(held: Mapping[str, Any]) -> Table:
-    """The table of its JSON."""
+    """Make a table from the JSON of :func:`_made`."""
     rows = _frame_from_json(held["rows"])
     assert rows is not None
     return Table(
@@ -83,7 +81,7 @@ def _restored(held: Mapping[str, Any]) -> Table:
 
 
 def _frame_to_json(frame: pandas.DataFrame | None) -> dict[str, Any] | None:
-    """Columns and cells."""
+    """Return columns and cells of a data frame as JSON; None for None."""
     if frame is None:
         return None
     cells = [
@@ -94,7 +92,7 @@ def _frame_to_json(frame: pandas.DataFrame | None) -> dict[str, Any] | None:
 
 
 def _frame_from_json(held: Mapping[str, Any] | None) -> pandas.DataFrame | None:
-    """The frame of its columns and cells."""
+    """Make a data frame from the JSON of :func:`_frame_to_json`."""
     if held is None:
         return None
     return pandas.DataFrame(
@@ -106,14 +104,16 @@ def _frame_from_json(held: Mapping[str, Any] | None) -> pandas.DataFrame | None:
 
 @cache
 def _installed_packages() -> list[str]:
-    """Names and versions of the packages at hand."""
+    """Return names and versions of the installed packages."""
     folders = {path for path in map(Path, sys.path) if path.is_dir()}
     return sorted({entry.name for x in folders for entry in x.glob("*.dist-info")})
 
 
 def _files_of_problem(folder: Path | None) -> str:
-    """A hash of what a problem's folder says beside its problem.toml: the published
-    tables, their errata, and how the robot is simulated."""
+    """Return a hash of the files in a problem's folder, other than problem.toml.
+
+    They are the published tables, their errata, and the simulation's description.
+    """
     if folder is None:
         return ""
     names = (folder / "errata.toml", folder / "simulation.toml")
@@ -126,13 +126,13 @@ def _files_of_problem(folder: Path | None) -> str:
 
 
 def _real_files(problem: str) -> str:
-    """A hash of the files of the real run and of the black box's configurations."""
+    """Return a hash of the real measurements of a problem; "" if there are none."""
     folder = real_data_folder()
     return "" if folder is None else _hash_of(sorted((folder / problem).glob("*")))
 
 
 def _hash_of(paths: list[Path]) -> str:
-    """A hash of names and contents; files that are not there are left out."""
+    """Return a hash of names and contents of files; missing files are left out."""
     hasher = hashlib.sha256()
     for path in paths:
         if path.is_file():

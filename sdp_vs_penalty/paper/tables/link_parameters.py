@@ -36,7 +36,7 @@ def denavit_hartenberg(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -73,15 +73,18 @@ def link_table(
     title: str,
     chosen: Callable[[str], bool],
 ) -> Table:
-    """Bounds and published values as printed, "*" where the paper does not care, and
-    both routes; of all methods, the nominal robot and the truth in ``everything``.
+    """Build a table of link parameters about the centres of mass.
+
+    Columns: bounds and published values as printed ("*" where the paper does not care),
+    and the estimates by SDP and penalty. ``everything`` has all methods, the nominal
+    robot and the truth.
 
     Parameters
     ----------
     study : Study
-        Data and estimates.
+        The robot's data sets and every method's estimate, computed on demand.
     name : str
-        "VIII".
+        Name of the table, such as "VIII".
     title : str
         What the entries are.
     chosen : callable
@@ -90,7 +93,6 @@ def link_table(
     Returns
     -------
     Table
-        With all methods in ``everything``.
     """
     box = study.problem.box
     bounds = {
@@ -141,7 +143,7 @@ def link_table(
 
 
 def _headline(study: Study, names: pandas.Index) -> str:
-    """How many of the entries of these names the torque determines by itself."""
+    """Say how many of these entries the torque determines by itself."""
     n_by_data = {
         data.label: int((sources(study, data).reindex(names) == DATA).sum())
         for data in study.whole
@@ -159,14 +161,16 @@ def _headline(study: Study, names: pandas.Index) -> str:
 
 
 def sources(study: Study, data: Data) -> pandas.Series:
-    """Whether data or prior decide each entry (m1, c1x, I1xx, ...), to first order.
+    """Say for each entry (m1, c1x, I1xx, ...) whether data or prior determine it.
+
+    The entries are nonlinear in theta; their gradients at the estimate decide.
 
     Parameters
     ----------
     study : Study
-        Data and estimates.
+        The robot's data sets and every method's estimate, computed on demand.
     data : Data
-        Which data set.
+        The data set.
 
     Returns
     -------
@@ -189,8 +193,9 @@ def sources(study: Study, data: Data) -> pandas.Series:
 
 
 def _bounds_received(study: Study) -> list[str]:
-    """Which method got which bound on inertias, and what became of those it did not
-    get."""
+    """Return notes on which methods get which bounds on inertias, and what the
+    others violate.
+    """
     if not study.task(study.simulated).constraints.nonconvex:
         return []
     worst = []
@@ -206,7 +211,7 @@ def _bounds_received(study: Study) -> list[str]:
 
 
 def by_name(links: Array) -> pandas.Series:
-    """Barycentric parameters of links by name.
+    """Return the barycentric parameters of links by name.
 
     Parameters
     ----------
@@ -216,8 +221,8 @@ def by_name(links: Array) -> pandas.Series:
     Returns
     -------
     Series
-        m1, c1x, I1xx, ... about the centres of mass [kg, m, kg m^2]; the centre
-        of a massless link is NaN.
+        m1, c1x, I1xx, ... about the centres of mass [kg, m, kg m^2]; the centre of a
+        massless link is NaN.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         barycentric = inertia.barycentric_from_standard(links)
@@ -230,6 +235,11 @@ def _maker(
     letters: str,
     *problems: str,
 ) -> TableSpec:
+    """Return the registration of a table with the entries that begin with these
+    letters.
+
+    "m" is a mass, "c" a centre of mass, "I" an inertia.
+    """
     build = partial(
         link_table,
         name=name,

@@ -29,7 +29,7 @@ def methods(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -62,8 +62,11 @@ class Judged:
 
 
 def _judged(study: Study, data: Data, method: str) -> Judged:
-    """A method's estimate; of one that needs a black box, its links with friction
-    refitted to these data."""
+    """Return a method's estimate from a data set, with its processor time.
+
+    Reverse engineering needs a black box: its links are taken, and friction is fitted
+    to these data.
+    """
     needs_black_box = (
         method not in WITH_PRIOR and estimator_types()[method].needs_black_box
     )
@@ -79,6 +82,11 @@ def _judged(study: Study, data: Data, method: str) -> Judged:
 
 def _row(study: Study, data: Data, method: str) -> Row:
     # The lower bound on the least loss that any feasible theta has.
+    """Return the row of a method on a data set: loss, violation, links, errors and
+    time.
+
+    The loss is compared with the certified lower bound of all feasible parameters.
+    """
     optimum = study.result("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None
     judged = _judged(study, data, method)
@@ -107,7 +115,9 @@ def _row(study: Study, data: Data, method: str) -> Row:
 
 
 def _errors(study: Study, data: Data, judged: Judged) -> Row:
-    """Errors on unseen motion, of the worst fold, and on the training motion again."""
+    """Return a method's errors on unseen motion, on the worst fold, and
+    repeatability.
+    """
     error = data.errors(judged.result.theta)[1]
     if data is study.simulated:
         return {
@@ -125,7 +135,10 @@ def _errors(study: Study, data: Data, judged: Judged) -> Row:
 
 
 def _independent_runs(runs: Sequence[Mapping[str, float]], optimum: float) -> Row:
-    """Of a multi-start method how many starts there were, and where they ended."""
+    """Return the cells on a multi-start method: number of runs, and where they ended.
+
+    runs : loss and violation of each; optimum : certified lower bound of the loss.
+    """
     frame = pandas.DataFrame(runs, columns=["loss", "violation"]).astype(float)
     excess = 100.0 * (frame["loss"] / optimum - 1.0)
     violation = frame["violation"]

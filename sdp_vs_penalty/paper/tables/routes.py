@@ -50,17 +50,16 @@ class SameConstraints(LmiSdp):
 
 
 def routes_of(study: Study) -> Mapping[str, str | Estimator]:
-    """Methods that the table compares.
+    """Return the methods that the table compares, by the names of their rows.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
     mapping of str to str or Estimator
-        Methods by the names of the rows.
     """
     published = {
         f"{column} (published links)": Frozen(links)
@@ -87,7 +86,7 @@ def routes(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -134,6 +133,11 @@ def _row(
     names: Mapping[str, str | Estimator],
     judged: Mapping[str, CrossValidation],
 ) -> Row:
+    """Return a method's row: errors, loss above the optimum, violation, time.
+
+    names : methods by row; judged : their cross-validations on the real run, if there
+    are any.
+    """
     result = study.estimated(names[name], data)
     optimum = study.result("lmi-sdp-plain", data).certificate.lower
     assert optimum is not None
@@ -160,7 +164,9 @@ def _errors(
     result: Result,
     judged: Mapping[str, CrossValidation],
 ) -> Row:
-    """Error on unseen motion, its interval, and the difference from the SDP's."""
+    """Return a method's error on unseen motion, its interval, and its difference from
+    the SDP's error.
+    """
     if name not in judged:
         error = data.errors(result.theta)[1]
         return {
@@ -180,6 +186,9 @@ def _errors(
 
 
 def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
+    """Say how SDP and penalty compare on one problem, and the default SDP to least
+    squares.
+    """
     by_name = {row["method"]: row for row in rows}
     sdp = by_name[SDP]
     penalty = by_name[PENALTY]

@@ -168,17 +168,19 @@ class Data:
 
     @property
     def judged_on(self) -> str:
-        """What kind of motion the test rows have."""
+        """What kind of motion the test rows hold, in words."""
         return "repeated motion" if self.is_repeated else "unseen motion"
 
     @cached_property
     def regression(self) -> Regression:
-        """Compressed training rows."""
+        """The training rows behind the filters, compressed by QR to as many as
+        parameters.
+        """
         return compress(FilteredRuns.of(self.train, self.preprocessing), self.model)
 
     @cached_property
     def test_regression(self) -> Regression:
-        """Compressed test rows."""
+        """The test rows behind the filters, compressed to one block for each run."""
         assert self.test is not None
         return compress(
             FilteredRuns.of(self.test, self.preprocessing),
@@ -187,7 +189,7 @@ class Data:
         )
 
     def errors(self, theta: Array) -> tuple[Array, float]:
-        """Torque error on the test rows.
+        """Return the torque error of an estimate on the test rows.
 
         Parameters
         ----------
@@ -197,8 +199,8 @@ class Data:
         Returns
         -------
         tuple of ((n,) array, float)
-            Mean squared error of each joint [(N m)^2], and relative error
-            over all joints [%].
+            Mean squared error of each joint [(N m)^2], and relative error over all
+            joints [%].
         """
         return torque_errors(self.test_regression, theta)
 
@@ -214,7 +216,8 @@ class Frozen(Estimator):
     others: Array | float = np.nan
 
     def fit(self, task: Task) -> Fit:
-        """The given links, with all other parameters fitted.
+        """Keep the given links, and fit the other parameters to the torque where they
+        are NaN.
 
         Parameters
         ----------
@@ -238,27 +241,24 @@ class Frozen(Estimator):
 
 
 def refitted(data: LeastSquares, links_given: Array) -> Array:
-    """Parameters of least squares where none are given.
+    """Fit the parameters that are NaN by least squares, with all others fixed.
 
     Parameters
     ----------
     data : LeastSquares
-        The rows.
+        The rows |R theta - rho|^2.
     links_given : (p,) array
-        Parameters; NaN where they are to be fitted.
+        Parameters; NaN marks those to fit.
 
     Returns
     -------
     (p,) array
-        Without NaN.
+        All parameters.
     """
     free = np.isnan(links_given)
     theta = np.nan_to_num(links_given)
-    theta[free] = np.linalg.lstsq(
-        data.R[:, free],
-        data.rho - data.R @ theta,
-        rcond=None,
-    )[0]
+    left_to_explain = data.rho - data.R @ theta
+    theta[free] = np.linalg.lstsq(data.R[:, free], left_to_explain, rcond=None)[0]
     return theta
 
 
@@ -279,6 +279,24 @@ class Study:
         progress: Progress = no_progress,
         workers: Workers = ALONE,
     ) -> None:
+        """Prepare a study; nothing is computed yet.
+
+        Parameters
+        ----------
+        problem : Problem
+            The robot.
+        budget : str
+            "quick", "single" or "paper": how long searches last.
+        progress : callable
+            Called with a short text at each step.
+        workers : Workers
+            Processes for estimates that are needed at the same time.
+
+        Raises
+        ------
+        InputError
+            For an unknown budget.
+        """
         require_known("budget", budget, BUDGETS)
         self.problem = problem
         self.budget = budget
@@ -288,32 +306,35 @@ class Study:
         self._made: dict[object, Any] = {}
 
     def once(self, make: Callable[..., Made], *of: Any) -> Made:
-        """The result of a function of this study, computed on the first call only.
+        """Call a function of this study, and cache its result for later calls.
 
         Parameters
         ----------
         make : callable
             Takes this study and the further arguments.
         *of : Any
-            Further arguments, which can be hashed.
+            Further arguments, which must be hashable.
 
         Returns
         -------
         Any
             What ``make`` returned the first time.
         """
-        if (key := (make, *of)) not in self._made:
+        key = (make, *of)
+        if key not in self._made:
             self._made[key] = make(self, *of)
         return cast(Made, self._made[key])
 
     @cached_property
     def experiment(self) -> Experiment:
-        """The simulated experiment of the problem."""
+        """The simulated experiment of the problem: true links, trajectory and
+        sensor.
+        """
         return experiment(self.problem)
 
     @cached_property
     def simulated(self) -> Data:
-        """Trained on one exciting trajectory, judged on the validation trajectories."""
+        """Simulated data: trained on one exciting trajectory, judged on random ones."""
         self.progress("simulating")
         x = self.experiment
         train = x.training_run(self.seed)
@@ -322,18 +343,22 @@ class Study:
 
     @cached_property
     def run(self) -> Measurements | None:
-        """The real run of a robot of the paper where it is at hand."""
+        """The authors' real run of this robot; None if the file is absent."""
         runs = measured_runs(self.problem.name) if self.problem.published else {}
         return next(iter(runs.values()), None)
 
     @cached_property
     def measured(self) -> Data | None:
-        """The whole real run, as the paper used it."""
+        """The full real run as training data, as in the paper; None if the file is
+        absent.
+        """
         return None if self.run is None else self._data("measured", self.run, None)
 
     @cached_property
     def repeated(self) -> Data | None:
-        """The real run before CUT, judged on its repetition after it."""
+        """The real run up to CUT as training data; after it the motion repeats, as
+        test data.
+        """
         if self.run is None:
             return None
         return replace(self._data("measured", *halves(self.run)), is_repeated=True)
@@ -344,16 +369,19 @@ class Study:
         effects: Sequence[str | Effect] | None = None,
         n_folds: int = FOLDS,
     ) -> CrossValidation:
-        """Errors on motion of the real run that no estimate was made from.
+        """Cross-validate a method on the real run, with folds by the phase of its
+        motion.
+
+        Each fold holds out a stretch of the motion with all its repetitions.
 
         Parameters
         ----------
         method : str or Estimator
-            What is judged.
+            The judged method.
         effects : sequence of str or Effect, optional
-            Of the model; default: the problem's.
+            Effects of the model; by default the problem's.
         n_folds : int
-            Into how many stretches the motion is cut.
+            Number of folds.
 
         Returns
         -------
@@ -370,62 +398,68 @@ class Study:
         test: Measurements | None,
         effects: Any = None,
     ) -> Data:
+        """Bundle runs, model and filters as a data set."""
         model = self.problem.model(effects)
         settings = self.problem.preprocessing.resolve(train)
         return Data(label, train, test, model, settings)
 
     @property
     def whole(self) -> list[Data]:
-        """What Tables III, VII, VIII and IX are identified from."""
+        """The data sets of Tables III, VII, VIII and IX: the full simulated and the
+        full real run.
+        """
         return [data for data in (self.simulated, self.measured) if data is not None]
 
     @property
     def judged(self) -> list[Data]:
-        """Where one estimate is judged by other rows than its own; the real one's are
-        its repetition."""
+        """The data sets with test rows: the simulated one, and the real run with its
+        repetition.
+        """
         return [data for data in (self.simulated, self.repeated) if data is not None]
 
     def task(self, data: Data) -> Task:
-        """What an estimator is given.
+        """Return the estimation task of a data set's training rows; it is cached.
 
         Parameters
         ----------
         data : Data
-            Which data set.
+            The data set.
 
         Returns
         -------
         Task
-            Of its training part.
+            Compressed rows, constraints and bounds.
         """
         return self.once(_task, data)
 
     def result(self, method: str, data: Data) -> Result:
-        """A method's estimate from the training part of a data set.
+        """Return a named method's certified estimate from the training rows of a data
+        set.
 
         Parameters
         ----------
         method : str
-            Its name.
+            Name of the method.
         data : Data
-            Which data set.
+            The data set.
 
         Returns
         -------
         Result
-            Certified.
+            Estimate with its certificate.
         """
         return self.estimated(method, data)
 
     def seconds(self, method: str | Estimator, data: Data) -> float:
-        """Processor time of a method's fit to the training part of a data set.
+        """Return the processor time of a method's fit to the training rows of a data
+        set.
 
         Parameters
         ----------
         method : str or Estimator
-            Which.
+            The method.
         data : Data
-            Which data set.
+            The data set.
 
         Returns
         -------
@@ -435,19 +469,19 @@ class Study:
         return fit_seconds(self.estimator(method), self.task(data))
 
     def estimated(self, method: str | Estimator, data: Data) -> Result:
-        """A method's estimate; the method may have no name, such as given links.
+        """Return a method's certified estimate; it is computed once.
 
         Parameters
         ----------
         method : str or Estimator
-            Which.
+            The method; one without a name, such as given links, is passed itself.
         data : Data
-            Which data set.
+            The data set.
 
         Returns
         -------
         Result
-            Certified.
+            Estimate with its certificate.
         """
         self.estimate([method], [data])
         return cast(Result, self._made[method, data])
@@ -457,19 +491,16 @@ class Study:
         methods: Iterable[str | Estimator],
         sets: Sequence[Data],
     ) -> None:
-        """Compute every method's estimate from each data set, by the workers.
+        """Compute the estimate of every method from every data set, in parallel.
+
+        The study caches them; those that exist already are left out.
 
         Parameters
         ----------
         methods : iterable of str or Estimator
-            Which.
+            The methods.
         sets : sequence of Data
-            From which data sets.
-
-        Returns
-        -------
-        None
-            The study holds the estimates then.
+            The data sets.
         """
         new = [(m, d) for m in methods for d in sets if (m, d) not in self._made]
         for method, data in new:
@@ -483,7 +514,7 @@ class Study:
 
     @property
     def compared_columns(self) -> list[str]:
-        """Columns of the tables as printed: both routes, on measured data first."""
+        """Columns of the tables as printed: penalty and SDP, on measured data first."""
         return [
             f"{method}_{data.label}"
             for data in reversed(self.whole)
@@ -492,7 +523,7 @@ class Study:
 
     @property
     def about_priors(self) -> str:
-        """A note on what the names of columns and rows say of the prior."""
+        """A note that explains the columns with a joint prior; "" if there are none."""
         sentence = (
             "joint_prior: lmi-sdp-plain and penalty with the pull of friction and"
             " offsets to zero that lmi-sdp has, and nothing else of it; optimisers"
@@ -502,7 +533,9 @@ class Study:
 
     @cached_property
     def sentence(self) -> str:
-        """What is simulated and what is measured: opens every caption."""
+        """The sentence on what is simulated and what is measured, which opens every
+        caption.
+        """
         x = self.experiment
         friction = "without friction" if x.friction is None else "with sigmoid friction"
         known = {
@@ -528,25 +561,30 @@ class Study:
 
     @cached_property
     def methods(self) -> Mapping[str, str]:
-        """METHODS, those with another prior only where joints have parameters of their
-        own."""
-        own_methods = [
+        """The compared methods: name of the column, and name of the estimator.
+
+        Those with a joint prior are left out if no joint has parameters such as
+        friction.
+        """
+        has_joint_parameters = any(
             len(data.model.parameters) > len(data.model.rigid_indices)
             for data in self.whole
-        ]
+        )
         return {
-            k: m for k, m in METHODS.items() if any(own_methods) or m not in WITH_PRIOR
+            column: method
+            for column, method in METHODS.items()
+            if has_joint_parameters or method not in WITH_PRIOR
         }
 
     def theta(self, method: str | Estimator, data: Data) -> Array:
-        """A method's estimate as an array.
+        """Return a method's estimate as an array.
 
         Parameters
         ----------
         method : str or Estimator
-            Which.
+            The method.
         data : Data
-            Which data set.
+            The data set.
 
         Returns
         -------
@@ -558,14 +596,14 @@ class Study:
         return method.fit(self.task(data)).theta
 
     def links(self, method: str, data: Data) -> Array:
-        """Links of a method's estimate.
+        """Return the links of a method's estimate.
 
         Parameters
         ----------
         method : str
-            Its name.
+            Name of the method.
         data : Data
-            Which data set.
+            The data set.
 
         Returns
         -------
@@ -575,17 +613,17 @@ class Study:
         return self.theta(method, data)[self.task(data).links]
 
     def estimator(self, method: str | Estimator) -> Estimator:
-        """The estimator of a name.
+        """Return the estimator of a name, with the settings of this study's budget.
 
         Parameters
         ----------
         method : str or Estimator
-            "penalty", or "penalty, joint prior".
+            A name such as "penalty", or "penalty, joint prior" for one with a prior on
+            friction and offsets. An estimator is returned as it is.
 
         Returns
         -------
         Estimator
-            With the settings of this budget.
         """
         if isinstance(method, Estimator):
             return method
@@ -600,17 +638,19 @@ class Study:
         return cast(Estimator, kind())
 
     def fold_estimator(self, estimator: Estimator) -> Estimator:
-        """The estimator with the settings with which folds are judged.
+        """Return the estimator with the settings for cross-validation.
+
+        Simulated annealing takes a single run on each fold, since it takes hours
+        otherwise.
 
         Parameters
         ----------
         estimator : Estimator
-            With the settings for the whole run.
+            With the settings for the full run.
 
         Returns
         -------
         Estimator
-            Of annealing with one run.
         """
         if isinstance(estimator, PenaltyPaper):
             evaluations = self.effort.fold_evaluations
@@ -621,39 +661,48 @@ class Study:
 
     @cached_property
     def base(self) -> Array:
-        """(b, 10 n) map from the links' standard parameters to the base parameters."""
+        """(b, 10 n) matrix from the links' standard parameters to the base
+        parameters.
+        """
         return base_parameters(
             self.problem.model("rigid_body"), self.problem.independent
         )[0]
 
     @property
     def published_links(self) -> dict[str, Array]:
-        """(n, 10) links that are published of this robot, by column."""
+        """(n, 10) links that the paper publishes for this robot, by the name of the
+        column.
+        """
         tables = box_tables(self.problem)
-        held = self.problem.published[tables[0]][0] if tables else {}
+        first_row = self.problem.published[tables[0]][0] if tables else {}
         return {
-            c: published_links(self.problem, c)
-            for c in ("p_real", "p_hat", "delta")
-            if c in held
+            column: published_links(self.problem, column)
+            for column in ("p_real", "p_hat", "delta")
+            if column in first_row
         }
 
     @cached_property
     def black_box(self) -> tuple[BlackBox, bool]:
-        """The true links' answers, and whether at the authors' configurations."""
+        """Torques of the true links in static and moving states, for reverse
+        engineering.
+
+        The flag tells whether the states are those of the authors' file; otherwise they
+        are random, as many as in the file.
+        """
         robot = self.problem.robot
         file = real_file(self.problem.name, "good_configurations_1010.txt")
-        # Where the authors' file is absent as many as theirs.
-        q = (
-            robot.random_configurations(1010, self.seed)
-            if file is None
-            else np.loadtxt(file, ndmin=2)
-        )
+        if file is None:
+            q = robot.random_configurations(1010, self.seed)
+        else:
+            q = np.loadtxt(file, ndmin=2)
         return BlackBox.of_links(robot, self.experiment.links, q), file is not None
 
     @cached_property
     def reverse_engineered(self) -> Result:
-        """Base parameters from the black box; details hold condition number and
-        relative error."""
+        """Base parameters by reverse engineering from the black box (Gaz et al.).
+
+        Its details hold the condition number and the relative error.
+        """
         box, _ = self.black_box
         begin = time.process_time()
         options = PoseOptions(seed=self.seed)
@@ -668,6 +717,9 @@ class Study:
 
 
 def _task(study: Study, data: Data) -> Task:
+    """Make the estimation task of a data set: compressed rows, constraints and
+    bounds.
+    """
     study.progress(f"compressing the {data.label} run")
     return make_task(
         study.problem,
@@ -683,6 +735,9 @@ def _unseen(
     effects: tuple[Any, ...] | None,
     n_folds: int,
 ) -> CrossValidation:
+    """Cross-validate a method on the real run; :meth:`Study.unseen` caches the
+    result.
+    """
     estimator = study.estimator(method)
     study.progress(f"folds by phase, {estimator.name}")
     split, folds = study.once(_folds, effects, n_folds)
@@ -696,7 +751,10 @@ def _folds(
     effects: tuple[Any, ...] | None,
     n_folds: int,
 ) -> tuple[Split, list[FoldData]]:
-    """The real run's folds, shape constants included; no method changes them."""
+    """Compress the training and test rows of each fold of the real run.
+
+    They include fitted constants of effects, and are the same for all methods.
+    """
     assert study.run is not None
     options = PoseOptions(effects, seed=study.seed)
     split = Split(study.problem, study.run, options, n_folds)
@@ -704,11 +762,12 @@ def _folds(
 
 
 def _estimated(estimator_and_task: tuple[Estimator, Task]) -> Result:
+    """Estimate and certify in a worker process, which takes a single argument."""
     return estimate_once(*estimator_and_task)
 
 
 def halves(run: Measurements) -> tuple[Measurements, Measurements]:
-    """The real run's motion, and its repetition.
+    """Split the real run into its motion and the repetition of that motion.
 
     Parameters
     ----------
@@ -724,20 +783,20 @@ def halves(run: Measurements) -> tuple[Measurements, Measurements]:
 
 
 def torque_errors(rows: Regression, theta: Array) -> tuple[Array, float]:
-    """Torque error of an estimate.
+    """Return the torque error of an estimate on compressed rows.
 
     Parameters
     ----------
     rows : Regression
-        Filtered rows.
+        Filtered and compressed rows.
     theta : (p,) array
         Parameters of the model.
 
     Returns
     -------
     tuple of ((n,) array, float)
-        Mean squared error of each joint [(N m)^2], and 100 |tau - tau_hat| /
-        |tau| over all [%].
+        Mean squared error of each joint [(N m)^2], and 100 |tau - tau_hat| / |tau| over
+        all joints [%].
     """
     losses = rows.joint_losses(theta)
     relative = 100.0 * np.sqrt(losses.sum() / rows.least_squares().tau_squared)

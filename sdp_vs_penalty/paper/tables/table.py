@@ -32,17 +32,16 @@ class TableSpec:
     slow: bool = False
 
     def made(self, study: Any) -> Table:
-        """Build the table.
+        """Build the table, and give it its name and caption.
 
         Parameters
         ----------
         study : Study
-            What it is made from.
+            The robot's data sets and every method's estimate, computed on demand.
 
         Returns
         -------
         Table
-            With its name, and the study's sentence where it has no caption.
         """
         study.progress(f"table {self.name}")
         table = self.build(study)
@@ -56,14 +55,14 @@ class TableSpec:
 def register_table(
     name: str, *problems: str, slow: bool = False
 ) -> Callable[[Callable[[Any], Table]], TableSpec]:
-    """Register the function that builds a table.
+    """Return a decorator that registers the function that builds a table.
 
     Parameters
     ----------
     name : str
-        Of the table.
+        Name of the table.
     *problems : str
-        Names of the problems that it is about; none: any.
+        Names of the problems that have this table; none for all.
     slow : bool
         Whether `tables --all` leaves it out.
 
@@ -114,19 +113,19 @@ class Table:
         columns: Iterable[str],
         rows: Iterable[bool] | None = None,
     ) -> Table:
-        """The table with some of its columns and rows.
+        """Return the table with some of its columns and rows shown.
 
         Parameters
         ----------
         columns : iterable of str
-            In their order; those that are absent are left out.
+            Columns in their order; those that do not exist are left out.
         rows : iterable of bool, optional
-            Which rows are shown; default: all.
+            Whether each row is shown; by default all are.
 
         Returns
         -------
         Table
-            With the whole table as ``everything``.
+            The full table is its ``everything``.
         """
         shown = [name for name in columns if name in self.frame]
         frame = self.frame if rows is None else self.frame[list(rows)]
@@ -134,21 +133,25 @@ class Table:
 
     @cached_property
     def frame(self) -> pandas.DataFrame:
-        """The cells as they are; columns come in the order of their first cells."""
+        """The cells as a data frame; columns come in the order of their first cells."""
         return pandas.DataFrame(self.rows, dtype=object)
 
     def cells(self) -> pandas.DataFrame:
-        """All cells as text."""
+        """Return all cells as text, numbers with the table's digits."""
         return self.frame.map(lambda cell: forms.cell_text(cell, self.digits))
 
     def csv(self) -> str:
-        """With all digits that it takes to read the same numbers back."""
+        """Return the shown cells as CSV, with all digits that restore the same
+        numbers.
+        """
         return exact_csv(self.frame)
 
     @property
     def measured(self) -> bool:
-        """Whether anything in it comes from real measurements, as all tables name
-        these."""
+        """Whether any figure of the table comes from real measurements.
+
+        Rows and columns of such figures are named "measured" in all tables.
+        """
         words = self.frame.astype(str).apply(
             lambda column: column.str.match(r"measured([, ]|$)")
         )
@@ -156,7 +159,7 @@ class Table:
         return named or bool(words.to_numpy().any())
 
     def lines(self) -> list[str]:
-        """What it is, what it shows, and how large it is: a line each."""
+        """Return three lines for a terminal: title, headline, and size of the table."""
         source = "with measured figures" if self.measured else "nothing measured"
         size = f"{len(self.frame)} rows, {len(self.frame.columns)} columns; {source}"
         return [
@@ -167,7 +170,7 @@ class Table:
 
     @property
     def form(self) -> forms.Table:
-        """What is written of it."""
+        """The table in the form that is written as text, Markdown, LaTeX or CSV."""
         return forms.Table(
             headings=list(map(str, self.frame)),
             rows=self.frame.to_numpy().tolist(),
@@ -188,13 +191,14 @@ class Table:
         return self.form.latex()
 
     def write(self, folder: str | Path) -> list[Path]:
-        """Write CSV, Markdown and LaTeX, and all columns where only some are shown; each file
-        whole or not at all.
+        """Write the table as CSV, Markdown and LaTeX, each file atomically.
+
+        Columns and rows that are not shown are in a further file, table_NAME_all.csv.
 
         Parameters
         ----------
         folder : str or Path
-            Made where it is absent.
+            Folder to write to; it is made if it does not exist.
 
         Returns
         -------
@@ -216,7 +220,7 @@ class Table:
 
 
 def exact_csv(frame: pandas.DataFrame) -> str:
-    """Cells with all digits that it takes to read the same numbers back.
+    """Return a data frame as CSV, with all digits that restore the same numbers.
 
     Parameters
     ----------
@@ -226,25 +230,25 @@ def exact_csv(frame: pandas.DataFrame) -> str:
     Returns
     -------
     str
-        CSV.
     """
     return forms.Table(list(map(str, frame)), frame.to_numpy().tolist()).csv()
 
 
 def notes(table: str, **values: object) -> list[str]:
-    """Notes below a table: paragraphs of notes/TABLE.md with the values in their places.
+    """Return the notes below a table: paragraphs of notes/TABLE.md with values filled
+    in.
 
     Parameters
     ----------
     table : str
         Name of the file in notes/.
     **values : object
-        Of the places in the text, by name.
+        Values by the names of their places in the text.
 
     Returns
     -------
     list of str
-        Paragraphs; those that are empty are left out.
+        Paragraphs that are not empty.
     """
     written = Path(__file__).with_name("notes") / f"{table}.md"
     paragraphs = (
@@ -254,14 +258,14 @@ def notes(table: str, **values: object) -> list[str]:
 
 
 def by_joint(values: Iterable[Cell], prefix: str = "joint") -> Row:
-    """Cells of a row, one a joint.
+    """Return one cell for each joint, by the name of its column.
 
     Parameters
     ----------
     values : iterable of float, str or None
-        One a joint.
+        One value for each joint.
     prefix : str
-        Of the columns' names.
+        Beginning of the columns' names.
 
     Returns
     -------

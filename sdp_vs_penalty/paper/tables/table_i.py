@@ -52,13 +52,16 @@ class SigmoidFriction(Effect):
     reference = "Gaz et al., RA-L 2019, eq. 12"
 
     def __init__(self, robot: Robot, shapes: Array) -> None:
-        """shapes (n, 2): phi_2, phi_3 of each joint."""
+        """Set the point of one step of the fit.
+
+        shapes : (n, 2) phi_2 [s/rad] and phi_3 [rad/s] of each joint.
+        """
         super().__init__(robot)
         self.slopes_and_shifts = shapes
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """phi_1 and the steps of phi_2 and phi_3 of each joint."""
+        """For each joint phi_1, and the steps of phi_2 and phi_3."""
         return tuple(
             Parameter(f"sigmoid{k}_{j + 1}", "", self.name, j + 1)
             for j in range(self.robot.n)
@@ -66,7 +69,10 @@ class SigmoidFriction(Effect):
         )
 
     def blocks(self, motion: Motion) -> list[Block]:
-        """Columns of the friction and its derivatives.
+        """Return the columns of the friction torque and of its derivatives.
+
+        With s(v) = 1 / (1 + exp(-phi_2 (v + phi_3))) they are f / phi_1 = s(dq) - s(0),
+        and its derivatives by phi_2 and phi_3.
 
         Parameters
         ----------
@@ -76,25 +82,19 @@ class SigmoidFriction(Effect):
         Returns
         -------
         list of Block
-            Three columns a joint.
+            Three columns (N, 3) for each joint.
         """
-        out = []
+        blocks = []
         for j, (slope, shift) in enumerate(self.slopes_and_shifts):
-            moving = scipy.special.expit(slope * (motion.dq[:, j] + shift))
-            other_columns = scipy.special.expit(slope * shift)
+            moving = scipy.special.expit(slope * (motion.dq[:, j] + shift))  # s(dq)
+            at_rest = scipy.special.expit(slope * shift)  # s(0)
             d_moving = moving * (1.0 - moving)
-            d_rest = other_columns * (1.0 - other_columns)
+            d_rest = at_rest * (1.0 - at_rest)
             by_slope = d_moving * (motion.dq[:, j] + shift) - d_rest * shift
             by_shift = slope * (d_moving - d_rest)
-            columns = np.column_stack([moving - other_columns, by_slope, by_shift])
-            out.append(
-                Block(
-                    j,
-                    3 * j + np.arange(3),
-                    columns,
-                )
-            )
-        return out
+            columns = np.column_stack([moving - at_rest, by_slope, by_shift])
+            blocks.append(Block(j, 3 * j + np.arange(3), columns))
+        return blocks
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class SigmoidFit:
 
 
 def exact_rows(motion: Motion, torque: Array) -> RowsOf:
-    """Rows of known states (simulation), not filtered."""
+    """Return a function that makes a model's rows for known states, without filters."""
     return lambda model: Rows(motion, torque, model.columns(motion))
 
 
@@ -133,9 +133,23 @@ def fit_sigmoid(
     rows_of: RowsOf,
     oversampling: float = 1.0,
 ) -> SigmoidFit:
-    """Fit pi and phi together; joints are weighted by the residuals of a first pass.
+    """Fit base parameters pi and friction phi of all joints together.
 
-    oversampling : rows per independent sample, for the intervals.
+    Joints are weighted by the residuals of a first pass. The search starts from several
+    slopes phi_2.
+
+    Parameters
+    ----------
+    problem : Problem
+        The robot.
+    rows_of : callable
+        Returns the rows of a model.
+    oversampling : float
+        Rows for each independent sample, which the intervals take into account.
+
+    Returns
+    -------
+    SigmoidFit
     """
     data = _Data(problem, rows_of)
     weights = np.ones(problem.robot.n)
@@ -148,7 +162,11 @@ def fit_sigmoid(
 
 
 def _least_squares(data: "_Data", x: Array, weights: Array) -> Array:
-    """x (b + 3 n,) of least weighted residual, inside the ranges of phi."""
+    """Return the x (b + 3 n,) with the smallest weighted residual within the ranges of
+    phi.
+
+    x holds base parameters, phi_1, log phi_2 and phi_3; the search starts at x.
+    """
     solution = scipy.optimize.least_squares(
         lambda x: (data.residual(x) * weights).ravel(),
         x,
@@ -169,11 +187,20 @@ def _with_intervals(
     weights: Array,
     oversampling: float,
 ) -> SigmoidFit:
-    """phi with its standard deviations and 95 % intervals, from the Jacobian of the
-    whole fit.
+    """Return phi with standard deviations and 95 % intervals, from the Jacobian of the
+    fit.
 
-    Rows that repeat each other count that often in J^T J, which the division by
-    ``oversampling`` takes back.
+    Parameters
+    ----------
+    data : _Data
+        The rows.
+    x : (b + 3 n,) array
+        The fit: base parameters, phi_1, log phi_2, phi_3.
+    weights : (n,) array
+        Weight of each joint.
+    oversampling : float
+        Number of rows that repeat each other; J^T J counts each of them, which the
+        degrees of freedom correct.
     """
     n = len(weights)
     jacobian = data.weighted_columns(x, weights)
@@ -198,6 +225,15 @@ class _Data:
     shapes."""
 
     def __init__(self, problem: Problem, rows_of: RowsOf) -> None:
+        """Compute the rows of the rigid body in its base parameters.
+
+        Parameters
+        ----------
+        problem : Problem
+            The robot.
+        rows_of : callable
+            Returns the rows of a model at M instants.
+        """
         model = problem.model("rigid_body")
         rows = rows_of(model)
         self.robot = problem.robot
@@ -209,7 +245,7 @@ class _Data:
         self.rigid = wide[:, :, list(independent)]
 
     def start(self, slope: float) -> Array:
-        """Point from which a search starts.
+        """Return the point from which a search starts: zeros but for the slopes.
 
         Parameters
         ----------
@@ -219,7 +255,7 @@ class _Data:
         Returns
         -------
         (b + 3 n,) array
-            Base parameters and phi.
+            Base parameters, phi_1, log phi_2 and phi_3.
         """
         n = self.robot.n
         linear = np.zeros(self.rigid.shape[2] + n)
@@ -233,7 +269,7 @@ class _Data:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds (b + 3 n,) of x."""
+        """Lower and upper bounds (b + 3 n,) of x; pi and phi_1 are free."""
         n = self.robot.n
         free = np.full(self.rigid.shape[2] + n, np.inf)
         shift = np.full(n, LARGEST_SHIFT)
@@ -254,70 +290,76 @@ class _Data:
         return low, high
 
     def weights(self, x: Array) -> Array:
-        """Weights of the joints; what rounding leaves of a residual counts as nothing.
+        """Return the weight of each joint: the inverse of its residual, with mean
+        logarithm zero.
+
+        A residual below rounding (1e-12 of the largest torque) is raised to it.
 
         Parameters
         ----------
         x : (b + 3 n,) array
-            Base parameters and phi.
+            Base parameters, phi_1, log phi_2 and phi_3.
 
         Returns
         -------
         (n,) array
-            Geometric mean of the joints' residuals over each.
         """
         rounding = 1e-12 * float(np.abs(self.torque).max())
         rms = np.sqrt(np.mean(self.residual(x) ** 2, axis=0)) + rounding
         return np.asarray(np.exp(np.mean(np.log(rms))) / rms)
 
     def weighted_columns(self, x: Array, weights: Array) -> Array:
-        """Derivative of the weighted torque in x.
+        """Return the derivative of the weighted torque of all rows by x.
 
         Parameters
         ----------
         x : (b + 3 n,) array
-            Base parameters and phi.
+            Base parameters, phi_1, log phi_2 and phi_3.
         weights : (n,) array
-            Of the joints.
+            Weight of each joint.
 
         Returns
         -------
         (M n, b + 3 n) array
-            Of all rows.
         """
         return (self.columns(x) * weights[:, None]).reshape(-1, len(x))
 
     def columns(self, x: Array) -> Array:
-        """Derivative of the torque in x.
+        """Return the derivative of the torque of all rows by x.
 
         Parameters
         ----------
         x : (b + 3 n,) array
-            Base parameters and phi.
+            Base parameters, phi_1, log phi_2 and phi_3.
 
         Returns
         -------
         (M, n, b + 3 n) array
-            Of all rows.
         """
-        amplitude, slope, shift = x[self.rigid.shape[2] :].reshape(3, -1)
-        slope = np.exp(slope)
+        n_base = self.rigid.shape[2]
+        amplitude, log_slope, shift = x[n_base:].reshape(3, -1)
+        slope = np.exp(log_slope)
         sigmoid = SigmoidFriction(self.robot, np.column_stack([slope, shift]))
         rows = self.rows_of(Model(self.robot, (sigmoid,)))
+        # Derivatives of phi_1 (f / phi_1), by the chain rule for log phi_2.
         ones = np.ones_like(slope)
         scale = np.stack([ones, amplitude * slope, amplitude], axis=1)
-        probes = np.stack([c.columns for c in rows.columns], axis=1) * scale
-        own_joint = np.eye(len(slope))
-        wide = [probes[:, :, k, None] * own_joint for k in range(3)]
-        return np.concatenate([self.rigid, *wide], axis=2)
+        of_joints = np.stack([c.columns for c in rows.columns], axis=1) * scale
+        # (M, n, 3) becomes three blocks (M, n, n): phi of a joint acts on it alone.
+        same_joint = np.eye(len(slope))
+        blocks = [of_joints[:, :, k, None] * same_joint for k in range(3)]
+        return np.concatenate([self.rigid, *blocks], axis=2)
 
     def residual(self, x: Array) -> Array:
-        """Torque less the model's; phi_2 and phi_3 act through the columns.
+        """Return the measured minus the modelled torque.
+
+        The model is linear in the base parameters and phi_1; phi_2 and phi_3 enter
+        through their columns.
 
         Parameters
         ----------
         x : (b + 3 n,) array
-            Base parameters and phi.
+            Base parameters, phi_1, log phi_2 and phi_3.
 
         Returns
         -------
@@ -329,19 +371,20 @@ class _Data:
         return np.asarray(self.torque - predicted)
 
     def solved(self, x: Array, weights: Array) -> Array:
-        """x with the base parameters and phi_1 of least weighted residual.
+        """Return x with the best base parameters and phi_1 for its phi_2 and phi_3.
+
+        They solve a linear least-squares problem.
 
         Parameters
         ----------
         x : (b + 3 n,) array
-            Base parameters and phi.
+            Base parameters, phi_1, log phi_2 and phi_3.
         weights : (n,) array
-            Of the joints.
+            Weight of each joint.
 
         Returns
         -------
         (b + 3 n,) array
-            With the same phi_2 and phi_3.
         """
         linear = len(x) - 2 * self.robot.n
         columns = self.weighted_columns(x, weights)[:, :linear]
@@ -356,7 +399,7 @@ def residual_rms(
     parts: Sequence[RowsOf],
     fit: SigmoidFit,
 ) -> Array:
-    """RMSE (n,) [N m] of a fit on other rows."""
+    """Return the RMS residual (n,) [N m] of a fit on other rows, all parts together."""
     residuals = [_Data(problem, rows_of).residual(fit.x) for rows_of in parts]
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0)))
 
@@ -371,7 +414,7 @@ def sigmoid_friction(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -415,7 +458,7 @@ def sigmoid_friction(study: Study) -> Table:
 
 
 def _fit_without_noise(study: Study) -> SigmoidFit:
-    """To the exciting trajectory's exact torque."""
+    """Fit the sigmoid to the exact torque along the exciting trajectory."""
     study.progress("sigmoid friction without noise")
     x = study.experiment
     t = np.arange(0.0, x.trajectory.duration, 0.02)
@@ -424,7 +467,10 @@ def _fit_without_noise(study: Study) -> SigmoidFit:
 
 
 def _fits_with_noise(study: Study) -> list[SigmoidFit]:
-    """To simulated runs with different noise, by which the intervals are judged."""
+    """Fit the sigmoid to simulated runs that differ in their noise.
+
+    They show how often the intervals hold the truth.
+    """
     fits = []
     count = study.effort.replicates
     for k in range(count):
@@ -443,6 +489,10 @@ def _row(
     what: str,
     covered: float | None = None,
 ) -> Row:
+    """Return a row of the table: one parameter of all joints.
+
+    covered : share of intervals that hold the truth [%].
+    """
     about = {"unit": unit, "what": what, "covered_percent": covered}
     return {"parameter": name, **by_joint(joints), **about}
 
@@ -453,7 +503,10 @@ def _rows_of(
     covered: Array | None = None,
     ends: bool = True,
 ) -> list[Row]:
-    """phi_1, phi_2, phi_3, each with the ends of its interval where they are asked for."""
+    """Return the rows of phi_1, phi_2 and phi_3, each with its interval if ``ends``.
+
+    covered : (3,) share of intervals that hold the truth [%].
+    """
     rows = []
     for k, unit in enumerate(("N*m", "s/rad", "rad/s")):
         share = None if covered is None else float(covered[k])
@@ -479,7 +532,9 @@ def _rows_of(
 
 
 def _steps(what: str, fit: SigmoidFit) -> str:
-    """A note on the joints whose data want a step."""
+    """Return a note on the joints whose friction jumps like a step; "" if there are
+    none.
+    """
     joints = ", ".join(map(str, np.flatnonzero(fit.at_bound) + 1))
     sentences = (
         "phi_2 ran to the end of its range: the data want a step, and the interval"
@@ -489,18 +544,26 @@ def _steps(what: str, fit: SigmoidFit) -> str:
 
 
 def _rows_in(data: Data, run: Measurements) -> RowsOf:
+    """Return a function that makes a model's rows of a run behind a data set's
+    filters.
+    """
     return lambda model: FilteredRun(run, data.preprocessing).all_rows(model)
 
 
 def _fit(study: Study, data: Data, run: Measurements) -> SigmoidFit:
-    """The sigmoid and the base parameters from one run behind the filters of a data
-    set."""
+    """Fit sigmoid friction and base parameters to one run behind a data set's
+    filters.
+    """
     repeats = FilteredRun(run, data.preprocessing).rows_per_sample
     return fit_sigmoid(study.problem, _rows_in(data, run), repeats)
 
 
 def _on_other_rows(study: Study, data: Data) -> list[tuple[str, Array]]:
-    """RMSE (n,) of three friction models on the test rows."""
+    """Return name and RMS error (n,) on the test rows of three friction models.
+
+    They are linear friction, sigmoid friction, and presliding hysteresis with the
+    travel d that fits the training rows best.
+    """
     assert data.test is not None
     study.progress(f"friction models on {data.label} data, {data.judged_on}")
     usual = "rigid_body,viscous_friction,coulomb_friction,torque_offset"

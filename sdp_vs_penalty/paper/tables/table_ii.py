@@ -21,7 +21,7 @@ def exciting_trajectory(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -87,18 +87,17 @@ def exciting_trajectory(study: Study) -> Table:
 
 
 def optimised(study: Study) -> dict[str, Excitation]:
-    """From the paper's trajectory, within its own extremes and within the robot's
-    limits.
+    """Optimise the paper's exciting trajectory, within two sets of limits.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
-    dict of str to trajectory
-        By the name of the limits.
+    dict of str to Excitation
+        Within the extremes of the paper's trajectory, and within the robot's limits.
     """
     paper = study.experiment.trajectory
     problem = study.problem

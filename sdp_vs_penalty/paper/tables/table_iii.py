@@ -48,19 +48,22 @@ class PrintedDeviations:
 def printed_deviations(
     printed: Sequence[Mapping[str, str]], design: Array
 ) -> PrintedDeviations:
-    """Compare |pi_RE| sigma_pct_RE with the standard deviations of a design.
+    """Check whether printed values and standard deviations of Table III agree.
+
+    |pi_RE| sigma_pct_RE / 100 must be the standard deviations of the design times one
+    factor, within the digits that are printed.
 
     Parameters
     ----------
     printed : sequence of mapping
-        The table's rows as printed, one a base parameter.
+        The table's rows as printed, one for each base parameter.
     design : (b,) array
         sqrt(diag((W^T W)^-1)) of the regressor W in the base parameters.
 
     Returns
     -------
     PrintedDeviations
-        With the factor that most rows allow.
+        With the factor on which most rows agree.
     """
     values = np.array([_digits_range(row["pi_RE"]) for row in printed])
     percent = np.array([_digits_range(row["sigma_pct_RE"]) for row in printed])
@@ -74,7 +77,7 @@ def printed_deviations(
 
 
 def _digits_range(text: str) -> tuple[float, float]:
-    """The smallest and the largest size of a number that is printed like this."""
+    """Return the smallest and largest absolute value that is printed as this text."""
     mantissa, _, exponent = text.lower().partition("e")
     n_decimals = len(mantissa.partition(".")[2])
     half = 0.5 * 10.0 ** (int(exponent or 0) - n_decimals)
@@ -83,8 +86,10 @@ def _digits_range(text: str) -> tuple[float, float]:
 
 
 def _published_checks(study: Study, printed: Sequence[Mapping[str, str]]) -> str:
-    """Whether the printed figures of the reverse engineering agree with each other;
-    empty where the authors' configurations are not at hand."""
+    """Say whether the printed figures of the reverse engineering agree with each other.
+
+    "" if the authors' configurations are not at hand.
+    """
     box, has_authors_file = study.black_box
     if not has_authors_file:
         return ""
@@ -112,7 +117,7 @@ def base_parameter_table(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -155,8 +160,10 @@ def _numbered(
     keys: list[str],
     n_base: int,
 ) -> pandas.DataFrame:
-    """Number and symbol of each row, from the kinematics; of the base parameters, which
-    are the first keys, the symbols of their sums."""
+    """Return number and symbol of each row, for a robot without a published table.
+
+    keys : names of the rows; the first n_base are base parameters.
+    """
     symbols = [
         *base_parameter_symbols(study.problem).values(),
         *keys[n_base:],
@@ -174,7 +181,9 @@ def _numbered(
 
 
 def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
-    """Base parameters from the black box, its condition number and relative error."""
+    """Return the base parameters from the black box, by name, with condition number
+    and error.
+    """
     retrieved = study.reverse_engineered
     values = dict(
         zip(
@@ -187,7 +196,9 @@ def _retrieved(study: Study, base: tuple[str, ...]) -> dict[str, float]:
 
 
 def _notes(study: Study, printed: Sequence[Mapping[str, str]] | None) -> list[str]:
-    """What the table says below itself; printed : the published rows, if there are some."""
+    """Return the notes below the table; printed : the published rows, if there are
+    any.
+    """
     box, has_authors_file = study.black_box
     where = f"{box.samples} random (the authors' file is absent)"
     if has_authors_file:
@@ -202,7 +213,7 @@ def _notes(study: Study, printed: Sequence[Mapping[str, str]] | None) -> list[st
 
 
 def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
-    """Errors of least squares and of the default method on the training data."""
+    """Say the training errors of least squares and of the default method."""
     columns = [
         f"{method}_{data.label}".replace("-", "_")
         for data in study.whole
@@ -213,7 +224,7 @@ def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def _others(data: Data) -> list[str]:
-    """Names of the parameters that are no link's."""
+    """Return the names of the parameters that belong to effects, not to links."""
     names = (p.name for p in data.model.parameters)
     return np.delete(list(names), data.model.rigid_indices).tolist()
 
@@ -223,7 +234,11 @@ def _published(
     keys: list[str],
     base: int,
 ) -> pandas.DataFrame:
-    """The paper's own columns, row by row as printed; its two fits' figures below."""
+    """Return the paper's columns as printed, with its condition numbers and errors
+    below.
+
+    keys : names of all rows of the table; base : number of base parameters.
+    """
     names = [
         *keys[:base],
         *(row["coefficient"] for row in printed[base:]),
@@ -242,7 +257,10 @@ def _estimates(
     data: Data,
     base: tuple[str, ...],
 ) -> dict[str, dict[str, float]]:
-    """Every method; after OLS its percent standard deviations."""
+    """Return the columns of every method for one data set, by the column's name.
+
+    Least squares are followed by their standard deviations in per cent.
+    """
     task = study.task(data)
     rigid = data.model.rigid_indices
     keys = [*base, *_others(data)]

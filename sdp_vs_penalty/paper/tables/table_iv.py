@@ -40,7 +40,7 @@ def unseen_torque(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def unseen_torque(study: Study) -> Table:
 
 
 def _published_rows(study: Study) -> list[Row]:
-    """As printed."""
+    """Return the paper's rows as printed."""
     joints = [f"joint_{j + 1}" for j in range(study.problem.robot.n)]
     return [
         _row(
@@ -87,7 +87,7 @@ def _published_rows(study: Study) -> list[Row]:
 
 
 def _unseen_rows(study: Study) -> list[Row]:
-    """Every estimate on the folds of the real run that it has not seen."""
+    """Return a row for each estimate: its error on held-out folds of the real run."""
     rows = []
     for name, (method, effects) in _estimates(study).items():
         result = study.unseen(method, effects)
@@ -105,7 +105,7 @@ def _unseen_rows(study: Study) -> list[Row]:
 
 
 def _judged_rows(study: Study, data: Data) -> list[Row]:
-    """Every estimate from the training part of a data set, on its test part."""
+    """Return a row for each estimate: its error on the test rows of a data set."""
     is_repeated = data is study.repeated
     ending = "repeatability" if is_repeated else data.label
     label = "measured, repeated" if is_repeated else data.label
@@ -130,13 +130,13 @@ def _judged_rows(study: Study, data: Data) -> list[Row]:
 
 
 def _squared_units(study: Study) -> list[str]:
-    """Of the joints' mean squared errors."""
+    """Return the units of the joints' mean squared errors, such as "(N m)^2"."""
     units = {unit.replace("*", " ") for unit in study.problem.robot.torque_units}
     return sorted(f"({unit})^2" for unit in units)
 
 
 def _bare_names(rows: Sequence[Row]) -> list[str]:
-    """The estimates without their data's ending."""
+    """Return the rows' estimates without the ending that names the data set."""
     return [
         re.sub("_(simulated|measured|repeatability)$", "", row["estimate"])
         for row in rows
@@ -144,7 +144,10 @@ def _bare_names(rows: Sequence[Row]) -> list[str]:
 
 
 def _over_runs(data: Data, theta: Array) -> str | None:
-    """The 95 % interval of the relative error over the test runs; None of one run."""
+    """Return the 95 % interval of the relative error over the test runs, in words.
+
+    None if there is a single run.
+    """
     rows = data.test_regression
     if len(rows.blocks) < 2:
         return None
@@ -162,6 +165,23 @@ def _row(
     interval: Cell = None,
     worst: Cell = None,
 ) -> Row:
+    """Return a row of the table.
+
+    Parameters
+    ----------
+    name : str
+        Name of the estimate.
+    joints : iterable
+        Mean squared error of each joint.
+    data : str
+        Data that it was judged on.
+    relative : float, optional
+        Relative error over all joints [%].
+    interval : str, optional
+        Its 95 % interval in words.
+    worst : float, optional
+        Relative error on the worst fold [%].
+    """
     more = {
         "relative_error_percent": relative,
         "interval_percent": interval,
@@ -174,8 +194,10 @@ def _row(
 def _estimates(
     study: Study,
 ) -> dict[str, tuple[str | Estimator, tuple[Effect, ...] | None]]:
-    """Published links first, then every method; with their effects, where these are
-    others."""
+    """Return the estimates of the table by name: published links, then every method.
+
+    Each comes with the effects of its model, or None for the problem's own.
+    """
     robot = study.problem.robot
     friction = study.experiment.friction
     published = study.published_links
@@ -197,6 +219,7 @@ def _estimates(
 
 
 def _judgement(study: Study) -> str:
+    """Say on which motion the rows of the table are judged."""
     count, duration = study.experiment.validation
     sentence = (
         f"Simulated rows: estimated from that trajectory, judged on {count} other"
@@ -213,6 +236,7 @@ def _judgement(study: Study) -> str:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
+    """Return the notes below the table; rows : those of the table."""
     printed = "table_IV" in study.problem.published
     sigmoid = ""
     published = ""
@@ -237,7 +261,10 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
 
 
 def _sensitivity(study: Study, rows: Sequence[Row]) -> str:
-    """The measured errors behind a wider filter, beside the table's own."""
+    """Say how a filter of twice the cut-off changes the errors on unseen motion.
+
+    rows : those of the table, which has the errors behind its own filter.
+    """
     assert study.run is not None
     settings = study.problem.preprocessing.resolve(study.run)
     assert settings.torque_cutoff is not None

@@ -66,8 +66,10 @@ Played = dict[type[Engine], EngineRun | str]
 
 
 def sinusoids(robot: Robot) -> Course:
-    """Sinusoidal velocities from rest: q_j(t) = middle_j - a_j cos(w_j t), over 90 % of every
-    joint's range and to half of its velocity limit.
+    """Return sinusoidal velocities that start from rest, q_j(t) = middle_j - a_j
+    cos(w_j t).
+
+    They cover 90 % of every joint's range, with half of its velocity limit.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def sinusoids(robot: Robot) -> Course:
     Returns
     -------
     callable
-        q, dq, ddq (M, n) at instants (M,) [s].
+        Maps instants (M,) [s] to q, dq, ddq (M, n).
     """
     lower, upper, velocity = joint_limits(robot)
     a = 0.5 * 0.9 * (upper - lower)
@@ -103,7 +105,7 @@ def play(
     duration: float,
     step: float = 1e-3,
 ) -> EngineRun:
-    """Let an engine follow a motion.
+    """Let a physics engine follow a motion, and compare its torque with the model's.
 
     The velocity commanded for a step is the motion's mean velocity over it, so that an
     engine that obeys ends each step exactly where the motion does.
@@ -111,27 +113,27 @@ def play(
     Parameters
     ----------
     kind : type of Engine
-        An engine that is present.
+        An installed engine.
     robot : Robot
         Its kinematics.
     links : (n, 10) array
         Standard parameters [kg, kg m, kg m^2].
     motion : callable
-        q, dq, ddq (M, n) at instants (M,) [s].
+        Maps instants (M,) [s] to q, dq, ddq (M, n).
     duration : float
-        Of the motion [s].
+        Length of the motion [s].
     step : float
         Time step [s].
 
     Returns
     -------
     EngineRun
-        Torque and pose beside the model's.
+        Torque and pose errors.
 
     Raises
     ------
     InputError
-        Where the engine rejects a link.
+        If the engine rejects a link.
     """
     steps = np.arange(round(duration / step) + 1)
     q = motion(steps * step)[0]
@@ -162,8 +164,14 @@ def _follow(
     q: Array,
     step: float,
 ) -> dict[str, Array]:
-    """An engine's torque (N, n), and its errors of position and angle (N,), on the way
-    through q (N + 1, n), a step of ``step`` [s] each."""
+    """Simulate an engine that follows the positions q (N + 1, n), ``step`` [s] apart.
+
+    Returns
+    -------
+    dict
+        "torque" (N, n) [N m, N]; "position" [m] and "angle" [rad], (N,): how far the
+        last joint's frame is from where q puts it.
+    """
     torque, pose = kind(robot, links).follow(
         q[0],
         np.diff(q, axis=0) / step,
@@ -181,15 +189,15 @@ def inverse_dynamics_error(
     robot: Robot,
     links: Array,
 ) -> float | None:
-    """Largest torque difference to Pinocchio in 100 random states.
+    """Return the largest difference of torques between an engine and Pinocchio.
 
-    Positions over the joint range; velocities and accelerations normal, 1 rad/s and 1
-    rad/s^2.
+    It is taken over 100 random states: positions over the joint range; velocities and
+    accelerations normal with standard deviations of 1 rad/s and 1 rad/s^2.
 
     Parameters
     ----------
     kind : type of Engine
-        An engine that is present.
+        An installed engine.
     robot : Robot
         Its kinematics.
     links : (n, 10) array
@@ -198,51 +206,50 @@ def inverse_dynamics_error(
     Returns
     -------
     float or None
-        [N m]; None without inverse dynamics.
+        [N m]; None if the engine has no inverse dynamics.
     """
     q = robot.random_configurations(100, seed=0)
     dq, ddq = np.random.default_rng(0).normal(size=(2, 100, robot.n))
     torque = kind(robot, links).inverse_dynamics(q, dq, ddq)
     if torque is None:
         return None
-    return float(
-        np.abs(
-            torque - robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)
-        ).max()
-    )
+    expected = robot.inverse_dynamics(np.asarray(links).ravel(), q, dq, ddq)
+    return float(np.abs(torque - expected).max())
 
 
 def sinusoidal_runs(study: Study) -> Played:
-    """Sinusoidal velocities over the range, with the links identified from the
-    simulated run.
+    """Let every engine follow sinusoidal velocities, with links from the simulated run.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
     Played
-        A run of each engine.
+        A run for each engine, or why there is none.
     """
     motion = sinusoids(study.problem.robot)
     return _played(study, study.simulated, motion, study.effort.duration, 1e-3)
 
 
 def measured_runs(study: Study) -> Played:
-    """Engines along the real run, with the links identified from it.
+    """Let every engine follow the real run, with links identified from it.
+
+    The error is the engine's torque plus identified friction minus measured torque,
+    below the cut-off of the torque filter. The first 0.1 s, in which the engine
+    accelerates from rest, are left out.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
     Played
-        A run of each engine; error : engine plus identified friction less
-        measured torque, below the torque filter's cut-off.
+        A run for each engine, or why there is none.
     """
     data = study.measured
     assert data is not None
@@ -281,7 +288,11 @@ def _played(
     duration: float,
     step: float,
 ) -> Played:
-    """Every engine with the links identified from a data set."""
+    """Let every engine follow a motion with the links identified from a data set.
+
+    An engine that is not installed, or rejects a link, gets a sentence instead of a
+    run.
+    """
     links = study.links(METHOD, data)
     out = Played()
     for name, kind in engine_types().items():
@@ -314,7 +325,7 @@ def engines(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -394,6 +405,9 @@ def _row(
     kind: type[Engine],
     run: EngineRun | str,
 ) -> Row:
+    """Return an engine's row: mean and standard deviation of its torque error for each
+    joint, errors of the last frame's position and orientation, and its status.
+    """
     robot = study.problem.robot
     figures = _NO_RUN
     status = run

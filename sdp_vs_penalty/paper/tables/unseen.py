@@ -56,7 +56,7 @@ def data_needed(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -110,8 +110,27 @@ def _phase_windows(
     most_windows: int,
     cell: float,
 ) -> Callable[[int], list[_Window]]:
-    """Windows around the motion's period, which is cut into cells [s]; judged on what
-    lies beyond the filters' reach of them."""
+    """Return a function that cuts training windows of a length from the periodic
+    motion.
+
+    The motion's period is cut into cells of ``cell`` seconds. A window takes
+    consecutive cells with all their repetitions; it is judged on the cells beyond the
+    filters' reach.
+
+    Parameters
+    ----------
+    real : Data
+        The real run.
+    most_windows : int
+        Number of windows, evenly spread over the period.
+    cell : float
+        Length of a cell [s].
+
+    Returns
+    -------
+    callable
+        Maps a length [s] to pairs of training rows and test rows.
+    """
     all_phases = phase_folds(real.train, real.preprocessing, 1)
     count = round(all_phases.clocks[0].length / cell)
     clear = math.ceil(all_phases.guard / cell)
@@ -125,18 +144,35 @@ def _phase_windows(
 
     def chosen(length: int) -> list[_Window]:
         size = round(length / cell)
-        window_phases = [(start + np.arange(count)) % count for start in starts]
-        return [
-            (cells.select(x[:size]), cells.select(x[size + clear : count - clear]))
-            for x in window_phases
-        ]
+        windows = []
+        for start in starts:
+            phases = (start + np.arange(count)) % count  # all cells from the start on
+            train = cells.select(phases[:size])
+            test = cells.select(phases[size + clear : count - clear])
+            windows.append((train, test))
+        return windows
 
     return chosen
 
 
 def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window]]:
-    """Consecutive one-second blocks of the training run, evenly spread; those cut short
-    are left out."""
+    """Return a function that cuts training windows of a length from the simulated run.
+
+    They consist of consecutive blocks of one second, evenly spread; incomplete blocks
+    at the ends are left out.
+
+    Parameters
+    ----------
+    data : Data
+        The simulated data.
+    most_windows : int
+        Largest number of windows.
+
+    Returns
+    -------
+    callable
+        Maps a length [s] to pairs of training rows and test rows.
+    """
     seconds = round(float(data.train.t[-1] - data.train.t[0]))
     blocks = compress(
         FilteredRuns.of(data.train, data.preprocessing),
@@ -149,14 +185,13 @@ def _time_windows(data: Data, most_windows: int) -> Callable[[int], list[_Window
     first, *_, last = np.flatnonzero(rows >= 0.9 * np.median(rows)).tolist()
 
     def chosen(length: int) -> list[_Window]:
-        ends = (first, last + 1 - length) if first <= last + 1 - length else ()
-        starts = (
-            np.unique(np.linspace(*ends, most_windows).round().astype(int))
-            if ends
-            else ()
-        )
+        last_start = last + 1 - length
+        if last_start < first:
+            return []
+        starts = np.linspace(first, last_start, most_windows).round().astype(int)
         return [
-            (blocks.select(k + np.arange(length)), data.test_regression) for k in starts
+            (blocks.select(start + np.arange(length)), data.test_regression)
+            for start in np.unique(starts)
         ]
 
     return chosen
@@ -168,8 +203,12 @@ def _errors(
     windows: list[_Window],
     method: str,
 ) -> Row:
-    """Held-out errors [%] of one method over the windows: as estimated, and of the
-    links alone."""
+    """Return a method's held-out errors [%]: median, smallest and largest over the
+    windows.
+
+    "links_error_percent" is that of the links alone: all other parameters are fitted to
+    the test rows.
+    """
     pairs = []
     for train, test in windows:
         task = make_task(
@@ -214,7 +253,7 @@ def unseen(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -252,7 +291,11 @@ def _rows(
     method: str,
     added: str,
 ) -> list[Row]:
-    """The folds, all of them together, and repeatability."""
+    """Return a row for each fold of the real run, one for all folds, and one for
+    repeatability.
+
+    added : effects that join the problem's own, separated by ", ".
+    """
     problem = study.problem
     effects = [
         *problem.default_effects,

@@ -59,7 +59,10 @@ def wrench_regressor(
     dq: ArrayLike,
     ddq: ArrayLike,
 ) -> Array:
-    """Regressor of the joints' wrenches in the links' parameters.
+    """Return the regressor Y of the joints' wrenches in the links' parameters.
+
+    A link's wrench is that of its body regressor; every joint below it carries it too,
+    so it is transformed from joint to joint down to the base.
 
     Parameters
     ----------
@@ -68,43 +71,38 @@ def wrench_regressor(
     q : (N, n) array
         Positions [rad, m].
     dq : (N, n) array
-        Velocities.
+        Velocities [rad/s, m/s].
     ddq : (N, n) array
-        Accelerations.
+        Accelerations [rad/s^2, m/s^2].
 
     Returns
     -------
     (N, n, 6, 10 n) array
-        Y with w_j = Y[:, j] theta.
+        w_j = Y[:, j] theta: force [N], then moment [N m].
     """
     q, dq, ddq = map(_states, (q, dq, ddq))
     n = robot.n
     model = robot._model
     data = model.createData()
     frames = [inertia.transform(j.link_frame) for j in robot.joints]
-    out = np.zeros((len(q), n, 6, n, 10))
+    regressor = np.zeros((len(q), n, 6, n, 10))
     for k in range(len(q)):
-        pin.rnea(
-            model,
-            data,
-            q[k],
-            dq[k],
-            ddq[k],
-        )
+        # Computes velocities and accelerations of all bodies (Pinocchio counts from 1).
+        pin.rnea(model, data, q[k], dq[k], ddq[k])
         for link in range(n):
             body = pin.bodyRegressor(data.v[link + 1], data.a_gf[link + 1])
-            wrench = body @ frames[link]
+            of_link = body @ frames[link]
             joint = link
-            down = np.eye(6)
+            to_joint = np.eye(6)
             while joint >= 0:
-                out[k, joint, :, link] = down @ wrench
-                down = data.liMi[joint + 1].toDualActionMatrix() @ down
+                regressor[k, joint, :, link] = to_joint @ of_link
+                to_joint = data.liMi[joint + 1].toDualActionMatrix() @ to_joint
                 joint = robot.joints[joint].parent
-    return out.reshape(len(q), n, 6, 10 * n)
+    return regressor.reshape(len(q), n, 6, 10 * n)
 
 
 def _states(values: ArrayLike) -> Array:
-    """(N, n) of one state or several."""
+    """Return states as an (N, n) array, also if there is a single one."""
     return np.ascontiguousarray(np.atleast_2d(values), float)
 
 
@@ -124,8 +122,9 @@ class WrenchIntervals:
 
     @property
     def slack(self) -> float:
-        """Largest distance between attained and certified ends, relative to the widest
-        interval."""
+        """Largest distance between attained and certified ends, over the widest
+        interval.
+        """
         widest = float((self.upper_bound - self.lower_bound).max())
         below = self.lower - self.lower_bound
         above = self.upper_bound - self.upper
@@ -138,23 +137,24 @@ def wrench_intervals(
     regressor: Array,
     progress: Progress = no_progress,
 ) -> WrenchIntervals:
-    """Smallest and largest value of every wrench component over feasible parameters.
+    """Return the smallest and largest value of every wrench component.
 
-    Two SDPs a component, each certified.
+    The parameters may be any feasible ones that make the same torques. Two SDPs for
+    each component and instant are solved and certified.
 
     Parameters
     ----------
     feasible : Slice
-        Parameters with equal torques.
+        Feasible parameters with equal torques.
     regressor : (M, n, 6, 10 n) array
-        Of the wrenches.
+        Regressor of the wrenches.
     progress : callable
-        Hears which instant is at work.
+        Called with the instant that is computed.
 
     Returns
     -------
     WrenchIntervals
-        (M, n, 6) each [N, N m].
+        Arrays (M, n, 6) [N, N m].
     """
     ends = np.empty((4, *regressor.shape[:3]))
     for index in np.ndindex(*regressor.shape[:3]):
@@ -171,14 +171,28 @@ def unfeasible_retrievals(
     count: int,
     boxed: bool,
 ) -> Iterator[Array]:
-    """Links (n, 10) of the first ``count`` relaxed retrievals that reproduce the base
-    parameters pi (b,) to 1e-8 of the largest and are physically inconsistent.
+    """Yield links that make the right torques but cannot exist physically.
 
-    Non-linear least squares |pi(p) - pi|^2 in barycentric parameters p from random
-    starts without triangle inequality or shape: what the paper's retrieval is without
-    its conditional constraints. boxed : keep the box bounds of the problem's tables,
-    which leave the 2R's c1x, c1z, c2y, c2z open; otherwise nothing is bounded. What is
-    open starts within 1 kg, m or kg m^2 of zero.
+    They are local minima of |pi(p) - pi|^2 over barycentric parameters p from random
+    starts, without the triangle inequality or shapes: the paper's retrieval without its
+    conditional constraints.
+
+    Parameters
+    ----------
+    problem : Problem
+        The robot.
+    pi : (b,) array
+        Base parameters, reproduced to 1e-8 of the largest.
+    count : int
+        Largest number of links to yield; 20 times as many starts are tried.
+    boxed : bool
+        Whether to keep the box bounds of the problem's tables. What has no bounds
+        starts within 1 kg, m or kg m^2 of zero.
+
+    Yields
+    ------
+    (n, 10) array
+        Standard parameters that are physically inconsistent.
     """
     base, _ = base_parameters(problem.model("rigid_body"), problem.independent)
     size = float(np.abs(pi).max())
@@ -213,13 +227,16 @@ def unfeasible_retrievals(
 
 
 def _links(p: Array) -> Array:
-    """(n, 10) links of barycentric parameters (10 n,)."""
+    """Return links (n, 10) in standard parameters from barycentric ones (10 n,)."""
     return inertia.standard_from_barycentric(p.reshape(-1, 10))
 
 
 def _start_box(problem: Problem, boxed: bool) -> tuple[Array, Array]:
-    """Ends (10 n,) between which random starts are drawn: the bounds of masses, with
-    ``boxed`` of all, else 1 kg, m or kg m^2 about zero."""
+    """Return the ends (10 n,) between which random starts are drawn.
+
+    They are the bounds of masses, or with ``boxed`` all bounds; other parameters lie
+    within 1 kg, m or kg m^2 of zero.
+    """
     box = problem.box.reshape(-1, 2)
     is_mass = np.arange(len(box)) % 10 == 0
     free = np.tile([-1.0, 1.0], (len(box), 1))
@@ -249,8 +266,9 @@ class WrenchStudy:
 
 
 def wrench_study(study: Study) -> WrenchStudy:
-    """Wrenches of a study's estimates, and the intervals; computed where the disk does
-    not hold them.
+    """Return the wrenches of a study's estimates, and their certified intervals.
+
+    What takes long is read from the disk if it was computed before.
 
     Parameters
     ----------
@@ -260,7 +278,7 @@ def wrench_study(study: Study) -> WrenchStudy:
     Returns
     -------
     WrenchStudy
-        At as many instants as the budget has.
+        At as many instants as the budget allows.
     """
     problem = study.problem
     x = study.experiment
@@ -298,8 +316,12 @@ _ENDS = ("lower", "upper", "lower_bound", "upper_bound")
 
 
 def _computed(study: Study, Y: Array) -> dict[str, Array]:
-    """What takes long: the ends of the intervals (M, n, 6), and wrenches (k, M, n, 6)
-    of runs of the penalty and of relaxed retrievals; Y (M, n, 6, 10 n) : regressor."""
+    """Compute what takes long, as arrays by name.
+
+    These are the ends of the intervals (M, n, 6), and the wrenches (k, M, n, 6) of
+    penalty runs and of relaxed retrievals. Y : (M, n, 6, 10 n) regressor of the
+    wrenches.
+    """
     problem = study.problem
     model = problem.model("rigid_body")
     links = study.experiment.links.ravel()
@@ -326,26 +348,25 @@ def _computed(study: Study, Y: Array) -> dict[str, Array]:
 
 
 def _wrenches(regressor: Array, retrievals: Iterable[Array]) -> list[Array]:
-    """(M, n, 6) of links (n, 10) each."""
+    """Return the wrenches (M, n, 6) that each set of links (n, 10) bears."""
     return [regressor @ links.ravel() for links in retrievals]
 
 
 def penalty_links(study: Study) -> list[Array]:
-    """Links that the exact penalty finds from scattered feasible starts, as many as the
-    paper's runs.
+    """Return links that the penalty method finds from scattered feasible starts.
 
-    A start lies near the boundary of the feasible set, where a random linear function
-    is least.
+    A start lies close to the boundary of the feasible set, 0.9 of the way from the
+    interior point to where a random linear function has its minimum.
 
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
     list of (n, 10) array
-        A run each.
+        One for each run; there are as many as in the paper.
     """
     task = study.task(study.simulated)
     links_found = []
@@ -379,7 +400,7 @@ def wrench_table(study: Study) -> Table:
     Parameters
     ----------
     study : Study
-        Data, estimates and budget.
+        The robot's data sets and every method's estimate, computed on demand.
 
     Returns
     -------
@@ -408,7 +429,10 @@ def wrench_table(study: Study) -> Table:
 
 
 def _columns(w: WrenchStudy) -> dict[str, Array]:
-    """(n, 6) a column: over the instants the largest, or the mean where it says so."""
+    """Return the columns of the table, (n, 6) each [N, N m].
+
+    They are the largest values over the instants, or the mean if the name says so.
+    """
     low = w.intervals.lower
     high = w.intervals.upper
     width = high - low
@@ -434,5 +458,5 @@ def _columns(w: WrenchStudy) -> dict[str, Array]:
 
 
 def _largest_error(wrenches: Array, true: Array) -> Array:
-    """(n, 6) over the instants."""
+    """Return the largest deviation over the instants, (n, 6), of wrenches (M, n, 6)."""
     return np.asarray(np.abs(wrenches - true).max(axis=0))

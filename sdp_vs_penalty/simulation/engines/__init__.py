@@ -8,6 +8,7 @@ from sdp_vs_penalty.simulation.engines.engine import Engine
 
 @cache
 def engine_types() -> dict[str, type[Engine]]:
-    """Every engine that this package knows, by name; ``version()`` says whether it is
-    at hand."""
+    """Return the class of every physics engine by name; ``version()`` tells whether it
+    is installed.
+    """
     return classes(__name__, __path__, Engine)

@@ -25,6 +25,9 @@ class Bullet(Engine):
     install = "pip install pybullet (wheels exist for Python before 3.12)"
 
     def load(self) -> None:
+        """Load the robot into Bullet through a URDF file, without damping and joint
+        limits.
+        """
         with _silence():
             import pybullet
             from pybullet_utils.bullet_client import BulletClient
@@ -55,7 +58,7 @@ class Bullet(Engine):
         dq: Array,
         ddq: Array,
     ) -> Array:
-        """The torque of one state.
+        """Return the torque that Bullet's inverse dynamics gives for one state.
 
         Parameters
         ----------
@@ -75,6 +78,9 @@ class Bullet(Engine):
         return np.array(self.bullet.calculateInverseDynamics(self.body, *states))
 
     def begin(self, start: Array, step: float) -> None:
+        """Put the joints at rest at ``start`` (n,) [rad, m]; later steps last
+        ``step`` [s].
+        """
         self.bullet.setTimeStep(step)
         for j in range(self.robot.n):
             self.bullet.resetJointState(
@@ -85,6 +91,11 @@ class Bullet(Engine):
             )
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        """Simulate one step with velocity motors at ``velocity`` (n,) [rad/s, m/s].
+
+        Returns the motors' torque (n,) [N m, N], and rotation (3, 3) and position (3,)
+        [m] of the last link's joint frame.
+        """
         bullet = self.bullet
         joints = list(range(self.robot.n))
         motor_options = {
@@ -115,8 +126,10 @@ class Bullet(Engine):
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Bullet's C code prints its build time and remarks on the console, past Python's
-    sys.stdout."""
+    """Discard what Bullet's C code prints, which bypasses Python's sys.stdout.
+
+    The file descriptors 1 and 2 are redirected, and restored at the end.
+    """
     saved = [os.dup(1), os.dup(2)]
     try:
         with open(os.devnull, "w") as sink:

@@ -19,6 +19,7 @@ class Dart(Engine):
     formulation = "generalised coordinates, semi-implicit Euler"
 
     def load(self) -> None:
+        """Load the robot into DART from URDF text, without joint limits."""
         import dartpy
 
         loader = dartpy.utils.DartLoader()
@@ -43,7 +44,7 @@ class Dart(Engine):
         dq: Array,
         ddq: Array,
     ) -> Array:
-        """The torque of one state.
+        """Return the torque that DART's inverse dynamics gives for one state.
 
         Parameters
         ----------
@@ -66,6 +67,11 @@ class Dart(Engine):
         return np.array(self.skeleton.getForces())
 
     def begin(self, start: Array, step: float) -> None:
+        """Put the joints at rest at ``start`` (n,) [rad, m]; later steps last ``step``
+        [s].
+
+        Every joint follows commanded velocities (DART's actuator type VELOCITY).
+        """
         import dartpy
 
         for k in range(self.skeleton.getNumJoints()):
@@ -78,6 +84,11 @@ class Dart(Engine):
         self.skeleton.setVelocities(np.zeros(self.robot.n))
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        """Simulate one step at the commanded ``velocity`` (n,) [rad/s, m/s].
+
+        Returns the motors' torque (n,) [N m, N], and rotation (3, 3) and position (3,)
+        [m] of the last link's joint frame.
+        """
         self.skeleton.setCommands(velocity)
         self.world.step(False)
         pose = (

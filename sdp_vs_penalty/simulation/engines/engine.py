@@ -35,8 +35,20 @@ class Engine(ABC):
     install: ClassVar[str] = install_command("engines")
 
     def __init__(self, robot: Robot, links: ArrayLike) -> None:
-        """links (n, 10) standard parameters. Raises InputError naming the link that it
-        rejects."""
+        """Check the links, and load the robot into the engine.
+
+        Parameters
+        ----------
+        robot : Robot
+            Without joints that follow others, which engines do not support here.
+        links : (n, 10) array
+            Standard parameters of each link [kg, kg m, kg m^2].
+
+        Raises
+        ------
+        InputError
+            For such a robot, or a link that the engine rejects, which is named.
+        """
         if robot.mechanism is not None:
             what = "engines take no robot with joints that follow others"
             raise InputError(what, "choose another robot")
@@ -57,7 +69,7 @@ class Engine(ABC):
 
     @classmethod
     def version(cls) -> str | None:
-        """The version at hand, or None where the engine is absent."""
+        """Return the version of the installed engine; None if it is not installed."""
         try:
             return version(cls.package)
         except PackageNotFoundError:
@@ -73,7 +85,7 @@ class Engine(ABC):
         dq: Array,
         ddq: Array,
     ) -> Array | None:
-        """Torques of states.
+        """Return the torques of N states by the engine's inverse dynamics.
 
         Parameters
         ----------
@@ -87,17 +99,10 @@ class Engine(ABC):
         Returns
         -------
         (N, n) or None
-            [N m, N]; None where the engine has no inverse dynamics.
+            [N m, N]; None if the engine has no inverse dynamics.
         """
-        torques = [
-            self.torque(*rows)
-            for rows in zip(
-                q,
-                dq,
-                ddq,
-                strict=True,
-            )
-        ]
+        states = zip(q, dq, ddq, strict=True)
+        torques = [self.torque(*state) for state in states]
         return None if torques[0] is None else np.array(torques, float)
 
     def torque(
@@ -106,7 +111,7 @@ class Engine(ABC):
         dq: Array,
         ddq: Array,
     ) -> Array | None:
-        """The torque of one state.
+        """Return the torque of one state by the engine's inverse dynamics.
 
         Parameters
         ----------
@@ -120,7 +125,7 @@ class Engine(ABC):
         Returns
         -------
         (n,) or None
-            [N m, N]; None where the engine has no inverse dynamics.
+            [N m, N]; None, as here, for an engine without inverse dynamics.
         """
         return None
 
@@ -130,22 +135,22 @@ class Engine(ABC):
         velocities: Array,
         step: float,
     ) -> tuple[Array, Array]:
-        """Drive the joints from rest at velocities, one each step.
+        """Simulate the robot along commanded joint velocities, starting from rest.
 
         Parameters
         ----------
         start : (n,)
-            Positions [rad, m].
+            Positions at the start [rad, m].
         velocities : (N, n)
-            [rad/s, m/s].
+            Velocity of each step [rad/s, m/s].
         step : float
-            Seconds of a step.
+            Length of a step [s].
 
         Returns
         -------
         tuple
-            The motors' torque (N, n) over each step [N m, N], and the pose (N, 4,
-            4) of the last link's joint frame after it.
+            The motors' torque (N, n) during each step [N m, N], and the pose (N, 4, 4)
+            of the last link's joint frame after it.
         """
         torque = np.empty_like(velocities)
         pose = np.tile(np.eye(4), (len(velocities), 1, 1))
@@ -156,48 +161,45 @@ class Engine(ABC):
 
     @abstractmethod
     def begin(self, start: Array, step: float) -> None:
-        """Put the joints at rest.
+        """Put the joints at rest at a position.
 
         Parameters
         ----------
         start : (n,)
             Positions [rad, m].
         step : float
-            Seconds of a step.
-
-        Returns
-        -------
-        None
-            Nothing.
+            Length of the steps that follow [s].
         """
 
     @abstractmethod
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        """One step at a velocity.
+        """Simulate one step at a commanded velocity.
 
         Parameters
         ----------
         velocity : (n,)
-            Of the joints [rad/s, m/s].
+            Joint velocities [rad/s, m/s].
 
         Returns
         -------
         tuple
-            The motors' torque (n,), and rotation (3, 3) and position (3,) of the
-            last link's joint frame after it.
+            The motors' torque (n,) [N m, N], and rotation (3, 3) and position (3,) [m]
+            of the last link's joint frame after the step.
         """
 
     @property
     def content(self) -> Content:
-        """The links as the exporters take them."""
-        zero = np.zeros(self.robot.n)
+        """The links in the form that the exporters take, without friction and
+        effects.
+        """
+        zeros = np.zeros(self.robot.n)
         return Content(
             self.links,
-            zero,
-            zero,
-            zero,
-            zero,
-            zero,
-            (),
-            (),
+            damping=zeros,
+            friction=zeros,
+            armature=zeros,
+            stiffness=zeros,
+            offset=zeros,
+            springs=(),
+            others=(),
         )

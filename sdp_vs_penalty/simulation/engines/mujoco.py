@@ -19,6 +19,12 @@ class MuJoCo(Engine):
     formulation = "generalised coordinates, semi-implicit Euler"
 
     def load(self) -> None:
+        """Load the robot into MuJoCo from MJCF text, without contacts and joint
+        damping.
+
+        Its inverse dynamics is set to discrete time, so that it reaches a velocity
+        exactly.
+        """
         import mujoco
 
         text = make_mjcf(self.robot, self.content).decode()
@@ -39,7 +45,7 @@ class MuJoCo(Engine):
         dq: Array,
         ddq: Array,
     ) -> Array:
-        """The torque of one state.
+        """Return the torque that MuJoCo's inverse dynamics gives for one state.
 
         Parameters
         ----------
@@ -64,6 +70,9 @@ class MuJoCo(Engine):
         return np.array(self.data.qfrc_inverse)
 
     def begin(self, start: Array, step: float) -> None:
+        """Put the joints at rest at ``start`` (n,) [rad, m]; later steps last
+        ``step`` [s].
+        """
         import mujoco
 
         self.model.opt.timestep = step
@@ -71,6 +80,12 @@ class MuJoCo(Engine):
         self.data.qpos = start
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
+        """Simulate one step with the torque that reaches ``velocity`` (n,) [rad/s,
+        m/s].
+
+        Returns that torque (n,) [N m, N], and rotation (3, 3) and position (3,) [m] of
+        the last link's joint frame.
+        """
         import mujoco
 
         model = self.model

@@ -59,6 +59,9 @@ _TYPES |= {
     "M": POINTER(_Mass),
     "F": POINTER(_Feedback),
 }
+#: dParamFMax and dParamVel of ode/common.h: largest force and velocity of a motor.
+_MAX_FORCE = 5
+_VELOCITY = 2
 #: Of the functions used the type returned, then those of the arguments.
 _SIGNATURES = {
     "p": "dWorldCreate",
@@ -81,8 +84,10 @@ _SIGNATURES = {
 
 @cache
 def _library() -> Any | None:
-    """libode with its signatures set, or None where it is absent or in single
-    precision."""
+    """Return the C library libode with the signatures of its functions set.
+
+    None if it is not installed, or computes in single precision.
+    """
     library_found = None
     for name in filter(None, (ctypes.util.find_library("ode"), "libode.so.8")):
         with suppress(OSError):
@@ -116,9 +121,18 @@ class Ode(Engine):
     @classmethod
     def version(cls) -> str | None:
         # The library does not say its version; its name does.
+        """Return the version of libode; None if it is not installed.
+
+        The library does not tell its version, but its file name does.
+        """
         return None if _library() is None else "0.16 (libode8)"
 
     def load(self) -> None:
+        """Compute mass and inertia of each link, about its centre of mass, as ODE takes
+        them.
+
+        Raises InputError for a link whose inertia ODE refuses.
+        """
         ode = _library()
         assert ode is not None
         self.ode: Any = ode
@@ -169,12 +183,21 @@ class Ode(Engine):
         velocities: Array,
         step: float,
     ) -> tuple[Array, Array]:
+        """Simulate the robot along commanded velocities (N, n), starting from rest.
+
+        As :meth:`Engine.follow`; ODE's world is destroyed at the end, whatever happens.
+        """
         try:
             return super().follow(start, velocities, step)
         finally:
             self.ode.dWorldDestroy(self.world)
 
     def begin(self, start: Array, step: float) -> None:
+        """Build bodies, joints and motors at rest at ``start`` (n,) [rad, m].
+
+        Later steps last ``step`` [s]. ODE has no loader of URDF, so each link becomes a
+        free body that a hinge or slider constrains.
+        """
         ode = self.ode
         self.step = step
         self.world = world = c_void_p(ode.dWorldCreate())
@@ -209,12 +232,8 @@ class Ode(Engine):
                 joint_made, *(frame[:3, :3] @ joint.axis)
             )
             set_parameter = getattr(ode, f"dJointSet{kind}Param")
-            set_parameter(
-                joint_made,
-                5,
-                np.inf,
-            )  # dParamFMax and dParamVel of ode/common.h
-            self.motors.append(partial(set_parameter, joint_made, 2))
+            set_parameter(joint_made, _MAX_FORCE, np.inf)
+            self.motors.append(partial(set_parameter, joint_made, _VELOCITY))
             ode.dJointSetFeedback(joint_made, byref(self.feedback[k]))
         # Views of ODE's own memory, which stays where it is while the world lives.
         self.rotations = [self._rotation(body) for body in self.bodies]
@@ -229,6 +248,12 @@ class Ode(Engine):
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
         # ODE forms the constraints of a step at the configuration before it.
+        """Simulate one step with motors at ``velocity`` (n,) [rad/s, m/s].
+
+        Returns the motors' torque (n,) [N m, N], projected from the joints' constraint
+        forces, and rotation (3, 3) and position (3,) [m] of the last link's joint
+        frame.
+        """
         before = np.array(self.rotations)
         for motor, speed in zip(self.motors, velocity, strict=True):
             motor(speed)
@@ -240,6 +265,6 @@ class Ode(Engine):
         return torque, rotation, self.last_position - rotation @ self.centres[-1]
 
     def _rotation(self, body: c_void_p) -> Array:
-        """(3, 3) view of a body's rotation matrix."""
+        """Return a view (3, 3) of a body's rotation matrix in ODE's memory."""
         rows = np.ctypeslib.as_array(self.ode.dBodyGetRotation(body), (12,))
         return rows.reshape(3, 4)[:, :3]

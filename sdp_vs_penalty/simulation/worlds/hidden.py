@@ -58,14 +58,14 @@ class Hidden:
     channel: bool = False
 
     def torque(self, world: World, motion: TrueMotion) -> Array:
-        """What the effect adds at its size.
+        """Return the torque that the effect adds at its size.
 
         Parameters
         ----------
         world : World
             The true robot.
         motion : TrueMotion
-            Of the joints.
+            N samples of the joints' motion.
 
         Returns
         -------
@@ -80,23 +80,25 @@ class Hidden:
         motions: Sequence[TrueMotion],
         factor: float,
     ) -> Hidden:
-        """The effect with a root mean square of ``factor`` times the raw noise on the
-        joint that it moves most.
+        """Return the effect scaled to a given strength.
+
+        On the joint that it moves most, the RMS of its torque becomes ``factor`` times
+        the raw noise. Three rounds of scaling suffice for effects that are not linear
+        in their size.
 
         Parameters
         ----------
         world : World
             The true robot.
         motions : sequence of TrueMotion
-            On which it is sized.
+            Motions over which the RMS is taken.
         factor : float
-            Times the raw noise.
+            Strength in multiples of the noise.
 
         Returns
         -------
         Hidden
-            Sized in three rounds, as some effects are not linear; as it is, where
-            it moves nothing.
+            The effect itself, unscaled, if it makes no torque here.
         """
         out = self
         for _ in range(3):
@@ -109,7 +111,7 @@ class Hidden:
         return out
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; joints count from 1."""
+        """Return the effect as JSON for truth.json; joints count from 1."""
         size = None if self.number is None else self.number * self.size
         about = {
             "effect": self.effect,
@@ -128,29 +130,34 @@ def torques(
     motion: TrueMotion,
     hidden: Sequence[Hidden],
 ) -> list[Array]:
-    """What each effect adds.
+    """Return the torque that each effect adds.
+
+    Torque channels (gain, delay, filter) act on the sum of all others, so they are
+    computed last, one after the other.
 
     Parameters
     ----------
     world : World
         The true robot.
     motion : TrueMotion
-        Of the joints.
+        N samples of the joints' motion.
     hidden : sequence of Hidden
         The effects.
 
     Returns
     -------
     list of (N, n)
-        Torque channels, one after the other, to what they carry.
+        In the order of ``hidden`` [N m, N].
     """
-    torque_by_joint = dict[int, Array]()
-    for k in sorted(range(len(hidden)), key=lambda k: hidden[k].channel):
-        carried = replace(world, more=world.more + sum(torque_by_joint.values(), 0.0))
-        torque_by_joint[k] = hidden[k].torque(
-            carried if hidden[k].channel else world, motion
-        )
-    return [torque_by_joint[k] for k in range(len(hidden))]
+    torque_by_effect = dict[int, Array]()
+    channels_last = sorted(range(len(hidden)), key=lambda k: hidden[k].channel)
+    for k in channels_last:
+        acts_on = world
+        if hidden[k].channel:
+            so_far = sum(torque_by_effect.values(), 0.0)
+            acts_on = replace(world, more=world.more + so_far)
+        torque_by_effect[k] = hidden[k].torque(acts_on, motion)
+    return [torque_by_effect[k] for k in range(len(hidden))]
 
 
 def at_joint(
@@ -160,18 +167,18 @@ def at_joint(
     /,
     **shape: float,
 ) -> Hidden:
-    """A torque of one joint.
+    """Make an effect that is a torque on one joint, proportional to its size.
 
     Parameters
     ----------
     joint : int
-        From 0.
+        Index of the joint, from 0.
     law : callable
-        (N,) of a world and a motion, times the size.
+        Maps world and motion to the torque (N,) at size 1.
     number : float or None
-        The library's parameter at size 1.
+        The library's parameter at size 1; None if it has several.
     shape : float
-        Its shape constants.
+        Constants of the effect, by the library's names.
 
     Returns
     -------
@@ -194,19 +201,18 @@ def at_joint(
 def plain(
     law: Callable[[World, int, TrueMotion], Array], signed: bool = False
 ) -> Maker:
-    """The maker of a torque of one joint without constants.
+    """Return the maker of an effect without constants: a torque on one joint.
 
     Parameters
     ----------
     law : callable
-        (N,) of a world, a joint and a motion, times the size.
+        Maps world, joint (from 0) and motion to the torque (N,) at size 1.
     signed : bool
-        Either way round.
+        Whether the sign of the torque is drawn at random.
 
     Returns
     -------
     Maker
-        Draws the sign.
     """
 
     def make(
@@ -231,32 +237,34 @@ def shifted(
     size: float,
     rates: bool = True,
 ) -> Hidden:
-    """The link of a joint stands at q + shift, where q is what motor and encoder do.
+    """Make an effect by which a link stands at q + shift, while its encoder shows q.
+
+    The added torque is the rigid-body torque of the shifted motion minus that of the
+    encoder's.
 
     Parameters
     ----------
     joint : int
-        From 0.
+        Index of the joint, from 0.
     shift : Change
-        (N,) by the size.
+        Maps world, motion and size to the shift (N,) [rad, m].
     number : float
         The library's parameter at size 1.
     size : float
-        At first.
+        Initial size.
     rates : bool
-        Whether its velocity and acceleration differ too.
+        Whether velocity and acceleration of the link follow the shift.
 
     Returns
     -------
     Hidden
-        Of this size.
     """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         moved = displaced(motion, joint, shift(world, motion, size))
-        return world.rigid(
-            moved if rates else replace(motion, q=moved.q)
-        ) - world.rigid(motion)
+        if not rates:
+            moved = replace(motion, q=moved.q)
+        return world.rigid(moved) - world.rigid(motion)
 
     return Hidden(
         (joint,),
@@ -268,21 +276,22 @@ def shifted(
 
 
 def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
-    """The motion of the links, rates by central differences on the fine grid.
+    """Return the motion of the links when one of them is shifted against its encoder.
+
+    Rates of the shift are central differences.
 
     Parameters
     ----------
     motion : TrueMotion
-        Of the joints.
+        N samples of the encoders' motion on a fine grid.
     joint : int
-        From 0.
+        Index of the joint, from 0.
     shift : (N,)
-        Of the joint's link [rad, m].
+        Shift of the joint's link [rad, m].
 
     Returns
     -------
     TrueMotion
-        Of the links.
     """
     rate = np.gradient(shift, motion.t)
     acceleration = np.gradient(rate, motion.t)
@@ -296,16 +305,16 @@ def displaced(motion: TrueMotion, joint: int, shift: Array) -> TrueMotion:
 
 
 def sign(world: World, joint: int, motion: TrueMotion) -> Array:
-    """The direction in which a joint rubs, as sharp as its own dry friction is.
+    """Return the direction of a joint's dry friction, smoothed as the world smooths it.
 
     Parameters
     ----------
     world : World
         The true robot.
     joint : int
-        From 0.
+        Index of the joint, from 0.
     motion : TrueMotion
-        Of the joints.
+        N samples of the joints' motion.
 
     Returns
     -------
@@ -320,35 +329,36 @@ def log_uniform(
     low: float,
     high: float,
 ) -> float:
-    """A number whose logarithm is uniform.
+    """Draw a number between two limits whose logarithm is uniformly distributed.
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Of everything random.
+        Random numbers.
     low : float
-        The least.
+        Lower limit, above zero.
     high : float
-        The largest.
+        Upper limit.
 
     Returns
     -------
     float
-        Between them.
     """
     logarithm = rng.uniform(np.log(low), np.log(high))
     return float(np.exp(logarithm))
 
 
 def first_order(x: Array, step: float, lag: float) -> Array:
-    """y + lag dy/dt = x, from rest at the first sample.
+    """Filter samples by a first-order low-pass, y + lag dy/dt = x.
+
+    It starts at rest at the first sample; x is taken as linear between samples.
 
     Parameters
     ----------
     x : (N, ...)
-        What is filtered.
+        Input.
     step : float
-        Between samples [s].
+        Time between samples [s].
     lag : float
         Time constant [s].
 
@@ -370,11 +380,18 @@ def first_order(x: Array, step: float, lag: float) -> Array:
 
 
 def _unit(world: World, joint: int) -> float:
+    """Return a joint's typical speed: 1 rad/s, or 0.5 m/s for a prismatic one.
+
+    Constants of friction are drawn in units of it.
+    """
     return float(world.arm.unit_speed[joint])
 
 
 def _stribeck(world: World, joint: int, rng: Generator) -> Hidden:
-    """Armstrong-Helouvry et al., Automatica 1994, eq. 7."""
+    """Make a Stribeck effect: dry friction that falls as exp(-(dq / vs)^2).
+
+    Armstrong-Helouvry et al., Automatica 1994, eq. 7.
+    """
     vs = _unit(world, joint) * log_uniform(rng, 0.04, 0.3)
 
     def law(world: World, motion: TrueMotion) -> Array:
@@ -396,8 +413,11 @@ def _presliding(
     low: float = 0.001,
     high: float = 0.01,
 ) -> Hidden:
-    """Dahl 1968: friction follows the travel since the reversal instead of jumping, if
-    it does so."""
+    """Make presliding hysteresis: after a reversal, friction builds up over a travel d.
+
+    Dahl 1968. It replaces the jump of the world's dry friction, if that has one. low,
+    high : limits of d, in units of the joint's typical speed.
+    """
     d = _unit(world, joint) * log_uniform(rng, low, high)
 
     def law(world: World, motion: TrueMotion) -> Array:
@@ -408,7 +428,9 @@ def _presliding(
 
 
 def _behind(t: Array, speed: Array, d: float) -> Array:
-    """(N,) Dahl's state along a motion of this speed."""
+    """Return Dahl's bristle state (N,) for a velocity (N,) and a presliding travel
+    d.
+    """
     states = bristles(
         t,
         speed[:, None],
@@ -419,7 +441,10 @@ def _behind(t: Array, speed: Array, d: float) -> Array:
 
 
 def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
-    """Gaz et al., RA-L 2019, eq. 9: part of the Coulomb friction rises slowly."""
+    """Make sigmoid friction: a part of the Coulomb friction rises slowly with velocity.
+
+    Gaz et al., RA-L 2019, eq. 9.
+    """
     v0 = _unit(world, joint) * log_uniform(rng, 0.05, 0.3)
 
     def law(world: World, motion: TrueMotion) -> Array:
@@ -430,7 +455,7 @@ def _sigmoid(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _power(world: World, joint: int, rng: Generator) -> Hidden:
-    """Friction that grows with a power of the speed."""
+    """Make friction that grows with a power alpha of the speed, below or above 1."""
     is_degressive = rng.random() < 0.5
     low, high = (0.3, 0.7) if is_degressive else (1.5, 2.5)
     alpha = float(rng.uniform(low, high))
@@ -443,7 +468,11 @@ def _power(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
-    """Janot et al., IEEE TCST 2014; between turning joints, as wrists are."""
+    """Make friction of a joint that depends on the velocity of a neighbouring joint i.
+
+    Janot et al., IEEE TCST 2014. Its form is linear in the velocity of i (1), dry
+    friction in it (2), in the sum of both velocities (3), or in their difference (4).
+    """
     if world.arm.n < 2:
         raise InputError(
             "effect joint_coupling needs a robot with two joints or more",
@@ -455,13 +484,13 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
     width = float(np.median(world.dry.width))
 
     def law(world: World, motion: TrueMotion) -> Array:
-        own_velocity = motion.dq[:, joint]
-        other = motion.dq[:, i]
-        speed = {
-            3: own_velocity + other,
-            4: own_velocity - other,
-        }.get(form, other)
-        return np.asarray(side * (speed if form == 1 else np.tanh(speed / width)))
+        velocity = motion.dq[:, joint]
+        of_neighbour = motion.dq[:, i]
+        by_form = {3: velocity + of_neighbour, 4: velocity - of_neighbour}
+        speed = by_form.get(form, of_neighbour)
+        if form == 1:
+            return np.asarray(side * speed)
+        return np.asarray(side * np.tanh(speed / width))
 
     return at_joint(
         joint,
@@ -473,14 +502,18 @@ def _coupling(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _warming(world: World, joint: int, rng: Generator) -> Hidden:
-    """Simoni et al., IROS 2015: friction that falls with time."""
+    """Make friction that decays with time constant T as the gears warm up.
+
+    Simoni et al., IROS 2015. Form 2 is dry friction, form 4 viscous friction.
+    """
     T = float(rng.uniform(40.0, 150.0))
     form = int(rng.choice([2, 4]))
 
     def law(world: World, motion: TrueMotion) -> Array:
-        return np.exp(-motion.t / T) * (
-            sign(world, joint, motion) if form == 2 else motion.dq[:, joint]
-        )
+        dry_or_viscous = sign(world, joint, motion)
+        if form == 4:
+            dry_or_viscous = motion.dq[:, joint]
+        return np.exp(-motion.t / T) * dry_or_viscous
 
     return at_joint(
         joint,
@@ -492,16 +525,19 @@ def _warming(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
-    """Carlson, Robertsson, Johansson, 2015: grease thins exponentially with its
-    temperature."""
+    """Make friction that falls exponentially with the measured temperature of the gear.
+
+    Carlson, Robertsson, Johansson, 2015: grease becomes thinner. It is dry or viscous.
+    """
     warm = float(rng.uniform(8.0, 40.0))
     viscous = bool(rng.random() < 0.5)
 
     def law(world: World, motion: TrueMotion) -> Array:
-        thick = np.exp((20.0 - world.temperature(motion.t)[:, joint]) / warm)
-        return np.asarray(
-            thick * (motion.dq[:, joint] if viscous else sign(world, joint, motion))
-        )
+        # Relative to 20 degrees Celsius; falls to 1/e over ``warm`` degrees.
+        thickness = np.exp((20.0 - world.temperature(motion.t)[:, joint]) / warm)
+        if viscous:
+            return np.asarray(thickness * motion.dq[:, joint])
+        return np.asarray(thickness * sign(world, joint, motion))
 
     return at_joint(
         joint,
@@ -513,11 +549,14 @@ def _by_temperature(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
-    """A motor of a differential wrist turns with a combination of two neighbours (Wang
-    et al. 2019).
+    """Make friction of a motor that turns with a combination v = c^T dq of two
+    neighbours.
 
-    Dry friction only: of the viscous kind the joints' own friction absorbs all but a
-    cross term, from which no ratio can be told."""
+    Differential wrists have such motors (Wang et al. 2019). The friction is dry (law
+    2), with presliding (law 3) or with a Stribeck effect (law 4). Viscous friction is
+    left out: the joints' own viscous friction would absorb all of it but a cross term,
+    which does not determine the ratio.
+    """
     pairs = [i for i in range(world.arm.n - 1) if world.arm.rotary[i : i + 2].all()]
     if not pairs:
         raise InputError(
@@ -534,8 +573,13 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         v = motion.dq @ c
-        rubs = np.tanh(v / width) * (np.exp(-((v / vs) ** 2)) if law == 4 else 1.0)
-        return np.outer(size * (_behind(motion.t, v, d) if law == 3 else rubs), c)
+        if law == 3:
+            friction = _behind(motion.t, v, d)
+        else:
+            friction = np.tanh(v / width)
+        if law == 4:
+            friction = friction * np.exp(-((v / vs) ** 2))
+        return np.outer(size * friction, c)
 
     law_constants = {
         3: {"d": d},
@@ -556,7 +600,9 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
-    """Friction of loaded teeth with Dahl's memory."""
+    """Make friction proportional to the joint's load, which builds up over a travel
+    d.
+    """
     d = _unit(world, joint) * log_uniform(rng, 0.002, 0.01)
 
     def law(world: World, motion: TrueMotion) -> Array:
@@ -567,19 +613,22 @@ def _load_hysteresis(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _slip(world: World, joint: int, rng: Generator) -> Hidden:
-    """Al-Bender et al., IEEE TAC 2005: springs in parallel, each with a slider of its
-    own travel."""
+    """Make Maxwell slip: three springs in parallel, each with a slider of another
+    travel.
+
+    Al-Bender et al., IEEE TAC 2005.
+    """
     d = _unit(world, joint) * log_uniform(rng, 0.001, 0.004)
     travel = d * np.array([1.0, 4.0, 16.0])
     weight = rng.dirichlet(np.ones(3))
 
     def law(world: World, motion: TrueMotion) -> Array:
-        out = np.zeros(len(motion.t))
-        z = np.zeros(3)
+        torque = np.zeros(len(motion.t))
+        stretch = np.zeros(3)  # of each spring, 1 where its slider slips
         for k, step in enumerate(np.diff(motion.q[:, joint]), start=1):
-            z = np.clip(z + step / travel, -1.0, 1.0)
-            out[k] = weight @ z
-        return out
+            stretch = np.clip(stretch + step / travel, -1.0, 1.0)
+            torque[k] = weight @ stretch
+        return torque
 
     return at_joint(
         joint,
@@ -590,7 +639,11 @@ def _slip(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _position(world: World, joint: int, rng: Generator) -> Hidden:
-    """Popovic, Goldenberg 1998: dry friction that varies along the range."""
+    """Make dry friction whose size varies as a cosine of the position.
+
+    Popovic, Goldenberg 1998. k is the number of waves in a turn, or 2 pi over a
+    wavelength of 0.05 to 0.15 m.
+    """
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     if world.arm.rotary[joint]:
         k = float(rng.integers(1, 4))
@@ -642,7 +695,7 @@ FRICTION: Mapping[str, Maker] = {
 
 
 def _drift(world: World, joint: int, rng: Generator) -> Hidden:
-    """A sensor's zero that creeps as it warms."""
+    """Make a torque offset that decays with time constant T, as a sensor warms up."""
     T = float(rng.uniform(40.0, 150.0))
     return at_joint(
         joint,
@@ -654,8 +707,11 @@ def _drift(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
-    """Teeth and poles: 2 to 40 waves a turn; a prismatic joint's screw has a lead of 8
-    to 70 mm."""
+    """Make torque ripple of gear teeth or motor poles: a cosine of the position.
+
+    There are 2 to 40 waves in a turn; a prismatic joint's screw has a lead of 8 to 70
+    mm.
+    """
     phase = float(rng.uniform(0.0, 2.0 * np.pi))
     k = float(rng.integers(2, 41))
     if not world.arm.rotary[joint]:
@@ -669,7 +725,9 @@ def _ripple(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _gain(world: World, joint: int, rng: Generator) -> Hidden:
-    """A torque channel with another gain."""
+    """Make a wrong gain of one joint's torque channel: it adds a share of the
+    torque.
+    """
 
     def law(world: World, joint: int, motion: TrueMotion) -> Array:
         return world.torque(motion)[:, joint]
@@ -679,7 +737,11 @@ def _gain(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
-    """Torques logged late."""
+    """Make a delay of torque channels against the positions; the size is the delay [s].
+
+    channels : indices of the joints whose torque is late; joints : what the effect is
+    said to act on, () for the whole robot.
+    """
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         tau = world.torque(motion)
@@ -702,7 +764,7 @@ def _late(channels: list[int], joints: tuple[int, ...]) -> Hidden:
 
 
 def _filter(world: World, joint: int, rng: Generator) -> Hidden:
-    """All channels behind one low-pass, 1 / (1 + T s): the size is T."""
+    """Make a low-pass 1 / (1 + T s) behind all torque channels; the size is T [s]."""
 
     def change(world: World, motion: TrueMotion, T: float) -> Array:
         # Effects are sized on a coarse grid, where a filter is read from a finer one.
@@ -730,7 +792,7 @@ def _filter(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _resample(t: Array, t_known: Array, values: Array) -> Array:
-    """(N, n) values at other times."""
+    """Interpolate values (M, n), known at t_known (M,), at the times t (N,): (N, n)."""
     columns = [
         np.interp(
             t,
@@ -743,6 +805,9 @@ def _resample(t: Array, t_known: Array, values: Array) -> Array:
 
 
 def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a constant error of a joint's zero position; the size is the angle [rad,
+    m].
+    """
     side = float(rng.choice([-1.0, 1.0]))
     return shifted(
         joint,
@@ -753,8 +818,12 @@ def _zero_error(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
-    """Spong 1987, the link at rest on its spring: it lags by c times the torque that it
-    needs."""
+    """Make an elastic joint: the link lags by the compliance c times the torque it
+    needs.
+
+    Spong 1987, without oscillation of the link on its spring. The size is c [rad/(N
+    m)].
+    """
 
     def shift(world: World, motion: TrueMotion, c: float) -> Array:
         lag = np.zeros(len(motion.t))
@@ -771,11 +840,11 @@ def _elasticity(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
-    """Nordin, Gutman 2002: between impacts the link rests on the flank that its torque
-    presses it to.
+    """Make backlash: the link rests on the flank that its torque presses it to.
 
-    Flanks that yield a little let it change over within a fiftieth of the largest
-    torque; what the impact itself does is left out."""
+    Nordin, Gutman 2002. The size is half the play [rad, m]. Yielding flanks let the
+    link change over within a fiftieth of the largest torque; impacts are left out.
+    """
 
     def shift(world: World, motion: TrueMotion, b: float) -> Array:
         tau = world.rigid(motion)[:, joint]
@@ -791,6 +860,7 @@ def _backlash(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
+    """Make a tilted base: gravity has a horizontal part; the size is that [m/s^2]."""
     angle = float(rng.uniform(0.0, 2.0 * np.pi))
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
@@ -808,8 +878,10 @@ def _tilt(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
-    """A constant force and moment on the last link, at its joint: motors carry -J^T (F,
-    M)."""
+    """Make a constant force F and moment M on the last link, in world axes.
+
+    The motors carry -J^T (F, M).
+    """
     force = np.concatenate(
         [
             rng.normal(size=3),
@@ -830,10 +902,11 @@ def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _payload(world: World, joint: int, rng: Generator) -> Hidden:
-    """A ball that the last link carries: its size is its mass [kg]."""
-    reach = (
-        float(np.linalg.norm(world.arm.model.jointPlacements[-1].translation)) + 0.05
-    )
+    """Make a payload: a ball of 5 cm radius on the last link; the size is its mass
+    [kg].
+    """
+    last_link = world.arm.model.jointPlacements[-1].translation
+    reach = float(np.linalg.norm(last_link)) + 0.05
     centre = rng.uniform(-0.5, 0.5, 3) * reach
 
     def change(world: World, motion: TrueMotion, mass: float) -> Array:
@@ -856,8 +929,10 @@ def _payload(world: World, joint: int, rng: Generator) -> Hidden:
 
 
 def _misplaced(world: World, joint: int, rng: Generator) -> Hidden:
-    """Joints beside where the kinematics have them, by some .1 mm and .2 mrad an axis
-    at size 1."""
+    """Make joints that are misplaced against the kinematic model.
+
+    At size 1 the standard deviations are 0.1 mm and 0.2 mrad about each axis.
+    """
     seed = int(rng.integers(2**32))
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:

@@ -31,13 +31,12 @@ class Arm:
 
     @property
     def n(self) -> int:
-        """How many joints."""
+        """Number of joints that move by themselves."""
         return len(self.rotary)
 
     @property
     def unit_speed(self) -> Array:
-        """(n,) what 1 rad/s of a turning joint corresponds to: on a prismatic one 0.5
-        m/s."""
+        """(n,) typical speed of each joint: 1 rad/s, or 0.5 m/s for a prismatic one."""
         return np.where(self.rotary, 1.0, 0.5)
 
     def inverse_dynamics(
@@ -47,18 +46,21 @@ class Arm:
         dq: Array,
         ddq: Array,
     ) -> Array:
-        """Torques of a model of Pinocchio's with these joints.
+        """Return the rigid-body torques of a Pinocchio model along a motion.
+
+        With q_all = B q + shift for all joints, those that follow others included, the
+        torque of the moving joints is B^T tau_all.
 
         Parameters
         ----------
         model : pin.Model
             The links.
         q : (N, n)
-            Positions.
+            Positions [rad, m].
         dq : (N, n)
-            Velocities.
+            Velocities [rad/s, m/s].
         ddq : (N, n)
-            Accelerations.
+            Accelerations [rad/s^2, m/s^2].
 
         Returns
         -------
@@ -66,15 +68,13 @@ class Arm:
             [N m, N].
         """
         B = self.follows
-        return (
-            inverse_dynamics(
-                model,
-                q @ B.T + self.shift,
-                dq @ B.T,
-                ddq @ B.T,
-            )
-            @ B
+        torque_of_all = inverse_dynamics(
+            model,
+            q @ B.T + self.shift,
+            dq @ B.T,
+            ddq @ B.T,
         )
+        return torque_of_all @ B
 
     def last_jacobian(
         self,
@@ -82,16 +82,16 @@ class Arm:
         data: Any,
         q: Array,
     ) -> Array:
-        """The Jacobian of the last link's joint.
+        """Return the Jacobian of the joint that carries the last link.
 
         Parameters
         ----------
         model : pin.Model
             The links.
         data : pin.Data
-            Of the model.
+            Workspace of the model.
         q : (n,)
-            Positions.
+            Positions [rad, m].
 
         Returns
         -------
@@ -114,23 +114,23 @@ def misplaced(
     degrees: float,
     rng: np.random.Generator,
 ) -> Any:
-    """The arm as it was built: every joint's frame is off by normal errors.
+    """Displace every joint's frame at random, as manufacturing tolerances do.
 
     Parameters
     ----------
     model : pin.Model
-        As it was drawn.
+        The arm as it was designed.
     metres : float
-        Standard deviation of a shift, an axis.
+        Standard deviation of the shift along each axis [m].
     degrees : float
-        Standard deviation of a turn, an axis.
+        Standard deviation of the rotation about each axis [deg].
     rng : numpy.random.Generator
-        Of everything random.
+        Random numbers.
 
     Returns
     -------
     pin.Model
-        As it was built.
+        The arm as it was built.
     """
     built = pin.Model(model)
     for i in range(1, model.njoints):
@@ -148,18 +148,18 @@ def inverse_dynamics(
     dq: Array,
     ddq: Array,
 ) -> Array:
-    """M(q) ddq + C(q, dq) dq + g(q).
+    """Return M(q) ddq + C(q, dq) dq + g(q) along a motion, by Pinocchio's RNEA.
 
     Parameters
     ----------
     model : pin.Model
         The links.
     q : (N, n)
-        Positions.
+        Positions [rad, m].
     dq : (N, n)
-        Velocities.
+        Velocities [rad/s, m/s].
     ddq : (N, n)
-        Accelerations.
+        Accelerations [rad/s^2, m/s^2].
 
     Returns
     -------
@@ -167,17 +167,8 @@ def inverse_dynamics(
         [N m, N].
     """
     data = model.createData()
-    return np.array(
-        [
-            pin.rnea(model, data, *x)
-            for x in zip(
-                q,
-                dq,
-                ddq,
-                strict=True,
-            )
-        ]
-    )
+    states = zip(q, dq, ddq, strict=True)
+    return np.array([pin.rnea(model, data, *state) for state in states])
 
 
 PAUSE = 30.0  # s between runs
@@ -202,18 +193,21 @@ class DryFriction:
 
     @property
     def jumps(self) -> bool:
-        """Whether it changes sign where the velocity does, and not over a travel."""
+        """Whether friction changes sign with the velocity, instead of over some travel.
+
+        It does for tanh; a world with presliding friction overrides this.
+        """
         return True
 
     def share(self, t: Array, dq: Array) -> Array:
-        """The dry friction over the Coulomb torque.
+        """Return the dry friction in units of the Coulomb torque, tanh(dq / width).
 
         Parameters
         ----------
         t : (N,)
-            [s], evenly spaced at 1 kHz or more.
+            Time stamps [s], evenly spaced at 1 kHz or more.
         dq : (N, n)
-            Velocities.
+            Velocities [rad/s, m/s].
 
         Returns
         -------
@@ -229,40 +223,40 @@ def bristles(
     travel: Array,
     level: Callable[[Array], Array],
 ) -> Array:
-    """z with dz/dt = dq / d - |dq| z / (d g(dq)).
+    """Integrate the bristle state z of the Dahl and LuGre friction models.
 
-    Between two samples dq is taken as constant, for which the equation is solved
-    exactly: the step is stable however stiff d is. At a reversal the step is split at
-    the instant of rest.
+    dz/dt = dq / d - |dq| z / (d g(dq)). Velocity is constant between two samples, where
+    the equation has an exact solution, so that any step is stable. At a reversal the
+    step is split at the instant of rest.
 
     Parameters
     ----------
     t : (N,)
-        [s].
+        Time stamps [s], evenly spaced.
     dq : (N, n)
-        Velocities.
+        Velocities [rad/s, m/s].
     travel : (n,)
-        d [rad, m].
+        Presliding travel d of each joint [rad, m].
     level : callable
-        g of a velocity.
+        The function g of the velocity: where z settles.
 
     Returns
     -------
     (N, n)
-        z.
+        z, which is 0 at first.
     """
     step = float(t[1] - t[0])
     before = dq[:-1]
     after = dq[1:]
-    turns = before * after < 0.0
-    change = np.where(turns, before - after, 1.0)
-    share = np.where(turns, before / change, 1.0)  # of the step before rest
-    middle = np.where(
-        turns,
+    reverses = before * after < 0.0
+    change = np.where(reverses, before - after, 1.0)
+    share = np.where(reverses, before / change, 1.0)  # of the step before rest
+    mean_velocity = np.where(
+        reverses,
         0.5 * before,
         0.5 * (before + after),
     )
-    first = _step_of_bristles(middle, share, step, travel, level)
+    first = _step_of_bristles(mean_velocity, share, step, travel, level)
     second = _step_of_bristles(0.5 * after, 1.0 - share, step, travel, level)
     z = np.zeros_like(dq)
     for j in range(dq.shape[1]):
@@ -285,8 +279,28 @@ def _step_of_bristles(
     travel: Array,
     level: Callable[[Array], Array],
 ) -> tuple[Array, Array]:
-    """What is left after shares (N, n) of a step [s] at constant velocities dq (N, n) of
-    the distance from where the bristles go, and where they go, both (N, n)."""
+    """Return how the bristle state moves in a step at constant velocity.
+
+    z becomes goal + (z - goal) decay.
+
+    Parameters
+    ----------
+    dq : (N, n)
+        Velocities in each step.
+    share : (N, n)
+        Share of the step for which they last.
+    step : float
+        Length of a step [s].
+    travel : (n,)
+        Presliding travel d [rad, m].
+    level : callable
+        Where |z| settles at a velocity.
+
+    Returns
+    -------
+    (N, n) and (N, n)
+        decay and goal.
+    """
     reach = level(dq)
     decay = np.exp(-np.abs(dq) * share * step / (travel * reach))
     return decay, np.sign(dq) * reach
@@ -310,12 +324,13 @@ class World:
     more: Array | float = 0.0
 
     def torque(self, motion: TrueMotion) -> Array:
-        """The torque of the motors, or of sensors that friction also loads.
+        """Return what the torque sensors show: rigid-body torque, friction, and added
+        torque.
 
         Parameters
         ----------
         motion : TrueMotion
-            Of the joints.
+            N samples of the joints' motion.
 
         Returns
         -------
@@ -325,14 +340,14 @@ class World:
         return self.rigid(motion) + self.friction(motion) + self.more
 
     def rigid(self, motion: TrueMotion, model: Any = None) -> Array:
-        """The torque of the links.
+        """Return the rigid-body torque of the links.
 
         Parameters
         ----------
         motion : TrueMotion
-            Of the joints.
+            N samples of the joints' motion.
         model : pin.Model, optional
-            Other links; default: as built.
+            Other links; by default those of the robot as it was built.
 
         Returns
         -------
@@ -347,12 +362,12 @@ class World:
         )
 
     def friction(self, motion: TrueMotion) -> Array:
-        """Dry and viscous friction, and what stays the same in both directions.
+        """Return Coulomb and viscous friction plus the constant torque offset.
 
         Parameters
         ----------
         motion : TrueMotion
-            Of the joints.
+            N samples of the joints' motion.
 
         Returns
         -------
@@ -364,12 +379,12 @@ class World:
         )
 
     def share(self, motion: TrueMotion) -> Array:
-        """Dry friction over the Coulomb torque.
+        """Return the dry friction in units of the Coulomb torque.
 
         Parameters
         ----------
         motion : TrueMotion
-            Of the joints.
+            N samples of the joints' motion.
 
         Returns
         -------
@@ -379,12 +394,14 @@ class World:
         return self.dry.share(motion.t, motion.dq)
 
     def temperature(self, t: Array) -> Array:
-        """The temperature of the gears: the farther out, the smaller and the warmer.
+        """Return the temperature of the gears, which warm up from 22 degrees Celsius.
+
+        Gears farther out are smaller and become warmer, by 10 to 25 degrees.
 
         Parameters
         ----------
         t : (N,)
-            [s].
+            Time since the robot was started [s].
 
         Returns
         -------

@@ -1,0 +1,62 @@
+"""What happens once is an event; what comes back with the motion is none."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sdp_vs_penalty.diagnosis.events import outliers
+from sdp_vs_penalty.signals import REPETITION, SPECTRUM
+from sdp_vs_penalty.signals.coloured_noise import Pieces
+from sdp_vs_penalty.signals.repetition import Repeat
+
+M = 1200
+HALF = M // 2
+
+
+def data_of(source: str) -> Any:
+    """Two periods of a motion at 40 Hz: they repeat, or nobody knows."""
+    first = np.arange(HALF)
+    second = first + HALF
+    repeat = Repeat(first, 0, second / 40.0, second)
+    noise = SimpleNamespace(
+        suspect=np.zeros((M, 1), bool),
+        repeats=(repeat,) if source == REPETITION else (),
+        degrees=np.array([1000.0]),
+        source=source,
+    )
+    rows = SimpleNamespace(
+        t=np.arange(M) / 40.0,
+        n=1,
+        rate=40.0,
+        pieces=[Pieces((np.arange(M),))],
+        slow=np.zeros((M, 1)),
+        still=np.zeros((M, 1)),
+        keep=np.ones((M, 1), bool),
+    )
+    return SimpleNamespace(rows=rows, noise=noise)
+
+
+def residual(at: list[int], push: float = 15.0) -> np.ndarray:
+    """White noise with pushes of half a second."""
+    out = np.random.default_rng(0).normal(size=(M, 1))
+    for row in at:
+        out[row : row + 20] += push
+    return out
+
+
+@pytest.mark.parametrize("source", [REPETITION, SPECTRUM])
+def test_a_push_that_happens_once_is_an_event(source):
+    white = residual([300])
+    assert outliers(data_of(source), white, 0.1 * white)[300:320].all()
+
+
+def test_what_every_repetition_has_is_an_error_of_the_model():
+    white = residual([300, 300 + HALF])
+    assert not outliers(data_of(REPETITION), white, 0.1 * white).any()
+
+
+def test_noise_has_no_events():
+    white = residual([])
+    assert not outliers(data_of(SPECTRUM), white, 0.1 * white).any()
