@@ -122,12 +122,26 @@ def _in_radians(
     factor = float(np.radians(1.0))
     q = run.q * factor
     if unwrap:
-        q = _into_range(robot, np.unwrap(run.q, period=360.0, axis=0) * factor)
+        q = _into_range(
+            robot,
+            np.unwrap(
+                run.q,
+                period=360.0,
+                axis=0,
+            )
+            * factor,
+        )
     q = np.where(is_revolute, q, run.q)
     if run.dq is None:
         return replace(run, q=q)
     logged = np.abs(run.dq).sum(axis=0)
-    derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
+    derived = np.abs(
+        np.gradient(
+            q,
+            run.t,
+            axis=0,
+        )
+    ).sum(axis=0)
     in_degrees = is_revolute & (logged > _IN_DEGREES_A_SECOND * derived)
     dq = np.where(in_degrees, run.dq * factor, run.dq)
     return replace(run, q=q, dq=dq)

@@ -49,7 +49,11 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         return
     # Speed of the faster tenth of the motion, of the median joint.
     q = glance.run.q[:, glance.moving]
-    travel = np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0)
+    travel = np.quantile(
+        np.abs(q[10:] - q[:-10]),
+        0.9,
+        axis=0,
+    )
     speed = float(np.median(travel)) / (10.0 * glance.usual_step)
     unit = min(fits, key=lambda name: abs(np.log(speed / fits[name])))
     factor = fits[unit]
@@ -274,7 +278,14 @@ def _evened(run: Measurements, pause: float) -> Measurements:
     ``pause`` [s]; the first and last stamp of each part stay."""
     edges = np.flatnonzero(np.diff(run.t) > pause) + 1
     parts = np.split(run.t, edges)
-    even = [np.linspace(part[0], part[-1], len(part)) for part in parts]
+    even = [
+        np.linspace(
+            part[0],
+            part[-1],
+            len(part),
+        )
+        for part in parts
+    ]
     return replace(run, t=np.concatenate(even))
 
 

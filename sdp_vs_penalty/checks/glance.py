@@ -65,8 +65,22 @@ class RunSummary:
         time."""
         t = self.run.t
         q = self.run.q[:, j]
-        before = np.abs(np.interp(t - _QUARTER_SECOND, t, q) - q)
-        after = np.abs(np.interp(t + _QUARTER_SECOND, t, q) - q)
+        before = np.abs(
+            np.interp(
+                t - _QUARTER_SECOND,
+                t,
+                q,
+            )
+            - q
+        )
+        after = np.abs(
+            np.interp(
+                t + _QUARTER_SECOND,
+                t,
+                q,
+            )
+            - q
+        )
         travel = np.maximum(before, after)
         return np.asarray(travel <= self.standstill * travel.max())
 
@@ -196,7 +210,15 @@ def _numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
     bits = _bits(columns)
     # Hash of a row: the sum of odd factors times its bit patterns, modulo 2^64. Different
     # rows share a hash once in 10^10 long runs.
-    factors = np.random.default_rng(0).integers(1, 1 << 62, bits.shape[1]) * 2 + 1
+    factors = (
+        np.random.default_rng(0).integers(
+            1,
+            1 << 62,
+            bits.shape[1],
+        )
+        * 2
+        + 1
+    )
     hashes = bits @ factors
     return np.unique(hashes, return_inverse=True)[1].ravel()
 

@@ -276,9 +276,20 @@ class Likelihood:
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
-        columns = self.columns(repair.arm_part, speed, speed)[:, :, rigid]
+        columns = self.columns(
+            repair.arm_part,
+            speed,
+            speed,
+        )[:, :, rigid]
         links = self.problem.nominal_links.ravel()[: len(rigid)]
-        torque = np.asarray(np.swapaxes(columns @ links, 0, 1), float)
+        torque = np.asarray(
+            np.swapaxes(
+                columns @ links,
+                0,
+                1,
+            ),
+            float,
+        )
         if speed and any(repair.lacks):
             weight = self.nominal(repair, speed=0.0)
             torque = torque - np.array(repair.lacks) * weight
@@ -298,7 +309,13 @@ class Likelihood:
         columns += [self._columns_of_event(event, order) for event in events]
         used = np.concatenate(columns, axis=2)
         used = used * self.data.torque_mask.T[list(order)][:, :, None]
-        used = used / nonzero_or_one(np.linalg.norm(used, axis=1, keepdims=True))
+        used = used / nonzero_or_one(
+            np.linalg.norm(
+                used,
+                axis=1,
+                keepdims=True,
+            )
+        )
         u, s, _ = np.linalg.svd(used, full_matrices=False)  # (n, M, k), (n, k)
         is_independent = s > _DEPENDENT_SHARE * s.max(axis=1, keepdims=True)
         return np.asarray(u * is_independent[:, None])
@@ -347,10 +364,36 @@ class Likelihood:
         rows = self.rows(repair)
         torque = self.channels(repair)[:, :, None]
         further = torque[:, :, :0] if further_columns is None else further_columns
-        columns = np.concatenate([rows.basis, rows.raw, further, torque], axis=2)
-        edges = np.linspace(0, self.data.count, n_parts + 1).astype(int).tolist()
+        columns = np.concatenate(
+            [
+                rows.basis,
+                rows.raw,
+                further,
+                torque,
+            ],
+            axis=2,
+        )
+        edges = (
+            np.linspace(
+                0,
+                self.data.count,
+                n_parts + 1,
+            )
+            .astype(int)
+            .tolist()
+        )
         parts = [columns[:, first:end] for first, end in pairwise(edges)]
-        grams = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
+        grams = np.stack(
+            [
+                np.swapaxes(
+                    part,
+                    1,
+                    2,
+                )
+                @ part
+                for part in parts
+            ]
+        )
         return grams, rows.basis.shape[2]
 
     def fit_all(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
@@ -590,7 +633,11 @@ class Likelihood:
         # Variances: of the noise in the torques, and of theta.
         noise = fit.energy_left / samples * np.sum(states**2, axis=2)  # (2, n)
         variance = np.append(noise[0], [noise[1].sum(), 0.0])
-        normal = np.tensordot(fit.weights * samples, fit.rows.gram, 1)  # (s, s)
+        normal = np.tensordot(
+            fit.weights * samples,
+            fit.rows.gram,
+            1,
+        )  # (s, s)
         variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = estimates / np.sqrt(np.maximum(variance, _TINY))
         loudest = np.full(len(z), LOUDEST)

@@ -133,7 +133,11 @@ class Cause:
         """
         joints = (self.difference.joint,)
         if self.difference.kind == "torque gain" and self.size:
-            return as_logged.with_entries("gain", joints, 1.0 / (1.0 + self.size))
+            return as_logged.with_entries(
+                "gain",
+                joints,
+                1.0 / (1.0 + self.size),
+            )
         if self.difference.kind == "encoder offset" and self.size:
             return as_logged.with_entries("zero", joints, self.size)
         return self.difference.repair
@@ -394,7 +398,11 @@ class RunComparison:
             run = self.runs[number]
             causes.append(self.judge(Difference(run=number, kind="another arm")))
             arm = self.fit_other_runs(number)
-            for kind, joint, columns in _list_numbers(run.log, run.repair, arm):
+            for kind, joint, columns in _list_numbers(
+                run.log,
+                run.repair,
+                arm,
+            ):
                 difference = Difference(
                     run=number,
                     kind=kind,

@@ -296,7 +296,11 @@ def _chosen_rows(
     for part, rows in places:
         count = min(round(ROWS * len(rows) / n_rows), len(rows))
         if count:
-            spread = np.linspace(0, len(rows) - 1, count).astype(int)
+            spread = np.linspace(
+                0,
+                len(rows) - 1,
+                count,
+            ).astype(int)
             chosen.append((part, rows[spread]))
     return chosen
 
@@ -315,11 +319,19 @@ def _filter_stretch(
     """
     half = filters.coarse.half
     reach = filters.stride * half
-    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
+    dense = filters.motion(
+        part,
+        at[0] - reach,
+        at[-1] + reach,
+    )
     # Rows of the dense grid nearest to ``at``: off by at most half a step, which motion
     # and columns share.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
-    local = np.clip(local, half, len(dense.t) - 1 - half)
+    local = np.clip(
+        local,
+        half,
+        len(dense.t) - 1 - half,
+    )
     low_pass = Decimator(filters.coarse, local)
     columns = [(low_pass @ column).T for column in _own_columns(dense, frictions)]
     return dense.part(local), np.stack(columns, axis=2)

@@ -107,7 +107,13 @@ def _frozen_measurements(glance: RunSummary) -> Rows:
     parts = []
     for first, end in spans(frozen):
         goes_on = [
-            _velocity_goes_on(glance.run.dq, j, first, end - 1) for j in moving_joints
+            _velocity_goes_on(
+                glance.run.dq,
+                j,
+                first,
+                end - 1,
+            )
+            for j in moving_joints
         ]
         if any(goes_on):
             parts.append((first, end))
@@ -355,10 +361,24 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
         return
     steps = np.diff(glance.run.t[fresh])
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
-    scatter = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
+    scatter = 3.0 * np.quantile(
+        np.abs(np.diff(speed, axis=0)),
+        0.9,
+        axis=0,
+    )
     # Mean speed of the five steps before and the five behind each.
     near = (*range(-5, 0), *range(1, 6))
-    usual = np.mean([np.roll(speed, k, axis=0) for k in near], axis=0)
+    usual = np.mean(
+        [
+            np.roll(
+                speed,
+                k,
+                axis=0,
+            )
+            for k in near
+        ],
+        axis=0,
+    )
     is_clear = usual > scatter  # (steps, joints)
     places = _skips(speed, usual, is_clear)
     places = places[steps[places] < 3.0 * np.median(steps)]
@@ -468,7 +488,11 @@ def _stuck(
             is_frozen = True
         elif b == len(x) - 1:
             # The run ends with this value.
-            is_frozen = not is_position and _joint_goes_round(glance.run.q[:, j], a, b)
+            is_frozen = not is_position and _joint_goes_round(
+                glance.run.q[:, j],
+                a,
+                b,
+            )
         elif steps[b] < level:
             is_frozen = False
         elif is_position:
@@ -476,7 +500,12 @@ def _stuck(
         elif _arm_rests(glance, a, b):
             is_frozen = False
         else:
-            is_frozen = not _is_constant_friction(glance.run.q[:, j], steps, level, b)
+            is_frozen = not _is_constant_friction(
+                glance.run.q[:, j],
+                steps,
+                level,
+                b,
+            )
         if is_frozen:
             frozen_parts.append((a, b + 1))
     return mask_of(len(x), frozen_parts)

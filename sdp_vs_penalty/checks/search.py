@@ -694,8 +694,16 @@ class RepairSearch:
         """
         other = net.with_multiplied("gain", (j,), -1.0)
         fits = self.log.fit_all([net, other])
-        physics_now = self.log.physics(fits[0], net, self.samples)
-        physics_turned = self.log.physics(fits[1], other, self.samples)
+        physics_now = self.log.physics(
+            fits[0],
+            net,
+            self.samples,
+        )
+        physics_turned = self.log.physics(
+            fits[1],
+            other,
+            self.samples,
+        )
         clearness = self.log.clearness_of_fall(
             self._held_out_errors(other), self._held_out_errors(net)
         )

@@ -139,8 +139,18 @@ class Kernel(LowPass):
         # they sample.
         slope = (-1.0 / support, 0.0, 0.0, 0.0)
         bend = (0.0, 2.0 / support**2, 0.0, 0.0)
-        self.first = first * _moment_factor(first, u, odd, slope)(u)
-        self.second = second * _moment_factor(second, u, even, bend)(u)
+        self.first = first * _moment_factor(
+            first,
+            u,
+            odd,
+            slope,
+        )(u)
+        self.second = second * _moment_factor(
+            second,
+            u,
+            even,
+            bend,
+        )(u)
 
     def states(self, q: Array) -> tuple[Array, Array, Array]:
         """Filter positions, and differentiate them twice.
@@ -268,7 +278,11 @@ def _moment_factor(
     powers = 2 * np.arange(len(orders))
     u = np.asarray(u, float)
     weights = np.asarray(kernel, float)[:, None]
-    raised = np.vander(u, 2 * len(orders), increasing=True)
+    raised = np.vander(
+        u,
+        2 * len(orders),
+        increasing=True,
+    )
     matrix = raised[:, orders].T @ (weights * raised[:, powers])
     coefficients = np.zeros(powers[-1] + 1)
     coefficients[powers] = np.linalg.solve(matrix, np.array(moments))

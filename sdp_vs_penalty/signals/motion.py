@@ -55,7 +55,13 @@ class MotionRecord(JsonRecord):
     def __post_init__(self) -> None:
         """Refuse a record, read from a file, without lines, with numbers that are not
         finite, or with a scale that is not above 0."""
-        rows = np.concatenate([self.centre[None], self.scale[None], *self.lines])
+        rows = np.concatenate(
+            [
+                self.centre[None],
+                self.scale[None],
+                *self.lines,
+            ]
+        )
         if not (self.lines and np.all(np.isfinite(rows))):
             raise ValueError("training_motion: not numbers for each joint")
         if not (np.all(self.scale > 0.0) and self.distance > 0.0):
@@ -220,7 +226,11 @@ def _near(
     """Return which rows (M, d) are nearer than ``reach`` to some point of a tree, in
     every coordinate (maximum norm), (M,)."""
     # The distance is infinite where no point is within the bound.
-    distance, _ = tree.query(rows, p=np.inf, distance_upper_bound=reach)
+    distance, _ = tree.query(
+        rows,
+        p=np.inf,
+        distance_upper_bound=reach,
+    )
     return np.isfinite(distance)
 
 

@@ -431,7 +431,11 @@ def _without_events(
     """
     good = np.ones(len(x), bool)
     for _ in range(3):
-        size = np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        size = np.linalg.lstsq(
+            drift[good],
+            x[good],
+            rcond=1e-10,
+        )[0]
         without_drift = x - drift @ size
         ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
         white = pieces.filter(ar, len(without_drift)) @ without_drift
@@ -459,7 +463,12 @@ def rate_features(runs: SegmentedRuns) -> Array:
         (n, M, 2) both squares, for each joint and row.
     """
     rates = [
-        s.low_pass @ np.gradient(s.motion.modelled, s.motion.t, axis=0)
+        s.low_pass
+        @ np.gradient(
+            s.motion.modelled,
+            s.motion.t,
+            axis=0,
+        )
         for s in runs.segments
     ]
     features = np.stack([np.concatenate(rates), runs.dq], axis=2)
@@ -494,7 +503,11 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     # Power |H|^2 that the low-pass passes at each frequency of the spectrum.
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
     gain = np.abs(np.fft.rfft(kernel, size))
-    passed = np.interp(frequency, np.fft.rfftfreq(size, dt), gain**2)
+    passed = np.interp(
+        frequency,
+        np.fft.rfftfreq(size, dt),
+        gain**2,
+    )
     # All frequencies but 0 and the last one stand for a negative one as well.
     has_negative = (frequency > 0.0) & (frequency < 0.5 / dt)
     weight = np.where(has_negative, 2.0, 1.0)

@@ -78,7 +78,16 @@ def tracks_of(measurements: Measurements) -> list[Track]:
         span = float(run.t[-1] - run.t[0])
         rate = min(sample_rate(run), _LARGEST_TRACK_RATE_HZ, SAMPLES / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
-        tracks.append((t, interpolated(t, run.t, run.q)))
+        tracks.append(
+            (
+                t,
+                interpolated(
+                    t,
+                    run.t,
+                    run.q,
+                ),
+            )
+        )
     return tracks
 
 
@@ -183,7 +192,11 @@ class PhaseFolds:
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
         inner = edges[1:-1]
-        return first + np.searchsorted(inner, clock.at(t), side="right")
+        return first + np.searchsorted(
+            inner,
+            clock.at(t),
+            side="right",
+        )
 
     @property
     def places(self) -> list[tuple[int, float, float]]:

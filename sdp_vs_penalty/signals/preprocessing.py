@@ -127,7 +127,12 @@ class Preprocessing:
         if self.torque_cutoff is None and measurements.torque_logged:
             torque = smoothed_cutoff(list(measurements.runs()), torque)
         if self.state_cutoff is None:
-            state = unbent_cutoff(list(measurements.runs()), state, torque, highest)
+            state = unbent_cutoff(
+                list(measurements.runs()),
+                state,
+                torque,
+                highest,
+            )
         return replace(self, state_cutoff=state, torque_cutoff=torque)
 
 
@@ -377,7 +382,11 @@ class RunFilter:
         log, in ascending order."""
         begin = at[0] - self.column.half
         end = at[-1] + self.column.half + 1
-        return Decimator(self.column, at - begin) @ part.resampled(part.tau, begin, end)
+        return Decimator(self.column, at - begin) @ part.resampled(
+            part.tau,
+            begin,
+            end,
+        )
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:

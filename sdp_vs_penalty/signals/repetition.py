@@ -98,7 +98,13 @@ def _first_period(track: Track) -> float | None:
     step = float(np.median(np.diff(t)))
     first = max(1, int(0.5 / step))
     last = int((t[-1] - t[0] - _SHORTEST) / step)
-    for _, lag in _valleys(track, track, scale, step, np.arange(first, last)):
+    for _, lag in _valleys(
+        track,
+        track,
+        scale,
+        step,
+        np.arange(first, last),
+    ):
         if _is_repeated(track, track, scale, lag):
             return lag
     return None
@@ -136,8 +142,22 @@ def repeat_lag(
     if min(back, forward) <= 0:
         return None
     lags = np.arange(-back, forward + 1)
-    best = min(_valleys(a, b, scale, step, lags), default=None)
-    if best is None or not _is_repeated(a, b, scale, best[1]):
+    best = min(
+        _valleys(
+            a,
+            b,
+            scale,
+            step,
+            lags,
+        ),
+        default=None,
+    )
+    if best is None or not _is_repeated(
+        a,
+        b,
+        scale,
+        best[1],
+    ):
         return None
     return best[1] + float(t_b[0] - t_a[0])
 
@@ -211,7 +231,11 @@ def _evenly(track: Track, step: float, scale: Array) -> Array:
     """Return the positions (n, M) of a track in units of the scale (n,), interpolated
     at instants ``step`` [s] apart."""
     t, q = track
-    return interpolated(np.arange(t[0], t[-1], step), t, q / scale).T
+    return interpolated(
+        np.arange(t[0], t[-1], step),
+        t,
+        q / scale,
+    ).T
 
 
 def _correlation(x: Array, y: Array) -> Array:
@@ -323,7 +347,11 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
             rows, later = _same_positions(a, b, shift)
             if len(rows) >= _FEWEST_ROWS:
                 place = np.searchsorted(b.t, later)
-                place = np.clip(place, 0, len(b.t) - 1)
+                place = np.clip(
+                    place,
+                    0,
+                    len(b.t) - 1,
+                )
                 repeat = Repeat(
                     rows=starts[k] + rows,
                     other=m,

@@ -47,7 +47,11 @@ def sample_rate(run: Measurements) -> float:
     if size > SAMPLES:
         n_stretches = SAMPLES // PART
         size = PART
-    starts = np.linspace(0, len(run.t) - size, n_stretches).astype(int)
+    starts = np.linspace(
+        0,
+        len(run.t) - size,
+        n_stretches,
+    ).astype(int)
     stretches = [run.t[k : k + size] for k in starts]
     steps = np.concatenate([np.diff(t) for t in stretches])
     middle = float(np.median(steps))
@@ -112,7 +116,13 @@ class Movement:
             (M,) flags.
         """
         sample = np.searchsorted(self.t, t)
-        return self.moves[np.clip(sample, 0, len(self.t) - 1)]
+        return self.moves[
+            np.clip(
+                sample,
+                0,
+                len(self.t) - 1,
+            )
+        ]
 
 
 def _ways(run: Measurements) -> Iterator[Array]:
@@ -142,7 +152,13 @@ def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """
-    padded = np.concatenate([[0], flags.astype(np.int8), [0]])
+    padded = np.concatenate(
+        [
+            [0],
+            flags.astype(np.int8),
+            [0],
+        ]
+    )
     return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
@@ -222,11 +238,24 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     for start in range(0, len(at), PART):
         instants = at[start : start + PART]
         # Pass only the samples around: interpolation copies its arguments.
-        begin = int(np.searchsorted(t, instants[0], "right")) - 1
+        begin = (
+            int(
+                np.searchsorted(
+                    t,
+                    instants[0],
+                    "right",
+                )
+            )
+            - 1
+        )
         end = int(np.searchsorted(t, instants[-1])) + 1
         samples = slice(max(begin, 0), end)
         for row, channel in zip(out, values[samples].T, strict=True):
-            row[start : start + PART] = np.interp(instants, t[samples], channel)
+            row[start : start + PART] = np.interp(
+                instants,
+                t[samples],
+                channel,
+            )
     return out.T
 
 

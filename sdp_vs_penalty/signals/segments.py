@@ -462,7 +462,12 @@ def _segment(
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    leakage = partial(standstill_leakage, part, (state, column), grid[rows])
+    leakage = partial(
+        standstill_leakage,
+        part,
+        (state, column),
+        grid[rows],
+    )
     return Segment(
         t=motion.t[rows],
         keep=keep,
@@ -512,7 +517,15 @@ def window_subsample(
         edges = np.linspace(0.0, span, n_slots + 1)
         slots += [(run, a, b) for a, b in pairwise(edges.tolist())]
     count = max(1, int(len(slots) * allowed / sum(spans)))
-    places = np.linspace(0, len(slots) - 1, count).round().astype(int)
+    places = (
+        np.linspace(
+            0,
+            len(slots) - 1,
+            count,
+        )
+        .round()
+        .astype(int)
+    )
     windows = []
     for place in np.unique(places):
         run, start, stop = slots[place]

@@ -99,8 +99,19 @@ def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
     """
     length = min(part.count, c.SAMPLES)
     n_pieces = -(-part.count // length)  # rounded up
-    starts = np.linspace(0, part.count - length, n_pieces).astype(int)
-    pieces = [part.resampled(values, start, start + length) for start in starts]
+    starts = np.linspace(
+        0,
+        part.count - length,
+        n_pieces,
+    ).astype(int)
+    pieces = [
+        part.resampled(
+            values,
+            start,
+            start + length,
+        )
+        for start in starts
+    ]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
     return np.asarray(np.mean(spectra, axis=0)), frequency
@@ -131,7 +142,14 @@ def periodograms(
         (W, F, n) periodograms of W windows.
     """
     window = np.hanning(length)[:, None]
-    powers = np.vander(np.linspace(-1.0, 1.0, length), degree + 1)
+    powers = np.vander(
+        np.linspace(
+            -1.0,
+            1.0,
+            length,
+        ),
+        degree + 1,
+    )
     course = np.linalg.qr(powers)[0]
     starts = range(0, len(x) - length + 1, length // 2)
     pieces = np.stack([x[k : k + length] for k in starts])
@@ -225,7 +243,11 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
     for power in powers.T:
         # At the highest frequencies there is only noise; it is taken for white.
         noise = float(power[frequency > c.LAST / part.dt].mean())
-        smooth = np.convolve(power, np.ones(width) / width, mode="same")
+        smooth = np.convolve(
+            power,
+            np.ones(width) / width,
+            mode="same",
+        )
         is_noise = smooth < c.ABOVE * noise
         end_of_motion = min(frequency[is_noise], default=np.inf)
         motion = np.where(frequency < end_of_motion, power, 0.0) * transfer
@@ -286,7 +308,11 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     length = 2 * round(1.0 / cutoff / dt)  # as far as the low-pass reaches
     windows = [
         periodograms(
-            p.resampled(p.tau, 0, min(p.count, c.SAMPLES)),
+            p.resampled(
+                p.tau,
+                0,
+                min(p.count, c.SAMPLES),
+            ),
             length,
             degree=3,
         )
@@ -325,7 +351,14 @@ def _mean_by_quantile(powers: Array, share: float) -> Array:
 
     A periodogram of noise is exponential: its quantile is -log(1 - share) of its mean.
     """
-    return np.asarray(np.quantile(powers, share, axis=0) / -np.log1p(-share))
+    return np.asarray(
+        np.quantile(
+            powers,
+            share,
+            axis=0,
+        )
+        / -np.log1p(-share)
+    )
 
 
 def _autoregression(
@@ -361,7 +394,11 @@ def _autoregression(
     log_ratio = np.log(powers[band].T[:, None] / shapes[:, band])
     best = np.argmin(np.var(log_ratio, axis=2), axis=1)
     # Of each joint the best colour, (n, frequencies).
-    log_ratio = np.take_along_axis(log_ratio, best[:, None, None], axis=1)[:, 0]
+    log_ratio = np.take_along_axis(
+        log_ratio,
+        best[:, None, None],
+        axis=1,
+    )[:, 0]
     level = log_ratio.mean(axis=1, keepdims=True)
     deviation = np.median(np.abs(log_ratio - level), axis=1).max()
     return np.exp(level) * shapes[best], float(deviation)

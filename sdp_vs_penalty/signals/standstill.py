@@ -96,7 +96,14 @@ def is_still(q: Array) -> NDArray[np.bool_]:
         is_far = _displacement(positions, 3 * half) > 3**3 * step[joints]
         stood = (quiet[some] & is_far).astype(np.uint8)
         near = np.pad(stood, ((0, 0), (half, half)))
-        still[joints] |= sliding(np.maximum, near, 2 * half + 1) > 0
+        still[joints] |= (
+            sliding(
+                np.maximum,
+                near,
+                2 * half + 1,
+            )
+            > 0
+        )
         half = max(half + 1, 3 * half // 2)
     return still.T
 
@@ -104,15 +111,27 @@ def is_still(q: Array) -> NDArray[np.bool_]:
 def _spread(positions: Array, half: int) -> Array:
     """Return the range (largest minus smallest) of positions (n, N) within ``half``
     samples of each one, (n, N)."""
-    near = np.pad(positions, ((0, 0), (half, half)), mode="symmetric")
+    near = np.pad(
+        positions,
+        ((0, 0), (half, half)),
+        mode="symmetric",
+    )
     width = 2 * half + 1
-    return sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
+    return sliding(
+        np.maximum,
+        near,
+        width,
+    ) - sliding(np.minimum, near, width)
 
 
 def _displacement(positions: Array, steps: int) -> Array:
     """Return the distance (n, N) of positions (n, N) from those ``steps`` samples
     before or after, whichever is larger."""
-    ends = np.pad(positions, ((0, 0), (steps, steps)), mode="edge")
+    ends = np.pad(
+        positions,
+        ((0, 0), (steps, steps)),
+        mode="edge",
+    )
     before = np.abs(ends[:, : -2 * steps] - positions)
     after = np.abs(ends[:, 2 * steps :] - positions)
     return np.maximum(before, after)
@@ -165,7 +184,16 @@ def resolution(q: Array) -> Array:
     """
     # Of fourth differences motion is no part, and white noise has 70 times its variance
     # in them.
-    median = np.median(np.abs(np.diff(q, 4, axis=0)), axis=0)
+    median = np.median(
+        np.abs(
+            np.diff(
+                q,
+                4,
+                axis=0,
+            )
+        ),
+        axis=0,
+    )
     return np.asarray(_ALIKE * median / (0.6745 * np.sqrt(70.0)))
 
 
@@ -231,7 +259,11 @@ def unexplained_standstill_torque(
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
     laws = laws / nonzero_or_one(size)
-    fitted = np.linalg.lstsq(laws, left, rcond=1e-10)[0]
+    fitted = np.linalg.lstsq(
+        laws,
+        left,
+        rcond=1e-10,
+    )[0]
     squared_residual = (left - laws @ fitted) ** 2
     usual = float(squared_residual[moves].mean())
     variance = max(float(squared_residual[stands].mean()) - usual, 0.0)
