@@ -27,7 +27,18 @@ _IN_DEGREES_A_SECOND = 8.0
 
 def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error for each channel without a number in any row: deleting rows cannot
-    help."""
+    help.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
             yield Issue.of(
@@ -46,6 +57,16 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where revolute positions jump by a full turn between two rows.
 
     A jump by 2 pi is a wrapped angle; by 360, the position is in degrees as well.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     steps = np.abs(np.diff(glance.run.q, axis=0))
     is_revolute = _revolute_joints(glance.robot)
@@ -160,7 +181,18 @@ def _into_range(robot: Robot, q: Array) -> Array:
 
 def find_degrees(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where most revolute positions are far outside their ranges, and
-    all are inside if they are in degrees."""
+    all are inside if they are in degrees.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
     if not far or not is_revolute[list(far)].all():
@@ -177,7 +209,18 @@ _SHARE_OF_VARIANCE = 0.999
 
 def find_lockstep_motion(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where joints move in proportion to each other (in lockstep): then
-    nothing shows which torque or channel belongs to which of them."""
+    nothing shows which torque or channel belongs to which of them.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     moving = np.flatnonzero(glance.moving)
     if len(moving) < 2:
         return
@@ -234,7 +277,18 @@ def motion_rank(q: Array) -> int:
 
 
 def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where no joint moves, or a warning about joints that never do."""
+    """Yield an error where no joint moves, or a warning about joints that never do.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     sure = "certain: the positions change by noise only"
     joints = np.flatnonzero(~glance.moving)
     if not glance.moving.any():
@@ -270,7 +324,18 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
 
 def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning about joints whose positions leave the range, while their travel
-    fits into it: the encoder's zero is the usual cause."""
+    fits into it: the encoder's zero is the usual cause.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     if joints := beside_range(glance.robot, glance.run.q):
         yield Issue.of(
             kind="encoder offset",
@@ -285,7 +350,18 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
 
 def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
     """Yield issues about torque channels that never change, that are clipped at a
-    limit, or that hold magnitudes without their sign."""
+    limit, or that hold magnitudes without their sign.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     unsigned = []
     for j, x in enumerate(glance.run.tau.T):
         if not np.ptp(x):
@@ -401,7 +477,18 @@ _LARGEST_PERMIL = 4000.0
 
 def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where every torque is a whole number, of many different ones:
-    counts of a drive, and not N m."""
+    counts of a drive, and not N m.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     tau = glance.run.tau[:, glance.moving]
     n_values = [len(np.unique(x)) for x in tau.T]
     is_whole = bool(np.all(tau == np.round(tau)))
@@ -441,9 +528,9 @@ def find_coarse_sampling(
     settings : Preprocessing
         The filters, resolved.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         About the sample rate, and about each joint's resolution.
     """
     rate = 1.0 / glance.usual_step

@@ -147,9 +147,9 @@ class RunSummary:
         **figures
             Further numbers for the sentence and JSON.
 
-        Yields
-        ------
-        Issue
+        Returns
+        -------
+        iterator of Issue
             At most one.
         """
         channels = bad if isinstance(bad, Mapping) else {"": bad}

@@ -562,9 +562,9 @@ def compare_runs(
         Least ratio of the residual under one arm for all runs to that under one arm
         for each run [-].
 
-    Yields
-    ------
-    (int, Issue)
+    Returns
+    -------
+    iterator of (int, Issue)
         The number of the run from 0, and what is different in it.
     """
     if len(runs) < 2:
@@ -591,9 +591,9 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     repair : LogTransform
         What is repaired in all runs.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         At the instant that parts the log.
     """
     # Drifts and steps (events at an instant or over the log) would hide the change.
@@ -728,9 +728,9 @@ def _list_numbers(
     theta : (s,) array
         Parameters of the arm of the other runs.
 
-    Yields
-    ------
-    (str, int, (n, M, r) array)
+    Returns
+    -------
+    iterator of (str, int, (n, M, r) array)
         Kind of difference, joint from 0, and torque of the run's joints per unit of
         the number: of a gain less one, of a zero [rad, m], of the ten parameters of the
         load.

@@ -179,9 +179,9 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     rows : FilteredRuns
         The filtered rows of the run.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         At most one: a warning where a quarter of the base parameters or more is not
         determined, else a note.
     """

@@ -24,7 +24,18 @@ from sdp_vs_penalty.signals.runs import spans
 
 def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error about rows in which some channel is no finite number, or one that
-    no robot measures."""
+    no robot measures.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     channels = {
         "t": glance.run.t[:, None],
         **glance.run.groups,
@@ -45,6 +56,16 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
     that equal, bit by bit, the rows a fixed distance earlier.
 
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     number = glance.row_numbers
     first_row_of_number = np.unique(number, return_index=True)[1]
@@ -76,7 +97,18 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
 
 def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     """Yield issues about rows that are copies of the row before: packets that did not
-    come for long, or else single rows that were doubled."""
+    come for long, or else single rows that were doubled.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     is_held = np.concatenate(
         [
             [False],
@@ -194,6 +226,16 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
 
     No model has the torque of a stop. Where the joint follows the command, the stop is
     not at the end of the range.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     low = np.array([joint.lower for joint in glance.robot.joints])
     high = np.array([joint.upper for joint in glance.robot.joints])
@@ -219,7 +261,18 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
 
 def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
     """Yield an issue about rows that lie on straight lines in every channel, while the
-    arm moves: a gap that was filled in by interpolation."""
+    arm moves: a gap that was filled in by interpolation.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     if not glance.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
     is_straight = _on_lines(glance)
@@ -277,6 +330,16 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
     A torque that changes its sign passes through zero, in steps of its drive's
     resolution exactly; a joint at rest, with its brake on, may need none; noise returns
     to other values as often.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     bad = {}
     for name, j, x in glance.channels:
@@ -324,6 +387,16 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
 
     Samples within half a second of a start or stop of the arm are left out: there
     stiction makes jumps.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     moves = glance.movement.at
     t = glance.run.t
@@ -353,6 +426,16 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     each position counts once, from its first stamp to that of the next. Only joints
     that move well above their own scatter show a skip, and three in four of them have
     to.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     q = glance.run.q[:, glance.moving]
     comes_anew = np.any(np.diff(q, axis=0) != 0.0, axis=1)

@@ -44,9 +44,9 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     repair : LogTransform
         What is repaired in them.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         At most one.
     """
     shares = _shares_of_effort(log, repair)

@@ -38,6 +38,16 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     A factor that all joints share is that of the clock, or of the unit of velocity. A
     joint whose factor is another one has a wrong velocity. A lag of two samples or more
     is noted.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     if glance.run.dq is None or len(glance.run.t) < 2 * RUN:
         return

@@ -40,7 +40,22 @@ class Delay(Transformation):
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with a delay or a low-pass undone: of all torques,
-        and of each joint's torque."""
+        and of each joint's torque.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         for name, times in _TIMES_TRIED.items():
             for seconds in times:
                 yield now.with_entries(name, range(log.n), seconds)
@@ -54,7 +69,20 @@ class Delay(Transformation):
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield a fault for each delay (entry ``lead``) and each low-pass (entry
-        ``lag``) of torques that a repair undoes."""
+        ``lag``) of torques that a repair undoes.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for joints, seconds in repair.list_nonzero("lead"):
             yield _delay(log, repair, joints, seconds)
         for joints, seconds in repair.list_nonzero("lag"):

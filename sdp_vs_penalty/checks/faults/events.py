@@ -37,7 +37,22 @@ class Beside(Transformation):
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with one more torque that is not the arm's: a law of
         each poorly explained joint's motion, the likeliest drift, and the likeliest
-        step."""
+        step.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         yield from _laws(log, now, fit)
         ramp = LogEvent(0).shape(log.data.motion.t)  # (M, 1), the same for any joint
         mask = log.torque_mask(now)[:, :, None]
@@ -49,7 +64,20 @@ class Beside(Transformation):
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield a note for each law, and a fault for each drift and each step, that a
-        repair takes out of a joint's torque."""
+        repair takes out of a joint's torque.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for event in repair.events:
             if isinstance(event.at, str):
                 yield _law(log, repair, event)

@@ -234,9 +234,9 @@ class Transformation(ABC):
         fit : ArmFit
             The arm fitted to the rows as ``now`` repairs them.
 
-        Yields
-        ------
-        LogTransform
+        Returns
+        -------
+        iterator of LogTransform
             Complete repairs, each of which the search fits an arm to.
         """
 
@@ -251,8 +251,8 @@ class Transformation(ABC):
         repair : LogTransform
             A complete repair, with faults of any kinds.
 
-        Yields
-        ------
-        Fault
+        Returns
+        -------
+        iterator of Fault
             With the words for the user.
         """

@@ -41,7 +41,22 @@ class Mounting(Transformation):
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with gravity along each of the six axes of the base,
-        and with the assumed gravity turned by the two angles of a first-order step."""
+        and with the assumed gravity turned by the two angles of a first-order step.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         gravity = np.array(now.gravity)
         size = float(np.linalg.norm(gravity))
         is_of_earth = _is_earths_gravity(size)
@@ -69,7 +84,20 @@ class Mounting(Transformation):
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield the fault that gravity is another vector than the problem's, if a
         repair has another one. Its words name an offset of joint 1's encoder where that
-        is equivalent."""
+        is equivalent.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         assumed = np.array(log.problem.robot.gravity)
         g = np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):

@@ -36,14 +36,42 @@ class Saturation(Transformation):
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with the torque of each joint straightened, for an
-        amplifier whose limit the largest torque comes near to."""
+        amplifier whose limit the largest torque comes near to.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         for j in log.joints:
             # Torques that come to 90 and to 98 % of the limit.
             for distance in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
                 yield now.with_entries("bend", (j,), 1.0 - distance)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield a fault for each joint whose torque a repair straightens."""
+        """Yield a fault for each joint whose torque a repair straightens.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for j in np.flatnonzero(repair.bend).tolist():
             yield _saturated(log, repair, j)
 

@@ -33,7 +33,22 @@ class Weight(Transformation):
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with the arm's weight missing from the torques: all
         of it or 80 %, of all torques, and all of it of single joints that bear much
-        weight."""
+        weight.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         if not any(now.gravity):
             return
         # A little weight that is left makes the rest look like inertia under another
@@ -51,7 +66,20 @@ class Weight(Transformation):
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield a fault for the torques from which a repair takes the weight to be
-        missing."""
+        missing.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for joints, share in repair.list_nonzero("lacks"):
             yield _gravity_removed(log, repair, joints, share)
 

@@ -37,7 +37,22 @@ class Place(Transformation):
     ) -> Iterator[LogTransform]:
         """Yield the repair ``now`` with each joint at another place: its distance from
         the joint before, or its encoder's zero, changed by a first-order step or by
-        quarter turns."""
+        quarter turns.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         places = [
             *_distances(log, now),
             *_zeros(log, now, bool(fit.is_poorly_explained.any())),
@@ -63,7 +78,20 @@ class Place(Transformation):
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
         """Yield a fault for each link length and each encoder's zero that a repair
-        changes."""
+        changes.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for j in np.flatnonzero(repair.longer).tolist():
             yield _link_length(log, repair, j)
         for j in np.flatnonzero(repair.zero).tolist():
