@@ -47,7 +47,18 @@ class RepairedRows:
 
     def project_out_own(self, y: Array) -> Array:
         """Return K torques or columns y (n, M, K) without what each joint's own columns
-        explain of them, y - B B^T y."""
+        explain of them, y - B B^T y.
+
+        Parameters
+        ----------
+        y : (n, M, K) array
+            Torques or columns.
+
+        Returns
+        -------
+        (n, M, K) array
+            What is left of them.
+        """
         in_basis = np.swapaxes(self.basis, 1, 2) @ y
         return np.asarray(y - self.basis @ in_basis)
 

@@ -251,6 +251,16 @@ def lockstep_groups(q: Array) -> list[list[int]]:
 
     The columns of a group correlate by more than LOCKSTEP with its first one, whatever
     the sign. No column is in two groups; groups of one are left out.
+
+    Parameters
+    ----------
+    q : (N, n) array
+        Positions [rad, m].
+
+    Returns
+    -------
+    list of list of int
+        Numbers of the columns of each group.
     """
     size = np.std(q, axis=0)
     z = (q - q.mean(axis=0)) / nonzero_or_one(size)
@@ -269,7 +279,18 @@ def lockstep_groups(q: Array) -> list[list[int]]:
 
 def motion_rank(q: Array) -> int:
     """Return the number of principal directions that hold 99.9 % of the variance of
-    positions q (N, n), each joint scaled to variance 1."""
+    positions q (N, n), each joint scaled to variance 1.
+
+    Parameters
+    ----------
+    q : (N, n) array
+        Positions [rad, m].
+
+    Returns
+    -------
+    int
+        Rank of the motion.
+    """
     z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
     power = np.linalg.svd(z, compute_uv=False) ** 2
     shares = np.cumsum(power) / power.sum()

@@ -318,27 +318,75 @@ class LoggerJudge:
 
 
 def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
-    """Return the report with more issues behind its own."""
+    """Return the report with more issues behind its own.
+
+    Parameters
+    ----------
+    report : Report
+        Of one run.
+    issues : sequence of Issue
+        In any order.
+
+    Returns
+    -------
+    Report
+        With these issues as well.
+    """
     return replace(report, issues=(*report.issues, *issues))
 
 
 def has_dynamics(report: Report) -> bool:
     """Whether the dynamics of a run can be judged: torques were logged, and no fact
-    rules it out."""
+    rules it out.
+
+    Parameters
+    ----------
+    report : Report
+        Of one run.
+
+    Returns
+    -------
+    bool
+        Whether they can be judged.
+    """
     stops = any(f.kind in NO_DYNAMICS for f in report.issues)
     return report.repaired_all.torque_logged and not stops
 
 
 def is_poor(report: Report) -> bool:
     """Whether the motion of a run is poor: it has at most half as many directions
-    (rank) as joints that move."""
+    (rank) as joints that move.
+
+    Parameters
+    ----------
+    report : Report
+        Of one run.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     ranks = [f.figures for f in report.issues if f.kind == "lockstep motion"]
     return any(2 * x["rank"] <= x["moving"] for x in ranks)
 
 
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
     """Whether a fact of the run already explains an issue: all its joints are clipped,
-    or a one-off event lies where rows are missing."""
+    or a one-off event lies where rows are missing.
+
+    Parameters
+    ----------
+    issue : Issue
+        An explanation.
+    report : Report
+        Of one run.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     if issue.kind == "one-off event":
         return _is_near_gap(report.repaired_all, issue.figures["t"])
     clipped: set[int] = set()

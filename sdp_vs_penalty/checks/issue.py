@@ -171,6 +171,17 @@ def rows_text(rows: Any) -> str:
 
 
 def gravest_first(issues: Sequence[Issue]) -> tuple[Issue, ...]:
-    """Sort issues by severity, errors first; those of one severity keep their order."""
+    """Sort issues by severity, errors first; those of one severity keep their order.
+
+    Parameters
+    ----------
+    issues : sequence of Issue
+        In any order.
+
+    Returns
+    -------
+    tuple of Issue
+        Sorted.
+    """
     grave = ("error", "warning", "note").index
     return tuple(sorted(issues, key=lambda issue: grave(issue.severity)))

@@ -88,7 +88,18 @@ class Likelihood:
     @classmethod
     def of_all_runs(cls, logs: Sequence[Likelihood]) -> Likelihood:
         """Return one likelihood of the rows of several runs of one robot, put one after
-        the other as one log; of a single run its own."""
+        the other as one log; of a single run its own.
+
+        Parameters
+        ----------
+        logs : sequence
+            Of one robot and one logger.
+
+        Returns
+        -------
+        Likelihood
+            Of their rows, at most as many as one log has.
+        """
         if len(logs) == 1:
             return logs[0]
         data = RegressionData.concatenate([log.data for log in logs])
@@ -111,7 +122,18 @@ class Likelihood:
         return self.select_rows(slice(None, None, 3))
 
     def select_rows(self, rows: slice) -> Likelihood:
-        """Return the likelihood of a slice of the rows."""
+        """Return the likelihood of a slice of the rows.
+
+        Parameters
+        ----------
+        rows : slice
+            Which of the M rows.
+
+        Returns
+        -------
+        Likelihood
+            Of these rows.
+        """
         return Likelihood(self.problem, self.data.select_rows(rows))
 
     @cached_property
@@ -135,6 +157,16 @@ class Likelihood:
 
         Joint j takes channel k = tau_order[j], ``lead`` seconds later, straightened,
         with ``lag`` times its rate, and multiplied by ``gain``.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n, M) array
+            Torques.
         """
         if not any((*repair.lead, *repair.lag, *repair.bend)):
             # Most repairs leave time and shape of the channels as they are.
@@ -153,7 +185,18 @@ class Likelihood:
 
     def torque_mask(self, repair: LogTransform) -> Array:
         """Return (n, M): 1 where a joint's torque is used, 0 where the joint does not
-        slide, since friction at rest may be anything."""
+        slide, since friction at rest may be anything.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n, M) array
+            0 or 1.
+        """
         return self.data.torque_mask.T[list(repair.order)]
 
     def _interpolate_channels(self, lead: float) -> tuple[Array, Array]:
@@ -178,6 +221,20 @@ class Likelihood:
 
         With both 0 the arm's torque is its weight; with speed 0 it is weight and
         inertia.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        speed : float
+            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+        push : float
+            Factor of the acceleration: 0 leaves inertia out [-].
+
+        Returns
+        -------
+        Motion
+            States (M, n).
         """
         logged = self.data.motion
         order = list(repair.order)
@@ -193,7 +250,18 @@ class Likelihood:
 
     def rows(self, repair: LogTransform) -> RepairedRows:
         """Return the rows under a repair: all that does not depend on what is done to
-        the torque channels."""
+        the torque channels.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        RepairedRows
+            Cached for repairs of the same motion.
+        """
         return self._rows(repair.motion_part)
 
     def _make_rows(self, repair: LogTransform) -> RepairedRows:
@@ -206,6 +274,16 @@ class Likelihood:
 
         Where a controller took a share of the weight out of a torque, so do the
         columns.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n, M, s) array
+            Columns.
         """
         return self._raw(repair.motion_part.with_defaults("events"))
 
@@ -263,7 +341,22 @@ class Likelihood:
         push: float = 1.0,
     ) -> Array:
         """Return the columns (n, M, s) of s independent parameters, which span those of
-        all that joints share; speed and push multiply velocity and acceleration."""
+        all that joints share; speed and push multiply velocity and acceleration.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        speed : float
+            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+        push : float
+            Factor of the acceleration: 0 leaves inertia out [-].
+
+        Returns
+        -------
+        (n, M, s) array
+            Columns.
+        """
         columns = self.columns(repair.arm_part, speed, push)
         return np.take(columns, self.data.independent, axis=2)
 
@@ -273,6 +366,18 @@ class Likelihood:
 
         Weight that the channels lack is left out. With speed 0 it is the whole weight
         alone.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        speed : float
+            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+
+        Returns
+        -------
+        (M, n) array
+            Torque.
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
@@ -332,7 +437,20 @@ class Likelihood:
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:
         """Return the torque (n, M) that an arm with shared parameters theta (s,) leaves
-        [N m or N]; own columns are not projected out."""
+        [N m or N]; own columns are not projected out.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        theta : (s,) array
+            Parameters that joints share.
+
+        Returns
+        -------
+        (n, M) array
+            Residual.
+        """
         return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
 
     # -- fits
@@ -398,7 +516,18 @@ class Likelihood:
 
     def fit_all(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
         """Fit one arm to the log under each of several repairs; those of the same
-        motion share its rows."""
+        motion share its rows.
+
+        Parameters
+        ----------
+        repairs : sequence of K LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        list of K ArmFit
+            In the order of the repairs.
+        """
         by_motion: dict[LogTransform, list[int]] = {}
         for number, repair in enumerate(repairs):
             by_motion.setdefault(repair.motion_part, []).append(number)
@@ -434,7 +563,18 @@ class Likelihood:
         ]
 
     def fit(self, repair: LogTransform) -> ArmFit:
-        """Fit one arm to the log under one repair."""
+        """Fit one arm to the log under one repair.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        ArmFit
+            The arm of the largest likelihood.
+        """
         return self.fit_all([repair])[0]
 
     def jackknife_errors(
@@ -489,6 +629,16 @@ class Likelihood:
 
         A joint's own model has all columns of the arm, but parameters that no other
         joint shares: it shows how well the torque can be explained at all.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n,) array
+            Shares, at least FLOOR [-].
         """
         parts, n_own = self.gram_matrices(repair)
         other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
@@ -574,6 +724,18 @@ class Likelihood:
 
         before, after : (PARTS, n) errors on parts left out, under two repairs. The fall
         of a part is the sum of log(before / after) over the moving joints.
+
+        Parameters
+        ----------
+        before : (PARTS, n) array
+            Errors on parts left out, without a change.
+        after : (PARTS, n) array
+            Errors with it.
+
+        Returns
+        -------
+        float
+            Mean fall over its standard error; negative for a rise.
         """
         log_falls = np.log(before / after)[:, self.moving].sum(axis=1)
         return standard_errors_above_zero(log_falls)
@@ -582,7 +744,18 @@ class Likelihood:
 
     def count_independent_samples(self, fit: ArmFit) -> float:
         """Return the number of independent samples of a fit's residual, less those that
-        parameters take."""
+        parameters take.
+
+        Parameters
+        ----------
+        fit : ArmFit
+            One arm fitted to the rows.
+
+        Returns
+        -------
+        float
+            Number of samples.
+        """
         share = max(self.spare_share, _LEAST_SPARE_SHARE)
         return share * fit.independent_rows
 

@@ -21,6 +21,16 @@ def windows_of(run: Measurements) -> list[Measurements]:
     run.
 
     A window's rows count from its first sample, which its name says.
+
+    Parameters
+    ----------
+    run : Measurements
+        As logged.
+
+    Returns
+    -------
+    list of Measurements
+        The windows, or the run.
     """
     if not is_long(run):
         return [run]
@@ -44,6 +54,16 @@ def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]
 
     An issue of several windows is listed once, in the words of the first of them where
     it is gravest, and offers no repair.
+
+    Parameters
+    ----------
+    windows : sequence of (str, sequence of Issue)
+        Names and issues.
+
+    Returns
+    -------
+    list of Issue
+        Each kind and place once.
     """
     issues_by_kind: dict[tuple[str, str], list[tuple[Issue, str]]] = {}
     for name, issues in windows:

@@ -221,6 +221,16 @@ class RunComparison:
 
         The log-likelihood ratio has to exceed _ODDS_OF_A_DIFFERENCE: friction never
         repeats exactly. Ratios below TIMES_BETTER are no difference.
+
+        Parameters
+        ----------
+        least_ratio : float
+            Of the residual under one arm to that under own arms [-].
+
+        Returns
+        -------
+        bool
+            Whether it is.
         """
         log_likelihood = 0.5 * self.samples_per_run * self.log_energy_ratios.sum()
         is_large = self.error_ratio >= max(least_ratio, c.TIMES_BETTER)
@@ -295,6 +305,16 @@ class RunComparison:
 
         A fault is repaired; a number is projected out. None for another arm, whose rows
         say nothing about the arm of the others.
+
+        Parameters
+        ----------
+        difference : Difference
+            What is assumed to be different in one run.
+
+        Returns
+        -------
+        Normal or None
+            Gram matrix and right side.
         """
         if difference.is_another_arm:
             return None
@@ -365,7 +385,18 @@ class RunComparison:
 
     def judge(self, difference: Difference) -> Cause | None:
         """Return how well a difference explains parts that are left out; None for a
-        number whose size is usual or impossible."""
+        number whose size is usual or impossible.
+
+        Parameters
+        ----------
+        difference : Difference
+            What is assumed to be different in one run.
+
+        Returns
+        -------
+        Cause or None
+            The difference with its evidence.
+        """
         log = self.runs[difference.run].log
         after, arms = self.held_out_errors(difference)
         moving = np.any(self.moving, axis=0)
@@ -482,7 +513,18 @@ class RunComparison:
         return f"{one_arm} {self.worst_error_ratio:.2g} times worse than one for each"
 
     def issue(self, cause: Cause) -> Issue:
-        """Return the issue that tells the user what is different in one run."""
+        """Return the issue that tells the user what is different in one run.
+
+        Parameters
+        ----------
+        cause : Cause
+            The difference, and how well it explains the runs.
+
+        Returns
+        -------
+        Issue
+            An explanation of that run.
+        """
         difference = cause.difference
         run = self.runs[difference.run]
         if difference.fault is None:

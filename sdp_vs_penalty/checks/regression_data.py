@@ -87,7 +87,18 @@ class RegressionData:
         return len(self.motion.t)
 
     def select_rows(self, rows: slice) -> RegressionData:
-        """Return the data of a slice of the rows."""
+        """Return the data of a slice of the rows.
+
+        Parameters
+        ----------
+        rows : slice
+            Which of the M rows.
+
+        Returns
+        -------
+        RegressionData
+            Of these rows.
+        """
         laws = {name: columns[:, rows] for name, columns in self.laws.items()}
         return replace(
             self,
@@ -99,7 +110,18 @@ class RegressionData:
 
     def with_laws(self, torque: Array) -> RegressionData:
         """Return the data with more own columns: LAWS, and Coulomb friction that is
-        proportional to the size of a torque (M, n) [N m or N]."""
+        proportional to the size of a torque (M, n) [N m or N].
+
+        Parameters
+        ----------
+        torque : (M, n) array
+            Torque that loads the joints [N m or N].
+
+        Returns
+        -------
+        RegressionData
+            With more own columns.
+        """
         load = np.abs(torque)
         sharp_widths = COULOMB_WIDTHS[:2]
         load_friction = [
@@ -156,7 +178,18 @@ class RegressionData:
         )
 
     def with_later_clock(self, seconds: float) -> RegressionData:
-        """Return the data with the clock of motion and torque put forward [s]."""
+        """Return the data with the clock of motion and torque put forward [s].
+
+        Parameters
+        ----------
+        seconds : float
+            By how much later [s].
+
+        Returns
+        -------
+        RegressionData
+            With all instants later.
+        """
         torque = scipy.interpolate.CubicSpline(
             self.torque.x + seconds, self.torque(self.torque.x)
         )
@@ -390,7 +423,20 @@ def split(model: Model) -> tuple[list[JointEffect], Model | None]:
 
 
 def on_robot(model: Model, robot: Robot) -> Model:
-    """Return a model with the same effects of another robot."""
+    """Return a model with the same effects of another robot.
+
+    Parameters
+    ----------
+    model : Model
+        Of the whole arm.
+    robot : Robot
+        The other robot.
+
+    Returns
+    -------
+    Model
+        With effects of the same shapes and joints.
+    """
     effects = [
         type(effect)(robot, effect.asked_joints, **effect.shape)
         for effect in model.effects

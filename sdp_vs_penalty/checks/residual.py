@@ -35,7 +35,18 @@ _SURE = (
 
 def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
     """Yield a warning where the arm's inertia, weight and friction leave a quarter or
-    more of the torques' energy, in the mean over the joints."""
+    more of the torques' energy, in the mean over the joints.
+
+    Parameters
+    ----------
+    fit : ArmFit
+        One arm fitted to the rows.
+
+    Returns
+    -------
+    iterator of Issue
+        At most one.
+    """
     if fit.mean_unexplained_share <= c.UNRELATED:
         return
     percent = 100.0 * fit.mean_unexplained_share
@@ -59,6 +70,18 @@ def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]
 
     Joints and moments are judged only where the log has more samples than one arm has
     parameters.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+    repair : LogTransform
+        How the log is repaired.
+
+    Returns
+    -------
+    iterator of Issue
+        About all joints, single joints, or a moment.
     """
     fit = log.fit(repair)
     unrelated = [*unrelated_torque(fit)]
@@ -102,7 +125,20 @@ def _unexplained_joints(
 
 def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
     """Whether one arm leaves more than twice the usual root mean square of all joints'
-    torques; usual is 5 % for sensors on the link, 10 % for motor currents."""
+    torques; usual is 5 % for sensors on the link, 10 % for motor currents.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+    fit : ArmFit
+        One arm fitted to the rows.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
     return fit.unexplained**0.5 > 2.0 * c.TYPICAL[log.problem.torque_side]
 
 
@@ -111,6 +147,18 @@ def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.in
     one arm leaves far more than a model of the joint alone does.
 
     It has to be so with all laws of friction and position fitted as well.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+    repair : LogTransform
+        How the log is repaired.
+
+    Returns
+    -------
+    (K,) array of int
+        Joints, from 0.
     """
     times, smallest = c.CONTRADICTS
     of_own_models = log.shares_left_by_own_models(repair)

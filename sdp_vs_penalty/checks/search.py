@@ -95,6 +95,18 @@ class RepairSearch:
 
         Each fault that the repair corrects has prior odds against it, larger for a size
         that is no round value.
+
+        Parameters
+        ----------
+        score : ArmFit
+            One arm fitted to the rows under the repair.
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        float
+            Natural logarithm.
         """
         cost = sum(
             e.log_odds_against + _ODDS_AGAINST_UNEVEN * e.has_uneven_size
@@ -121,7 +133,20 @@ class RepairSearch:
 
     def new_faults(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
         """List the faults that a repair corrects and ``now`` does not; where there are
-        none, those of another size."""
+        none, those of another size.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        now : LogTransform
+            The repair that is extended.
+
+        Returns
+        -------
+        list of Fault
+            Of ``repair``.
+        """
         words_by_name = {fault.name: fault.what for fault in self.list_faults(now)}
         faults = self.list_faults(repair)
         added = [fault for fault in faults if fault.name not in words_by_name]
@@ -153,7 +178,18 @@ class RepairSearch:
 
     def add_best_fault(self, now: LogTransform) -> LogTransform | None:
         """Return the likeliest repair with one more fault than ``now`` that held-out
-        parts confirm; None where there is none."""
+        parts confirm; None where there is none.
+
+        Parameters
+        ----------
+        now : LogTransform
+            The repair that is extended.
+
+        Returns
+        -------
+        LogTransform or None
+            With one more fault.
+        """
         refined = [self.refine(repair, now) for repair in self.proposals(now)]
         self._learn_samples([self.log.fit(repair) for repair in refined])
         threshold = self.posterior(now) + c.ODDS
@@ -424,6 +460,16 @@ class RepairSearch:
         Order, signs, units, gains, clock and mounting belong to the logger, so that all
         runs share them. Faults of the same fit, which physics alone decides, and notes
         stay.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        LogTransform
+            With confirmed faults alone.
         """
         several = self.logs if len(self.logs) > 1 else []
         for fault in self.list_faults(net):
@@ -504,7 +550,18 @@ class RepairSearch:
     def sizes_by_name(
         self, repair: LogTransform
     ) -> dict[tuple[str, tuple[int, ...]], FaultSize]:
-        """Return the sizes of the faults that a repair corrects, by kind and joints."""
+        """Return the sizes of the faults that a repair corrects, by kind and joints.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        dict
+            Sizes by (kind, joints).
+        """
         faults = self.list_faults(repair)
         return {fault.name: fault.size for fault in faults if fault.size}
 
@@ -514,6 +571,18 @@ class RepairSearch:
         Each size is searched for on few rows, followed by one Gauss-Newton step on all;
         a round value is taken where it is within the tolerance. New sizes come first. A
         repair without a size that ``now`` lacks stays as it is.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        now : LogTransform
+            The repair that is extended.
+
+        Returns
+        -------
+        LogTransform
+            With the best sizes.
         """
         known = self.sizes_by_name(now)
         names = self.sizes_by_name(repair)
@@ -556,7 +625,18 @@ class RepairSearch:
 
     def round_sizes(self, repair: LogTransform) -> LogTransform:
         """Return the repair with each size replaced by the nearest round value, where
-        the two differ by no more than the tolerance and SIGMAS standard deviations."""
+        the two differ by no more than the tolerance and SIGMAS standard deviations.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        LogTransform
+            With round sizes where they fit.
+        """
         names = [
             name for name, x in self.sizes_by_name(repair).items() if x.round_values
         ]
@@ -570,7 +650,20 @@ class RepairSearch:
     # -- words
 
     def keep_only(self, net: LogTransform, fault: Fault) -> LogTransform:
-        """Return the repair that corrects one fault of the net repair, and no other."""
+        """Return the repair that corrects one fault of the net repair, and no other.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+        fault : Fault
+            One of those that ``net`` corrects.
+
+        Returns
+        -------
+        LogTransform
+            Of that fault.
+        """
         for other in self.list_faults(net):
             if other.name != fault.name:
                 net = self._without(net, other)
@@ -578,11 +671,35 @@ class RepairSearch:
 
     def describe_faults(self, net: LogTransform) -> list[Issue]:
         """List an issue for each fault that the net repair corrects, with its interval
-        and by how much it lowers the residual."""
+        and by how much it lowers the residual.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        list of Issue
+            In the order of the kinds of fault.
+        """
         return [self.describe(fault, net) for fault in self.list_faults(net)]
 
     def describe(self, fault: Fault, net: LogTransform) -> Issue:
-        """Return the issue that tells the user of one fault of the net repair."""
+        """Return the issue that tells the user of one fault of the net repair.
+
+        Parameters
+        ----------
+        fault : Fault
+            One of those that ``net`` corrects.
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        Issue
+            An explanation.
+        """
         odds = self.posterior(net) - self.posterior(fault.repair_without)
         what = fault.what
         figures = {
@@ -641,6 +758,18 @@ class RepairSearch:
 
         They have one joint more than ``turned`` (from 0), or one less, and neither
         physics nor the error on held-out parts objects.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+        turned : sequence of int
+            Joints whose torque has the wrong sign, from 0.
+
+        Returns
+        -------
+        tuple of str
+            A sentence for each set.
         """
         others = []
         for j in self.log.joints:
@@ -667,6 +796,16 @@ class RepairSearch:
         one turned back, if friction would drive it otherwise and the error on held-out
         parts is no worse. The likelihood alone does not show the sign of a joint that
         hardly moves the others.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        LogTransform
+            With the signs that physics demands.
         """
         if not any(fault.kind == "torque sign" for fault in self.list_faults(net)):
             return net

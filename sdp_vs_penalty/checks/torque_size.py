@@ -280,6 +280,16 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     weight of an arm alone, without inertia and friction.
 
     Nothing else can be learned from such torques.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+
+    Returns
+    -------
+    iterator of Issue
+        At most one.
     """
     if (
         log.data.shared is None

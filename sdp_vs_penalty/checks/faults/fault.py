@@ -99,7 +99,18 @@ class FaultSize:
 
     def round_values_within(self, distance: float) -> list[float]:
         """List the nearest round value, if it is nearer than ``distance``; else
-        nothing."""
+        nothing.
+
+        Parameters
+        ----------
+        distance : float
+            In the size's own unit.
+
+        Returns
+        -------
+        list of float
+            At most one round value.
+        """
         by_distance = sorted(self.round_values, key=lambda x: abs(x - self.value))
         return [x for x in by_distance[:1] if abs(x - self.value) < distance]
 
@@ -142,7 +153,18 @@ class FaultSize:
 
 def odds_against_one_of(count: int) -> float:
     """Natural logarithm of the prior odds against one of ``count`` equally likely
-    faults: those against any fault, times their number."""
+    faults: those against any fault, times their number.
+
+    Parameters
+    ----------
+    count : int
+        Number of equally likely faults.
+
+    Returns
+    -------
+    float
+        Natural logarithm of odds.
+    """
     return c.ODDS + float(np.log(max(count, 1)))
 
 
