@@ -14,9 +14,15 @@ GITHUB = "https://raw.githubusercontent.com"
 
 @dataclass(frozen=True)
 class RemoteFile(JsonRecord):
-    """One file of a repository: its path there, its SHA-256; cached : its name in the
-    cache, if another; rows : the first and the last one (from 1) that hold samples,
-    where others do not."""
+    """One file of a repository.
+
+    Parameters
+    ----------
+    path : its path in the repository
+    sha256 : its SHA-256
+    cached : its name in the cache, where that is another
+    rows : the first and the last row (from 1) with samples, where other rows have none
+    """
 
     path: str
     sha256: str
@@ -25,6 +31,7 @@ class RemoteFile(JsonRecord):
 
     @property
     def name(self) -> str:
+        """Name of the file in the cache."""
         return self.cached or PurePosixPath(self.path).name
 
 
@@ -73,12 +80,12 @@ DATASETS = {
 
 
 def dataset(name: str) -> Dataset:
-    """Find a public data set.
+    """Find a public data set by its name.
 
     Parameters
     ----------
     name : str
-        As `sdp-vs-penalty list datasets` shows it.
+        Name as `sdp-vs-penalty list datasets` shows it.
 
     Returns
     -------
@@ -88,19 +95,19 @@ def dataset(name: str) -> Dataset:
     Raises
     ------
     InputError
-        There is none of this name.
+        There is no data set of this name.
     """
     require_known("dataset", name, DATASETS)
     return DATASETS[name]
 
 
 def dataset_of_raw_file(path: Path) -> str | None:
-    """Find the data set that a raw file belongs to by its name.
+    """Find the public data set that has a raw file of this name.
 
     Parameters
     ----------
     path : Path
-        Of any file.
+        Path of any file.
 
     Returns
     -------
@@ -114,17 +121,17 @@ def dataset_of_raw_file(path: Path) -> str | None:
 
 
 def fetch_remedy(path: Path) -> str | None:
-    """Say what to do with a raw file of a public data set.
+    """Say how to get the converted run of a public data set's raw file.
 
     Parameters
     ----------
     path : Path
-        Of any file.
+        Path of any file.
 
     Returns
     -------
     str | None
-        A part of a sentence; None for a file of none.
+        The end of an error message; None for a file of no data set.
     """
     name = dataset_of_raw_file(path)
     if name is None:

@@ -31,7 +31,7 @@ MIRROR_VARIABLE = "SDP_VS_PENALTY_MIRROR"
 
 
 def cache_folder() -> Path:
-    """The user's cache of downloaded data sets."""
+    """Return the folder of the user's cache in which downloaded data sets are kept."""
     import pooch
 
     return Path(pooch.os_cache("sdp-vs-penalty"))
@@ -91,26 +91,23 @@ def converted(name: str, folder: str | Path) -> dict[str, Measurements]:
     Parameters
     ----------
     name : str
-        Of the data set.
+        Name of the data set.
     folder : str | Path
-        That holds its authors' files.
+        Folder with its authors' files.
 
     Returns
     -------
     dict[str, Measurements]
-        One run a recording, by its name, in SI units.
+        One run for each recording, by its name, in SI units.
     """
     runs = _CONVERTERS[name](Path(folder))
-    text = (problems_folder() / dataset(name).problem / "problem.toml").read_text(
-        encoding="utf-8"
-    )
-    section = tomllib.loads(text).get("transmission")
+    problem_file = problems_folder() / dataset(name).problem / "problem.toml"
+    problem = tomllib.loads(problem_file.read_text(encoding="utf-8"))
+    section = problem.get("transmission")
     if section is None:
         return runs
     transmission = parse_transmission(**section)
-    return {
-        run: to_joints(measurements, transmission) for run, measurements in runs.items()
-    }
+    return {name: to_joints(run, transmission) for name, run in runs.items()}
 
 
 def to_joints(measurements: Measurements, transmission: Transmission) -> Measurements:
@@ -176,11 +173,7 @@ def download(
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
-    folder_given = os.environ.get(DATA_VARIABLE)
-    for file in chosen.files:
-        have = Path(folder_given or folder) / chosen.name / file.name
-        if folder_given and have.is_file() and not (folder / file.name).exists():
-            write_bytes(folder / file.name, read_bytes(have, LARGEST_RUN))
+    _copy_known_files(chosen, folder)
     for file in chosen.files:
         address = chosen.address(file, base)
         loader = pooch.HTTPDownloader(timeout=30)
@@ -207,14 +200,31 @@ def download(
             raise InputError(what, remedy, address) from error
 
 
+def _copy_known_files(chosen: Dataset, folder: Path) -> None:
+    """Copy a data set's files from the folder that SDP_VS_PENALTY_DATA names, so that
+    they are not downloaded."""
+    known_folder = os.environ.get(DATA_VARIABLE)
+    if not known_folder:
+        return
+    for file in chosen.files:
+        known_file = Path(known_folder) / chosen.name / file.name
+        if known_file.is_file() and not (folder / file.name).exists():
+            write_bytes(folder / file.name, read_bytes(known_file, LARGEST_RUN))
+
+
 def _panda_runs(folder: Path) -> dict[str, Measurements]:
-    """The four text files of the authors' logger, one number a line, sample-major."""
+    """Read the Panda's run: four text files of the authors' logger, one number a
+    line."""
     return {"exciting": load_measurements(folder, joints=7)}
 
 
 def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
-    """31 columns without a header: t, q(6), dq(6), i_actual(6), i_desired(6),
-    tau_desired(6)."""
+    """Read the UR10e's runs: tables of 31 columns without a header.
+
+    The columns are t, q (6), dq (6), actual current (6), desired current (6) and
+    desired torque (6). The torque here is the actual current times the authors' drive
+    gains.
+    """
     runs = {}
     known = dataset("ur10e")
     for file in known.files:
@@ -226,22 +236,24 @@ def _ur10e_runs(folder: Path) -> dict[str, Measurements]:
             encoding="latin1",
             **part,
         )  # type: ignore[call-overload]
-        tau = rows[:, 13:19] * np.array(known.drive_gains)
+        current = rows[:, 13:19]  # actual [A]
         name = Path(file.name).stem
         runs[name] = Measurements(
-            rows[:, 0],
-            rows[:, 1:7],
-            tau,
-            rows[:, 7:13],
-            None,
-            (name,),
+            t=rows[:, 0],
+            q=rows[:, 1:7],
+            dq=rows[:, 7:13],
+            tau=current * np.array(known.drive_gains),
+            names=(name,),
         )
     return runs
 
 
 def _emps_runs(folder: Path) -> dict[str, Measurements]:
-    """Position of the carriage and its command [m], and the control voltage [V], which
-    times the drive's gain [N/V] is the force."""
+    """Read the runs of EMPS, a prismatic axis: position and command [m], control
+    voltage [V].
+
+    The force [N] is the voltage times the drive's gain [N/V], which the file holds.
+    """
 
     runs = {}
     for file, name in zip(DATASETS["emps"].files, ("tracking", "pulses"), strict=True):
@@ -262,28 +274,14 @@ def _emps_runs(folder: Path) -> dict[str, Measurements]:
 
 
 def _tx40_runs(folder: Path) -> dict[str, Measurements]:
-    """Angles [rad] and torques [N m] of the motors at 5 kHz, a header and one column a
-    motor each."""
+    """Read the TX40's run: positions [rad] and torques [N m] of its six motors at 5
+    kHz, one file each, with a header and one column a motor."""
     positions, torques = DATASETS["tx40"].files
-    q = np.loadtxt(
-        folder / positions.name,
-        delimiter=",",
-        skiprows=1,
-    )
-    tau = np.loadtxt(
-        folder / torques.name,
-        delimiter=",",
-        skiprows=1,
-    )
-    # Samples a second of the TX40's log.
-    return {
-        "exciting": Measurements(
-            np.arange(len(q)) / 5000.0,
-            q,
-            tau,
-            names=("exciting",),
-        )
-    }
+    q = np.loadtxt(folder / positions.name, delimiter=",", skiprows=1)
+    tau = np.loadtxt(folder / torques.name, delimiter=",", skiprows=1)
+    sampling_rate_hz = 5000.0
+    t = np.arange(len(q)) / sampling_rate_hz
+    return {"exciting": Measurements(t, q, tau, names=("exciting",))}
 
 
 _CONVERTERS = {

@@ -92,7 +92,8 @@ def as_measurements(
     *,
     usable: bool = True,
 ) -> Measurements:
-    """Make measurements of whatever a caller has.
+    """Make measurements of what a caller passes: paths, arrays, tables, or a list of
+    these.
 
     Parameters
     ----------
@@ -101,14 +102,14 @@ def as_measurements(
         optionally dq (N, n) [rad, N m, rad/s; m, N, m/s]; a DataFrame or mapping with
         RUN.csv's columns; Measurements; or a sequence of these, one a run.
     joints : int | None
-        The number of joints expected.
+        Expected number of joints.
     names : Sequence[str] | None
-        The robot's joint names, for files that name theirs.
+        Names of the robot's joints in order, for files that name theirs.
     what : str
-        How messages call it, such as "compare(measurements=...)".
+        How messages call the source, such as "compare(measurements=...)".
     usable : bool
-        Refuse a run with a broken clock or numbers that are not finite; the data check
-        does not.
+        Refuse a run with a clock that does not ascend or numbers that are not finite.
+        The data check, which reports such faults itself, sets False.
 
     Returns
     -------
@@ -118,32 +119,35 @@ def as_measurements(
     Raises
     ------
     InputError
-        What is no measurement, or cannot be used.
+        A source that is no measurement, or cannot be used; the same run twice.
     """
     several = source if isinstance(source, list | tuple) else [source]
-    paths = str, Path
-    parts = [
-        x
-        for part in several
-        for x in (run_files(part) if isinstance(part, paths) else [part])
-    ]
-    if not parts:
+    sources = list[Any]()
+    for part in several:
+        is_path = isinstance(part, str | Path)
+        sources += run_files(part) if is_path else [part]
+    if not sources:
         raise InputError("no run is given", "pass at least one", what)
     runs = [
-        _one(part, joints, names, what, k, usable)
-        for k, part in enumerate(parts, start=1)
+        _one(part, joints, names, what, number, usable)
+        for number, part in enumerate(sources, start=1)
     ]
-    called = [
-        x if isinstance(x, paths) else r.names[0]
-        for x, r in zip(parts, runs, strict=True)
-    ]
-    first: dict[str, int] = {}
-    for k, run in enumerate(runs if usable and len(runs) > 1 else ()):
-        # The same samples again would count as a repetition without noise.
-        if (other := first.setdefault(run.data_hash, k)) != k:
-            same = f"holds the same samples as {called[other]}"
-            raise InputError(same, "name each run once", called[k])
+    if usable and len(runs) > 1:
+        _refuse_repeated_runs(sources, runs)
     return concatenate(runs)
+
+
+def _refuse_repeated_runs(sources: Sequence[Any], runs: Sequence[Measurements]) -> None:
+    """Raise InputError where two runs hold the same samples: they would count as a
+    repetition without noise."""
+    name_of_hash = dict[str, str | Path]()
+    for part, run in zip(sources, runs, strict=True):
+        name = part if isinstance(part, str | Path) else run.names[0]
+        data_hash = run.data_hash
+        if data_hash in name_of_hash:
+            same = f"holds the same samples as {name_of_hash[data_hash]}"
+            raise InputError(same, "name each run once", name)
+        name_of_hash[data_hash] = name
 
 
 def _one(
@@ -154,6 +158,11 @@ def _one(
     number: int,
     usable: bool,
 ) -> Measurements:
+    """Make the measurements of one source, number ``number`` (from 1) of those that a
+    caller passes.
+
+    The parameters are those of :func:`as_measurements`.
+    """
     word = "sample"
     label = None
     if isinstance(part, Measurements):
@@ -189,7 +198,8 @@ def _one(
 
 
 def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
-    """Numeric columns by name of a mapping or a DataFrame; None for anything else."""
+    """Return the numeric columns (N,) of a mapping or DataFrame by name; None for other
+    types."""
     names = getattr(part, "columns", part if isinstance(part, Mapping) else None)
     if names is None:
         return None
@@ -202,40 +212,40 @@ def _columns(part: Any) -> dict[str, NDArray[np.float64]] | None:
 
 
 def for_testing(name: str | Path) -> bool:
-    """Tell whether a run is kept for testing, by its name.
+    """Tell whether a run is kept for testing: its name contains "test".
 
     Parameters
     ----------
     name : str | Path
-        Of the run, or its path.
+        Name of the run, or its path.
 
     Returns
     -------
     bool
-        True where "test" is in it.
+        True for "test" in any spelling.
     """
     return "test" in Path(name).stem.lower()
 
 
 def run_files(path: str | Path) -> list[Path]:
-    """List the files of runs that a path stands for.
+    """List the files of runs for which a path stands.
 
     Parameters
     ----------
     path : str | Path
         A file; a pattern like runs/*.csv; a folder of runs; or files of one run joined
-        by plus signs, or a folder with a file a quantity.
+        by plus signs, or a folder with a file for each quantity.
 
     Returns
     -------
     list[Path]
-        The path itself, or the files of a pattern or folder in the order of their
-        names.
+        The files of a pattern or folder in the order of their names; the path itself
+        for one run.
 
     Raises
     ------
     InputError
-        A pattern that matches nothing.
+        A pattern that matches no file.
     """
     path = Path(path)
     if _is_joined(path):
@@ -254,8 +264,8 @@ def run_files(path: str | Path) -> list[Path]:
 
 
 def _is_joined(path: Path) -> bool:
-    """Whether a path stands for one run in several files: "a.csv+b.csv", or a folder
-    with a file for each quantity."""
+    """Tell whether a path stands for one run in several files: "a.csv+b.csv", or a
+    folder with a file for each quantity."""
     if not path.is_dir() and FILE_SEPARATOR not in str(path):
         return False
     from sdp_vs_penalty.data.formats.joined import files_of_run
@@ -266,24 +276,24 @@ def _is_joined(path: Path) -> bool:
 def windowed(
     full_run: Measurements, windows: Sequence[tuple[float, float]]
 ) -> Measurements:
-    """Cut windows out of each run.
+    """Cut windows of time out of each run.
 
     Parameters
     ----------
     full_run : Measurements
         One or more runs.
     windows : Sequence[tuple[float, float]]
-        Start and stop of each window [s after the run's beginning].
+        Start and stop of each window [s after the run's first sample].
 
     Returns
     -------
     Measurements
-        One run a window.
+        One run for each window of each run.
 
     Raises
     ------
     InputError
-        A window leaves nothing of a run, which is named.
+        Naming a run of which a window leaves fewer than two samples.
     """
     if list(windows) == [(0.0, np.inf)]:
         return full_run
@@ -308,34 +318,36 @@ def read_run(
     rename: Mapping[str, str] | None = None,
     rate: float | None = None,
 ) -> Measurements:
-    """Read one run as it is in its file: columns and shapes are checked, clock and
-    numbers are not; denormals are zeros.
+    """Read one run as it is in its file.
+
+    Columns and shapes are checked here; clock and numbers are checked later
+    (:func:`check_usable`). Numbers below 1e-30 become zeros.
 
     Parameters
     ----------
     path : str | Path
-        Of the file or folder, or of several files joined by plus signs.
+        Path of the file or folder, or of several files joined by plus signs.
     joints : int | None
-        The number of joints expected.
+        Expected number of joints.
     names : Sequence[str] | None
-        The robot's joint names in order, for files that name theirs.
+        Names of the robot's joints in order, for files that name theirs.
     topic : str | None
-        Of a bag with several.
+        Topic to take of a bag with several.
     rename : Mapping[str, str] | None
-        Our names to the file's.
+        The file's names by ours.
     rate : float | None
-        Samples a second in place of a clock [Hz].
+        Sampling rate that replaces the file's clock [Hz].
 
     Returns
     -------
     Measurements
-        The run in SI units; without groups, such as dq, that hold no number in some
-        joint.
+        The run in SI units. Optional groups, such as dq, are left out where they hold
+        no number for some joint.
 
     Raises
     ------
     InputError
-        A file that cannot be read, and a channel that is needed and never a number.
+        A file that cannot be read, or positions or torques without any number.
     """
     if rate is not None and not 0.0 < rate < np.inf:
         what = f"rate {rate!r} is not a frequency above 0 Hz"
@@ -364,14 +376,16 @@ def read_run(
 
 
 def _read_by_its_format(path: Path, choice: Choice) -> Measurements:
-    """The run of a file or folder, by the reader of its suffix or content."""
-    home = format_of(path) or csv
-    if home is csv and path.is_dir():
+    """Read the run of a file or folder by the format of its suffix, or of its content;
+    CSV where no format claims it."""
+    file_format = format_of(path) or csv
+    if file_format is csv and path.is_dir():
         raise InputError("no runs in this folder", "name the file of the run", path)
-    if choice.topic is not None and not getattr(home, "HAS_TOPICS", False):
+    has_topics = getattr(file_format, "HAS_TOPICS", False)
+    if choice.topic is not None and not has_topics:
         what = "only ROS bags and MCAP files have topics"
         raise InputError(what, "leave --topic out", path)
-    run: Measurements = home.read(path, choice)
+    run: Measurements = file_format.read(path, choice)
     return run
 
 
@@ -380,27 +394,28 @@ def _require_joints(
     names: Sequence[str],
     path: Path,
 ) -> None:
-    """MissingJoints where the file names its joints, and some of the robot's are not
-    among them."""
+    """Raise MissingJoints where the file names its joints and lacks some of the
+    robot's."""
     n_missing = len(names) - len(run.joint_names)
     if run.joint_names and 0 < n_missing == len(names) - run.n:
         raise MissingJoints(_joints_missing(names, run.joint_names), path)
 
 
 def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements:
-    """Leave out the columns of joints that the robot holds.
+    """Leave out the channels of joints that the robot holds still.
 
     Parameters
     ----------
     run : Measurements
         (N, n) channels.
     names : Sequence[str] | None
-        The robot's joint names, which say what it holds.
+        Names of the robot's joints; their attribute ``held`` lists the joints that are
+        held.
 
     Returns
     -------
     Measurements
-        The run itself where it has no such columns.
+        The run itself where it does not have the channels of held joints.
     """
     held = getattr(names, "held", ())
     if not held or names is None or run.n != len(names) + len(held):
@@ -409,22 +424,25 @@ def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements
 
 
 def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
-    """The robot's joints that a log with these names does not have."""
-    return [n for n in names if not any(x == n or x.endswith(n) for x in there)]
+    """List the robot's joints that no joint of the file is: none has the name, or ends
+    with it."""
+    return [name for name in names if not any(x.endswith(name) for x in there)]
 
 
 def _without_silent_channels(path: Path, run: Measurements) -> Measurements:
-    """The run without groups that hold no number in some joint; InputError naming the
-    joint where it needs the group."""
+    """Leave out optional groups, such as dq, that hold no number for some joint.
+
+    Positions and torques are needed: for them InputError names the joint.
+    """
     groups = dict(run.groups)
     needed = {"q", "tau"}
     for name, block in run.groups.items():
-        is_number = np.zeros(block.shape[1], bool)
+        has_numbers = np.zeros(block.shape[1], bool)  # (n,) of each joint
         for _, part in iter_chunks(block):
-            is_number |= np.isfinite(part).any(axis=0)
-        if is_number.all() or len(block) == 0:
+            has_numbers |= np.isfinite(part).any(axis=0)
+        if has_numbers.all() or len(block) == 0:
             continue
-        joint = int(np.flatnonzero(~is_number)[0]) + 1
+        joint = int(np.flatnonzero(~has_numbers)[0]) + 1
         what = f"column {name}{joint} is never a number, in none of {len(block)} rows"
         if name in needed:
             remedy = "log it anew with this channel; there is nothing to repair"
@@ -441,19 +459,24 @@ def check_usable(
     m: Measurements,
     word: str = "sample",
 ) -> None:
-    """Refuse what makes a run useless: too short, not finite, a clock that does not
-    advance.
+    """Refuse a run that is too short, has numbers that are not finite or not plausible,
+    or a clock that does not ascend.
 
     Parameters
     ----------
-    path : what messages call the run
-    m : one run
-    word : what they call a sample; rows are counted from the header on
+    path : str or Path
+        How messages call the run.
+    m : Measurements
+        One run.
+    word : str
+        How messages call a sample. "row" counts from the header: the first sample is
+        row 2.
 
     Raises
     ------
     InputError
-        The sample and column; of a clock a RepairableError.
+        Naming the sample and column; for faults that `convert` can repair a
+        RepairableError.
     """
     first = 2 if word == "row" else 1
     if len(m.t) < 2:
@@ -476,7 +499,7 @@ def _no_measurement(
     word: str,
     path: str | Path,
 ) -> InputError:
-    """The error of a number that no robot measures."""
+    """Return the error of a number that no sensor measures, or that is not finite."""
     remedy = f"correct the {word} or delete it"
     if np.isfinite(value):
         return InputError(f"{where}: no robot measures {value:.3g}", remedy, path)
@@ -489,8 +512,11 @@ def _require_advancing_clock(
     word: str,
     first: int,
 ) -> None:
-    """RepairableError where time repeats or runs backwards; first : number of the first
-    sample in messages."""
+    """Raise RepairableError where time repeats or runs backwards.
+
+    ``first`` is the number of the first sample in messages, ``word`` how they call a
+    sample.
+    """
     stays = np.concatenate(
         [a + np.flatnonzero(np.diff(x) <= 0) for a, x in iter_chunks(m.t, overlap=1)]
     )
@@ -505,27 +531,29 @@ def _require_advancing_clock(
 
 
 def save(measurements: Measurements, path: str | Path) -> None:
-    """Write one run, whole or not at all.
+    """Write one run in the format of the file's suffix.
+
+    The file appears when it is complete: an interruption leaves no half-written file.
 
     Parameters
     ----------
     measurements : Measurements
         The run.
     path : str | Path
-        The suffix chooses the format: .csv, .npz, .parquet or .mat.
+        Path with the suffix .csv, .npz, .parquet or .mat.
 
     Raises
     ------
     InputError
-        A suffix that names no format.
+        A suffix of no format that can be written.
     """
     path = Path(path)
-    home = format_of(path)
-    if not hasattr(home, "write"):
+    file_format = format_of(path)
+    if not hasattr(file_format, "write"):
         known = ", ".join(sorted(suffixes("write")))
         raise InputError(
             "cannot be written: its suffix names no format",
             f"choose one of {known}",
             path,
         )
-    home.write(measurements, path)  # type: ignore[union-attr]
+    file_format.write(measurements, path)  # type: ignore[union-attr]

@@ -74,23 +74,23 @@ class Measurements(Shown):
         names: tuple[str, ...],
         run: NDArray[np.int64] | None = None,
     ) -> Measurements:
-        """Make measurements of the blocks that there are.
+        """Make measurements of those channel groups that a file has.
 
         Parameters
         ----------
         t : Array
             (N,) instants [s].
         groups : Mapping[str, Array]
-            (N, n) blocks by the names of their columns in a file.
+            (N, n) blocks by their names in RUN.csv: q, dq, tau, temp, qcmd ....
         names : tuple[str, ...]
-            One a run.
+            One name a run.
         run : NDArray[np.int64] | None
             (N,) index of the run that each sample belongs to.
 
         Returns
         -------
         Measurements
-            Without tau the feed-forward torque stands in its place, or zeros.
+            Without tau, the feed-forward torque takes its place, or zeros.
         """
         q, tau = groups["q"], groups.get("tau")
         commanded = {
@@ -98,60 +98,49 @@ class Measurements(Shown):
         }
         if tau is None:
             tau = commanded.get("tauff", np.broadcast_to(0.0, q.shape))
-        dq = groups.get("dq")
-        warm = groups.get("temp")
         return cls(
             t,
             q,
             tau,
-            dq,
-            run,
-            names,
-            warm,
-            commanded,
-            "tau" in groups,
+            dq=groups.get("dq"),
+            run=run,
+            names=names,
+            temperature=groups.get("temp"),
+            commanded=commanded,
+            torque_logged="tau" in groups,
         )
 
     @property
     def n(self) -> int:
-        """How many joints, or channels."""
+        """Number of joints."""
         return int(self.q.shape[1])
 
     @property
     def samples(self) -> int:
-        """How many samples in all runs."""
+        """Number of samples in all runs."""
         return len(self.t)
 
     def _summary(self) -> Summary:
+        """Return the title and rows that are printed for the object: runs, lengths,
+        rate, columns."""
         runs = self.runs()
         lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
         with np.errstate(invalid="ignore"):
-            steps = np.concatenate(
-                [
-                    np.zeros(0),
-                    *(np.diff(r.t) for r in runs),
-                ]
-            )
-        rate = (
-            f", {1.0 / np.median(steps):.4g} Hz"
-            if len(steps) and np.median(steps) > 0.0
-            else ""
-        )
-        both = formatting.count(len(runs), "run"), formatting.count(self.n, "joint")
-        title = f"Measurements: {', '.join(both)}"
-        return title, [
+            steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
+        median_step = np.median(steps) if len(steps) else 0.0
+        rate = f", {1.0 / median_step:.4g} Hz" if median_step > 0.0 else ""
+        n_runs = formatting.count(len(runs), "run")
+        n_joints = formatting.count(self.n, "joint")
+        shown_lengths = ", ".join(f"{x:.4g}" for x in lengths)
+        return f"Measurements: {n_runs}, {n_joints}", [
             ("runs", ", ".join(self.names)),
-            (
-                "length",
-                ", ".join(f"{x:.4g}" for x in lengths)
-                + f" s{rate}, {self.samples} samples",
-            ),
+            ("length", f"{shown_lengths} s{rate}, {self.samples} samples"),
             ("columns", ", ".join(["t", *self.groups])),
         ]
 
     @property
     def groups(self) -> dict[str, Array]:
-        """The blocks (N, n) that are there, by the names of their columns in a file."""
+        """The channel groups (N, n) that are there, by their names in RUN.csv."""
         tau = self.tau if self.torque_logged else None
         blocks = {
             "q": self.q,
@@ -163,11 +152,16 @@ class Measurements(Shown):
         return {name: block for name, block in blocks.items() if block is not None}
 
     def runs(self) -> list[Measurements]:
-        """The single runs, in order; the same ones each time."""
+        """Return the single runs in order.
+
+        They are cached: each call returns the same objects.
+        """
         return [self] if self.run is None else list(self._runs)
 
     @cached_property
     def _runs(self) -> list[Measurements]:
+        """The single runs of measurements with several; views where the runs follow one
+        another."""
         run = self.run
         assert run is not None
         if all(np.all(np.diff(part) >= 0) for _, part in iter_chunks(run, overlap=1)):
@@ -180,14 +174,14 @@ class Measurements(Shown):
         return [self.rows(run == k, name) for k, name in enumerate(self.names)]
 
     def window(self, start: float, stop: float) -> Measurements:
-        """Cut a window out of each run.
+        """Cut a window of time out of each run.
 
         Parameters
         ----------
         start : float
-            Where it begins [s after the run's first sample].
+            Beginning of the window [s after the run's first sample].
         stop : float
-            Where it ends [s], itself outside.
+            End of the window [s], excluded.
 
         Returns
         -------
@@ -216,14 +210,14 @@ class Measurements(Shown):
         Parameters
         ----------
         keep : NDArray[np.bool_] | NDArray[np.intp] | slice
-            (N,) which, indices, or a slice.
+            (N,) flags, indices, or a slice.
         name : str | None
-            Of the run; the first one's by default.
+            Name of the run; by default that of the first run.
 
         Returns
         -------
         Measurements
-            A view where a slice is given.
+            The samples; a view where a slice is given.
         """
         groups = {group: block[keep] for group, block in self.groups.items()}
         return Measurements.of(
@@ -238,29 +232,30 @@ class Measurements(Shown):
         Parameters
         ----------
         places : Sequence[int]
-            Of the joints, from 0.
+            Places of the joints, from 0.
 
         Returns
         -------
         Measurements
-            The other channels.
+            The channels of the other joints.
         """
         stays = [k for k in range(self.n) if k not in places]
         groups = {group: block[:, stays] for group, block in self.groups.items()}
         return Measurements.of(self.t, groups, self.names, self.run)
 
     def parts(self) -> Iterator[Measurements]:
-        """Consecutive samples, few at a time, whichever run they are of."""
+        """Iterate over consecutive pieces of the samples, 32768 at a time, across
+        runs."""
         for start in range(0, len(self.t), PART):
             yield self.rows(slice(start, start + PART))
 
     def require_torque(self, what: str) -> None:
-        """Refuse what needs a torque where none was logged.
+        """Raise InputError where no torque was logged.
 
         Parameters
         ----------
         what : str
-            What needs it, for the message.
+            What needs the torque, for the message.
 
         Raises
         ------
@@ -277,7 +272,8 @@ class Measurements(Shown):
 
     @property
     def data_hash(self) -> str:
-        """SHA-256 over the numbers (not the file), so that the format does not matter."""
+        """SHA-256 over the numbers, so that the same run has one hash in all file
+        formats."""
         arrays = []
         for run in self.runs():
             commanded = [
@@ -289,11 +285,14 @@ class Measurements(Shown):
 
 @dataclass(frozen=True)
 class Runs:
-    """train : to identify from, test : to judge on, windows of what was measured; None
-    without a test.
+    """Runs of an identification, split into training and test.
 
-    all_runs : all of that, each run once, in which a search measures the noise;
-    judged_recordings : of what errors are shown of, without windows.
+    Parameters
+    ----------
+    train : windows to identify from
+    test : windows to judge on; None without a test
+    all_runs : training and test, each run once; a search measures the noise in them
+    judged_recordings : whole recordings, without windows, whose errors are shown
     """
 
     train: Measurements
@@ -303,7 +302,8 @@ class Runs:
 
     @property
     def judge(self) -> Measurements:
-        """What errors are shown of."""
+        """Measurements on which errors are computed: the test, or without one the
+        training."""
         return self.train if self.test is None else self.test
 
 
@@ -323,13 +323,15 @@ LARGEST_VALUE |= dict.fromkeys(("tau", "tauff", *SIMULATED), 1e12) | {
     "t": 1e20,
     "temp": 1e4,
 }
+#: Numbers that are smaller are no measurement, whatever their unit.
+_SMALLEST_VALUE = 1e-30
 
 
 def without_traces(measured: Measurements) -> Measurements:
-    """Replace numbers that exist in the computer's arithmetic only (5e-324) by zeros:
-    with :data:`LARGEST_VALUE` the one place that keeps squares and quotients of
-    samples within range. Whatever the unit, no sensor resolves 1e-30, and filters
-    that fade out leave less.
+    """Replace numbers below 1e-30, such as 5e-324, by zeros.
+
+    No sensor resolves them in any unit; filters that fade out leave them. With
+    :data:`LARGEST_VALUE` this keeps squares and quotients of samples within range.
 
     Parameters
     ----------
@@ -339,52 +341,48 @@ def without_traces(measured: Measurements) -> Measurements:
     Returns
     -------
     Measurements
-        The same object where there are none.
+        The same object where there are no such numbers.
     """
     groups = {"t": measured.t, **measured.groups}
-    smallest = 1e-30
-    tiny = {
-        name: concatenate_chunks(
-            np.where(
-                np.abs(x) < smallest,
-                0.0,
-                x,
-            )
-            for _, x in iter_chunks(block)
+    with_traces = [name for name, block in groups.items() if _has_traces(block)]
+    if not with_traces:
+        return measured
+    for name in with_traces:
+        groups[name] = concatenate_chunks(
+            np.where(np.abs(part) < _SMALLEST_VALUE, 0.0, part)
+            for _, part in iter_chunks(groups[name])
         )
-        for name, block in groups.items()
-        if any(
-            np.any((np.abs(x) < smallest) & (x != 0.0)) for _, x in iter_chunks(block)
-        )
-    }
-    groups |= tiny
-    return (
-        Measurements.of(groups.pop("t"), groups, measured.names, measured.run)
-        if tiny
-        else measured
+    return Measurements.of(groups.pop("t"), groups, measured.names, measured.run)
+
+
+def _has_traces(block: Array) -> bool:
+    """Tell whether an array (N, ...) holds numbers other than zero below 1e-30."""
+    return any(
+        np.any((np.abs(part) < _SMALLEST_VALUE) & (part != 0.0))
+        for _, part in iter_chunks(block)
     )
 
 
 def gathered(pieces: Iterable[Measurements]) -> Measurements:
-    """Make one run of consecutive pieces, on the disk where there are many.
+    """Join consecutive pieces to one run; large arrays go to the disk.
 
     Parameters
     ----------
     pieces : Iterable[Measurements]
-        At least one, in order.
+        At least one piece, in order.
 
     Returns
     -------
     Measurements
-        One run under the first piece's name.
+        One run with the last piece's name.
     """
     arrays: dict[str, AppendableArray] = {}
     for piece in pieces:
-        first = piece
+        names = piece.names
         for name, block in {"t": piece.t, **piece.groups}.items():
             arrays.setdefault(name, AppendableArray()).append(block)
     columns = {name: block.array() for name, block in arrays.items()}
-    return Measurements.of(columns["t"], columns, first.names)
+    return Measurements.of(columns["t"], columns, names)
 
 
 def concatenate(several: Sequence[Measurements]) -> Measurements:
@@ -409,17 +407,22 @@ def concatenate(several: Sequence[Measurements]) -> Measurements:
         return several[0]
     runs = [run for part in several for run in part.runs()]
     _require_one_kind(runs)
-    everywhere = [g for g in runs[0].groups if all(g in r.groups for r in runs)]
+    common_groups = [g for g in runs[0].groups if all(g in r.groups for r in runs)]
+    groups = dict[str, Array]()
+    for group in common_groups:
+        groups[group] = concatenate_chunks(run.groups[group] for run in runs)
+    indices = (np.broadcast_to(k, len(run.t)) for k, run in enumerate(runs))
     return Measurements.of(
-        concatenate_chunks(r.t for r in runs),
-        {g: concatenate_chunks(r.groups[g] for r in runs) for g in everywhere},
-        tuple(r.names[0] for r in runs),
-        concatenate_chunks(np.broadcast_to(k, len(r.t)) for k, r in enumerate(runs)),
+        concatenate_chunks(run.t for run in runs),
+        groups,
+        names=tuple(run.names[0] for run in runs),
+        run=concatenate_chunks(indices),
     )
 
 
 def _require_one_kind(runs: Sequence[Measurements]) -> None:
-    """InputError for runs of different robots, or with and without torque."""
+    """Raise InputError for runs with different numbers of joints, or some with and some
+    without torque."""
     if len({run.n for run in runs}) > 1:
         widths = ", ".join(f"{r.names[0]} has {r.n}" for r in runs)
         what = f"the runs have different numbers of joints: {widths}"

@@ -14,7 +14,7 @@ def nearest_rows(
     other: Array,
     within: float,
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Find the nearest stamp of another clock.
+    """Find for each stamp of a clock the nearest stamp of another clock.
 
     Parameters
     ----------
@@ -23,13 +23,12 @@ def nearest_rows(
     other : Array
         (M,) stamps, ascending [s].
     within : float
-        How far away a stamp may be [s].
+        Largest distance of a match [s].
 
     Returns
     -------
     tuple[NDArray[np.intp], NDArray[np.bool_]]
-        (N,) the nearest row of ``other`` for each of ``clock``, and whether it is near
-        enough.
+        (N,) the nearest row of ``other``, and (N,) whether it is within that distance.
     """
     if len(other) == 0:
         return np.zeros(len(clock), np.intp), np.zeros(len(clock), bool)
@@ -45,8 +44,8 @@ def nearest_rows(
 
 
 def half_period(clock: Array) -> float:
-    """Estimate half of the usual step of a clock, a hair more for stamps that are
-    rounded.
+    """Return half of a clock's median step, and a little more so that rounded stamps
+    match.
 
     Parameters
     ----------
@@ -68,19 +67,26 @@ def merge_columns(
     columns: Mapping[str, Array],
     leading: Sequence[str],
 ) -> tuple[NDArray[np.intp], dict[str, Array]]:
-    """The rows in which all columns have a value, their own or the nearest in time.
+    """Merge columns that have values in different rows, by the nearest stamp.
+
+    The first leading column gives the rows. Every other column takes its value that is
+    nearest in time; rows without one within half a period are left out.
 
     Parameters
     ----------
-    clock : (N,) of all rows [s]
-    columns : (N,) or (N, n) by name, NaN where a row has none
-    leading : columns whose rows are kept, the first one's
+    clock : array
+        (N,) stamps of all rows [s].
+    columns : mapping of str to array
+        (N,) or (N, n) values by name, NaN where a row has none.
+    leading : sequence of str
+        Columns of which the first gives the rows.
 
     Returns
     -------
-    rows : (K,) the rows that are kept, in the order of time; without those of which a
-        column has no value within half a period
-    columns : (K,) or (K, n) by name
+    rows : array
+        (K,) rows that are kept, in the order of time.
+    columns : dict of str to array
+        (K,) or (K, n) values by name.
     """
     base = _rows_with_value(clock, columns[leading[0]])
     within = half_period(clock[base])
@@ -100,7 +106,8 @@ def merge_columns(
 
 
 def _rows_with_value(clock: Array, values: Array) -> NDArray[np.intp]:
-    """The rows in which a column has a value, in the order of time."""
+    """Return the rows (M,) in which a column (N,) or (N, n) has a value, in the order
+    of time."""
     first_values = values if values.ndim == 1 else values[:, 0]
     rows = np.flatnonzero(~np.isnan(first_values) & np.isfinite(clock))
     return rows[np.argsort(clock[rows], kind="stable")]

@@ -8,16 +8,16 @@ def numbers(
     text: str,
     count: int | None = None,
 ) -> list[float]:
-    """Parse an option that holds numbers.
+    """Parse an option that holds numbers, "0,0,-9.81".
 
     Parameters
     ----------
     option : str
-        Its name, for messages.
+        Name of the option, for messages.
     text : str
-        Numbers separated by commas.
+        Its value: numbers separated by commas.
     count : int | None
-        How many are expected.
+        Expected number of them.
 
     Returns
     -------
@@ -42,14 +42,14 @@ def numbers(
 
 
 def pairs(option: str, text: str | None) -> dict[str, str] | None:
-    """Parse an option that holds pairs.
+    """Parse an option that holds pairs, "t=time,q=qm".
 
     Parameters
     ----------
     option : str
-        Its name, for messages.
+        Name of the option, for messages.
     text : str | None
-        "a=b,c=d"; None where the option is not given.
+        Its value; None where the option is not given.
 
     Returns
     -------
@@ -75,19 +75,19 @@ def pairs(option: str, text: str | None) -> dict[str, str] | None:
 def time_windows(
     text: str | None, option: str = "--window"
 ) -> list[tuple[float, float]]:
-    """Parse windows of time.
+    """Parse an option that holds windows of time, "0:14,20:30".
 
     Parameters
     ----------
     text : str | None
-        "0:14,20:30", in order; None for all of the run.
+        Its value, windows in order; None for one window over the whole run.
     option : str
-        Its name, for messages.
+        Name of the option, for messages.
 
     Returns
     -------
     list[tuple[float, float]]
-        Start and stop of each [s].
+        Start and stop of each window [s].
 
     Raises
     ------

@@ -33,13 +33,15 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
 
     Parameters
     ----------
-    robot : whose joints' ranges are known
-    measurements : one or more runs
+    robot : Robot
+        The robot, whose joints have ranges.
+    measurements : Measurements
+        One or more runs.
 
     Raises
     ------
     InputError
-        The run, row and column; of angles a RepairableError.
+        Naming the run, row and column; for angles a RepairableError.
     """
     for run in measurements.runs():
         check_torque(run)
@@ -55,7 +57,8 @@ def check_plausible(robot: Robot, measurements: Measurements) -> None:
 
 
 def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
-    """The error of a joint far outside its range."""
+    """Return the error of joint j (from 0), whose positions are far outside its
+    range."""
     joint = robot.joints[j]
     q = run.q[:, j]
     worst = int(np.argmax(np.maximum(joint.lower - q, q - joint.upper)))
@@ -75,8 +78,11 @@ def _outside_its_range(robot: Robot, run: Measurements, j: int) -> InputError:
 
 
 def _swings_too_far(joint: Joint, q: Array, travel: float) -> bool:
-    """Whether a joint without limits moves to and fro over many turns; a shaft that
-    goes on turning does not."""
+    """Tell whether a revolute joint without limits swings over more than eight turns
+    and back.
+
+    That looks like degrees. A shaft that goes on turning ends far from where it began.
+    """
     is_free = joint.kind == "revolute" and not np.isfinite(joint.upper - joint.lower)
     if not is_free or travel <= 8.0 * math.tau:
         return False
@@ -84,7 +90,8 @@ def _swings_too_far(joint: Joint, q: Array, travel: float) -> bool:
 
 
 def _many_turns(run: Measurements, j: int, travel: float) -> InputError:
-    """The error of a joint that swings over many turns."""
+    """Return the error of joint j (from 0), which swings over ``travel`` [rad], many
+    turns."""
     row = int(np.argmax(np.abs(run.q[:, j])))
     where = f"{_place(run, row)}, column q{j + 1}"
     what = f"joint {j + 1} swings through {travel / math.tau:.0f} turns"
@@ -96,21 +103,24 @@ def _many_turns(run: Measurements, j: int, travel: float) -> InputError:
 
 
 def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, float]:
-    """Find joints that stand still in all runs while their torque channel reads exactly
-    nothing: a gripper's, a wheel's. An arm's joint that stands still needs a torque,
-    and a broken channel of one that moves is no idle joint.
+    """Find joints that stand still in all runs and whose torque channel reads exactly
+    zero, such as a gripper's or a wheel's.
+
+    A joint of the arm that stands still has a torque; a broken channel of a joint that
+    moves is no idle joint.
 
     Parameters
     ----------
     robot : Robot
-        Whose joints are meant.
+        The robot.
     measurements : Measurements
         One or more runs.
 
     Returns
     -------
     dict[str, float]
-        Where each stands by its name [rad, m]; none where no torque is logged.
+        Position of each idle joint by its name [rad, m]; empty where no torque is
+        logged.
     """
     idle: dict[str, float] = {}
     if not measurements.torque_logged or measurements.n != robot.n:
@@ -127,13 +137,15 @@ def find_idle_joints(robot: Robot, measurements: Measurements) -> dict[str, floa
 
 
 def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
-    """Find joints that are farther outside their ranges than an encoder's zero or a
-    turn brings them: twice their travel on a straight axis.
+    """Find joints that are farther outside their ranges than a wrong zero or a lost
+    turn explains.
+
+    That is one turn of a revolute joint, and twice the travel of a prismatic one.
 
     Parameters
     ----------
     robot : Robot
-        Whose joints' ranges are known.
+        The robot, whose joints have ranges.
     q : np.ndarray
         (N, n) positions [rad, m].
 
@@ -150,7 +162,8 @@ def far_outside(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
 
 
 def _place(run: Measurements, k: int) -> str:
-    """The k-th sample of a run as the user finds it: below the header of a CSV file."""
+    """Name sample k (from 0) of a run as the user finds it: by its row in a CSV file,
+    whose header is row 1."""
     name = run.names[0]
     return (
         f"{name}: row {k + 2}" if name.endswith(".csv") else f"{name}: sample {k + 1}"
@@ -158,7 +171,7 @@ def _place(run: Measurements, k: int) -> str:
 
 
 def check_torque(run: Measurements) -> None:
-    """Refuse torques that hold nothing: zeros, or less than an arm needs.
+    """Refuse torque channels that hold no torque: zeros, or less than any arm needs.
 
     Parameters
     ----------
@@ -168,7 +181,7 @@ def check_torque(run: Measurements) -> None:
     Raises
     ------
     InputError
-        No channel holds a torque.
+        No channel exceeds a millionth of a newton metre.
     """
     if not run.torque_logged:
         return
@@ -197,17 +210,15 @@ def check_torque(run: Measurements) -> None:
 
 
 def _check_side(robot: Robot, run: Measurements) -> None:
-    """Positions of motors, where the robot's transmission is known and brings them into
-    the ranges."""
-    gears = robot.transmission
-    if (
-        gears is None
-        or np.all(_beyond(robot, run.q) <= _ZERO)
-        or beside_range(robot, run.q)
-    ):
+    """Raise InputError where the positions are those of the motors: outside of the
+    joints' ranges, but inside once the robot's transmission is applied."""
+    transmission = robot.transmission
+    is_inside = np.all(_beyond(robot, run.q) <= _ZERO)
+    if transmission is None or is_inside or beside_range(robot, run.q):
         return
-    joints = np.linalg.solve(gears.matrix, (run.q - gears.offset).T).T
-    if np.all(_beyond(robot, joints) <= _ZERO):
+    # Taken as motor positions q_m = A q + b, they give the joint positions q.
+    q = np.linalg.solve(transmission.matrix, (run.q - transmission.offset).T).T
+    if np.all(_beyond(robot, q) <= _ZERO):
         what = (
             "the positions are those of the motors: through the transmission they are"
             " in the ranges"
@@ -220,20 +231,23 @@ def _check_side(robot: Robot, run: Measurements) -> None:
 
 
 def _beyond(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """(n,) how far positions (N, n) come beyond each joint's range; negative inside it."""
+    """Return how far positions (N, n) leave each joint's range (n,) [rad, m]; negative
+    inside."""
     low, high = np.transpose([(j.lower, j.upper) for j in robot.joints])
     return np.maximum(low - q.min(axis=0), q.max(axis=0) - high)
 
 
 def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
-    """Find joints whose zero is wrong: few are outside their ranges, and their travel
-    would fit. Where many are, or travel farther than they can, something else is
-    wrong with all.
+    """Find joints with a wrong zero: outside their ranges, but travelling no farther
+    than these are long.
+
+    Empty where more than half of the joints are outside, or one travels too far: then
+    something else is wrong with all of them, such as the unit.
 
     Parameters
     ----------
     robot : Robot
-        Whose joints' ranges are known.
+        The robot, whose joints have ranges.
     q : np.ndarray
         (N, n) positions [rad, m].
 
@@ -243,27 +257,27 @@ def beside_range(robot: Robot, q: np.ndarray) -> tuple[int, ...]:
         Places of the joints, from 0.
     """
     outside = np.flatnonzero(_beyond(robot, q) > _ZERO)
-    fits = np.ptp(q, axis=0) <= [j.upper - j.lower + _ZERO for j in robot.joints]
-    return (
-        tuple(outside.tolist())
-        if len(outside) <= max(1, robot.n // 2) and np.all(fits)
-        else ()
-    )
+    lengths = [joint.upper - joint.lower for joint in robot.joints]
+    fits = np.ptp(q, axis=0) <= np.add(lengths, _ZERO)
+    are_few = len(outside) <= max(1, robot.n // 2)
+    return tuple(outside.tolist()) if are_few and np.all(fits) else ()
 
 
 def _check_derivative(robot: Robot, run: Measurements) -> None:
-    """Position and velocity of revolute joints in the same unit of angle."""
+    """Raise RepairableError where dq is the derivative of q but for a factor of 180 /
+    pi: one of the two is in degrees."""
     if run.dq is None:
         return
-    for j, (energy, way, common) in enumerate(_sums_of_steps(run, run.dq)):
-        if robot.joints[j].kind != "revolute" or not 0.0 < energy * way < np.inf:
+    for j, (way_2, step_2, step_way) in enumerate(_sums_of_steps(run, run.dq)):
+        if robot.joints[j].kind != "revolute" or not 0.0 < way_2 * step_2 < np.inf:
             continue
-        if common * common < 0.5 * energy * way:
+        if step_way * step_way < 0.5 * way_2 * step_2:
             continue  # noise, or a coarse encoder: nothing to conclude from
-        ratio = common / energy
+        ratio = step_way / way_2  # least squares of step = ratio way
         for name, value in (("q", ratio), ("dq", 1.0 / ratio)):
-            is_degree = 2.0 / 3.0 < math.radians(value) < 1.5
-            if not is_degree:
+            # Within a factor of 1.5 of 180 / pi.
+            is_in_degrees = 2.0 / 3.0 < math.radians(value) < 1.5
+            if not is_in_degrees:
                 continue
             what = f"columns q{j + 1} and dq{j + 1} differ by a factor of {value:.3g}"
             remedy = f"convert {name} from degrees to radians"
@@ -271,16 +285,19 @@ def _check_derivative(robot: Robot, run: Measurements) -> None:
 
 
 def _sums_of_steps(run: Measurements, velocities: Array) -> list[list[float]]:
-    """Of each joint the sums over all steps: of the squares of velocity times time, of
-    the squares of the step of q, and of their products [rad^2]."""
+    """Sum squares and products of logged steps, for each joint.
+
+    With step = q[k+1] - q[k] and way = mean dq times the time between, each joint's
+    list holds the sums of way^2, step^2 and step way [rad^2, m^2].
+    """
     sums = np.zeros((3, run.n))
     channels = (iter_chunks(x, overlap=1) for x in (run.t, run.q, velocities))
     with np.errstate(over="ignore", invalid="ignore"):  # of 1e300 nothing is concluded
         for (_, t), (_, q), (_, dq) in zip(*channels, strict=True):
-            way = np.diff(q, axis=0)
-            logged = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
-            sums[0] += np.sum(logged**2, axis=0)
-            sums[1] += np.sum(way**2, axis=0)
-            sums[2] += np.sum(way * logged, axis=0)
-    joints: list[list[float]] = sums.T.tolist()
-    return joints
+            step = np.diff(q, axis=0)
+            way = 0.5 * (dq[1:] + dq[:-1]) * np.diff(t)[:, None]
+            sums[0] += np.sum(way**2, axis=0)
+            sums[1] += np.sum(step**2, axis=0)
+            sums[2] += np.sum(step * way, axis=0)
+    sums_of_joints: list[list[float]] = sums.T.tolist()
+    return sums_of_joints

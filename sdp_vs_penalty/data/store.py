@@ -33,31 +33,31 @@ PART = 1 << 15
 def iter_chunks(
     array: NDArray[Any], overlap: int = 0
 ) -> Iterator[tuple[int, NDArray[Any]]]:
-    """Go through an array in consecutive chunks.
+    """Iterate over an array in consecutive chunks of 32768 rows.
 
     Parameters
     ----------
     array : NDArray[Any]
         (N, ...) numbers.
     overlap : int
-        How many rows of the next chunk belong to each one too.
+        Rows of the next chunk that each chunk contains as well.
 
     Yields
     ------
     tuple[int, NDArray[Any]]
-        The first row of each chunk, and its rows.
+        Index of the chunk's first row, and its rows.
     """
     for start in range(0, len(array), PART):
         yield start, array[start : start + PART + overlap]
 
 
 def digest(arrays: Iterable[NDArray[Any]]) -> str:
-    """Hash arrays over their numbers.
+    """Hash the shapes and numbers of arrays.
 
     Parameters
     ----------
     arrays : Iterable[NDArray[Any]]
-        Of any shape.
+        Arrays of any shape.
 
     Returns
     -------
@@ -74,7 +74,8 @@ def digest(arrays: Iterable[NDArray[Any]]) -> str:
 
 @dataclass
 class AppendableArray:
-    """An array (N, ...) that rows are appended to."""
+    """An array (N, ...) to which rows are appended; beyond 16 MB it lies in a temporary
+    file."""
 
     _pieces: list[NDArray[Any]] = field(default_factory=list)
     _bytes: int = 0
@@ -82,15 +83,16 @@ class AppendableArray:
     _file: BinaryIO | None = None
 
     def append(self, rows: NDArray[Any]) -> None:
-        """Append rows.
+        """Append rows; move all of them to a temporary file once they are large.
 
         Parameters
         ----------
         rows : NDArray[Any]
-            (N, ...) numbers.
+            (K, ...) numbers.
         """
         self._pieces.append(rows)
-        self._bytes, self._rows = self._bytes + rows.nbytes, self._rows + len(rows)
+        self._bytes += rows.nbytes
+        self._rows += len(rows)
         if self._bytes > LARGEST_IN_MEMORY:
             with _room():
                 self._file = self._file or _unnamed_file()
@@ -100,13 +102,11 @@ class AppendableArray:
             self._pieces = [rows[:0]]
 
     def array(self) -> NDArray[Any]:
-        """All rows; nothing can be appended any more."""
+        """Return all rows, in memory or mapped read-only from the file; ends the
+        appending."""
         if self._file is None:
-            return (
-                self._pieces[0]
-                if len(self._pieces) == 1
-                else np.concatenate(self._pieces)
-            )
+            is_one_piece = len(self._pieces) == 1
+            return self._pieces[0] if is_one_piece else np.concatenate(self._pieces)
         first = self._pieces[0]
         with _room(), self._file as file:
             file.flush()
@@ -123,12 +123,16 @@ class DiskCache:
     over a long recording needs."""
 
     def __init__(self) -> None:
+        """Open the temporary file."""
         with _room():
             self._file = _unnamed_file()
 
     def put(self, value: Any) -> Callable[[], Any]:
-        """How to read a value again: arrays from the file, also those within lists and
-        dataclasses; everything else is kept as it is."""
+        """Write the arrays of a value to the file, and return a function that reads the
+        value again.
+
+        Lists and dataclasses are taken apart; what is no array stays in memory.
+        """
         if isinstance(value, list):
             readers = [self.put(x) for x in value]
             return lambda: [read() for read in readers]
@@ -140,36 +144,48 @@ class DiskCache:
             }
             kind = type(value)
             return lambda: kind(**{name: read() for name, read in known.items()})
-        if not isinstance(value, np.ndarray):
-            return lambda: value
-        turned = value.flags.f_contiguous and not value.flags.c_contiguous
-        rows = np.ascontiguousarray(value.T if turned else value)
+        return (
+            self._put_array(value) if isinstance(value, np.ndarray) else lambda: value
+        )
+
+    def _put_array(self, array: NDArray[Any]) -> Callable[[], NDArray[Any]]:
+        """Write an array to the file, and return a function that reads it again.
+
+        A column-major array is written by columns, and comes back column-major.
+        """
+        is_by_column = array.flags.f_contiguous and not array.flags.c_contiguous
+        rows = np.ascontiguousarray(array.T if is_by_column else array)
         with _room():
             start = self._file.seek(0, os.SEEK_END)
             self._file.write(rows.data)
             self._file.flush()
+        # The function keeps these, not the array itself.
         shape = rows.shape
         dtype = rows.dtype
         size = rows.nbytes
 
         def read() -> NDArray[Any]:
-            flat = np.frombuffer(
-                os.pread(self._file.fileno(), size, start), dtype
-            ).reshape(shape)
-            return flat.T if turned else flat
+            """Read the array from its place in the file."""
+            content = os.pread(self._file.fileno(), size, start)
+            stored = np.frombuffer(content, dtype).reshape(shape)
+            return stored.T if is_by_column else stored
 
         return read
 
 
 def _unnamed_file() -> BinaryIO:
-    home = os.environ.get("TMPDIR") or (
-        "/var/tmp" if Path("/var/tmp").is_dir() else None
-    )
-    return tempfile.TemporaryFile(dir=home, buffering=1 << 20)  # type: ignore[return-value]
+    """Open a temporary file without a name, in $TMPDIR or /var/tmp, which lie on a
+    disk."""
+    folder = os.environ.get("TMPDIR")
+    if not folder and Path("/var/tmp").is_dir():
+        folder = "/var/tmp"
+    return tempfile.TemporaryFile(dir=folder or None, buffering=1 << 20)  # type: ignore[return-value]
 
 
 @contextmanager
 def _room() -> Iterator[None]:
+    """While a temporary file is written, turn errors of the system (a full disk) into
+    InputError."""
     try:
         yield
     except OSError as error:
@@ -182,17 +198,17 @@ def _room() -> Iterator[None]:
 
 
 def concatenate_chunks(arrays: Iterable[NDArray[Any]]) -> NDArray[Any]:
-    """Put chunks together, on the disk where they are many.
+    """Concatenate chunks; a large result lies in a temporary file.
 
     Parameters
     ----------
     arrays : Iterable[NDArray[Any]]
-        (N, ...) each.
+        Chunks (N_i, ...).
 
     Returns
     -------
     NDArray[Any]
-        (sum of N, ...) numbers.
+        (sum of N_i, ...) numbers.
     """
     joined = AppendableArray()
     for array in arrays:

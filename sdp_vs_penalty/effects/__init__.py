@@ -30,7 +30,7 @@ DEFAULT_EFFECTS = (
 
 @cache
 def effect_types() -> dict[str, type[Effect]]:
-    """Every effect of the library by name, the rigid body first."""
+    """Import all effects of this folder, by name; the rigid body comes first."""
     types = classes(__name__, __path__, Effect)
     return {"rigid_body": types.pop("rigid_body"), **types}
 
@@ -71,6 +71,7 @@ def parse_effects(
 
 
 def _parse_effect(text: str, robot: Robot) -> Effect:
+    """Read one effect from its written form, ``name[:joints][@shape=value]``."""
     head, *shapes = text.split("@")
     name, _, joints_text = head.partition(":")
     if name.isdecimal():  # torque_offset:1,3: commas part effects
@@ -123,13 +124,14 @@ def effect_from_dict(data: Mapping[str, Any], robot: Robot) -> Effect:
 
 
 def _lookup(name: str) -> type[Effect]:
+    """Return the class of an effect by its name; InputError for an unknown name."""
     require_known("effect", name, effect_types())
     return effect_types()[name]
 
 
 def __getattr__(name: str) -> Any:
-    """The effects' classes, such as ``effects.PreslidingHysteresis``, and what they are
-    made of."""
+    """Return an effect's class, such as ``effects.PreslidingHysteresis``, or a name of
+    this folder's modules; both are imported when they are first used."""
     if name in _PARTS:
         return lazy_exports(__name__, **{_PARTS[name]: name})(name)
     types = {kind.__name__: kind for kind in effect_types().values()}
@@ -139,6 +141,7 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
+    """List the names of this module and of all effects' classes."""
     return sorted(
         {
             *globals(),

@@ -29,10 +29,15 @@ Law = Callable[[Array | Legs, float, float], Array]
 
 @dataclass(frozen=True)
 class Bristles:
-    """k states z in [-1, 1]: z_i turns over the distance d_i along the path s_i =
-    directions_i q.
+    """k friction states z in [-1, 1] that follow the motion.
 
-    directions : (k, n); distances : (k,) [rad, m]; law : :func:`dahl` or :func:`stop`.
+    State i turns over the distance d_i of the path s_i = directions_i q.
+
+    Parameters
+    ----------
+    directions : (k, n) ratios of the joints
+    distances : (k,) travel over which each state turns [rad, m]
+    law : function that follows a state along a path, :func:`dahl` or :func:`stop`
     """
 
     directions: Array
@@ -42,11 +47,13 @@ class Bristles:
     def along(self, motion: Motion) -> Array:
         """Follow the states along a motion.
 
+        The first sample counts as sliding in its direction; at rest the states begin at
+        zero.
+
         Parameters
         ----------
         motion
-            The motion at N instants. It begins in sliding; at rest, states begin in the
-            middle.
+            The motion at N instants.
 
         Returns
         -------
@@ -63,7 +70,7 @@ class Bristles:
         return states.T
 
     def advanced(self, z: Array, travel: Array) -> Array:
-        """Advance states along a straight line.
+        """Advance the states by one displacement without reversal.
 
         Parameters
         ----------
@@ -92,7 +99,7 @@ class StatefulEffect(Effect):
     @property
     @abstractmethod
     def bristles(self) -> Bristles:
-        """The states, none where the shape constants leave none."""
+        """The friction states, none where the shape constants leave none."""
 
     @abstractmethod
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
@@ -112,9 +119,13 @@ class StatefulEffect(Effect):
         """
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Compute the columns along a motion, after following the friction states along
+        it."""
         return self.blocks_at(motion, self.bristles.along(motion))
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Doubt friction that turns over less travel than the positions resolve: any
+        sharp friction looks like it."""
         hidden = (
             max(self.bristles.distances, default=np.inf) < 2.0 * coverage.resolution
         )
@@ -152,16 +163,19 @@ def dahl(
         (N,) states in [-1, 1].
     """
     legs = q if isinstance(q, Legs) else Legs.of(q)
-    decay = np.exp(np.abs(np.diff(legs.corners)) / -d)
-    z = [start]
-    for s, e in zip(legs.direction.tolist(), decay.tolist(), strict=True):
-        z.append(s + (z[-1] - s) * e)
+    # The state at the corners, leg by leg.
+    decay_of_leg = np.exp(np.abs(np.diff(legs.corners)) / -d)
+    corners = [start]
+    for s, decay in zip(legs.direction.tolist(), decay_of_leg.tolist(), strict=True):
+        corners.append(s + (corners[-1] - s) * decay)
+    # The state at every sample, from the beginning of its leg.
     s = legs.direction
-    begin = np.array(z[:-1])
-    moved = s[legs.leg] + (begin - s)[legs.leg] * np.exp(np.abs(legs.travel) / -d)
-    return np.append(
-        start, moved if s.all() else np.where(s[legs.leg] == 0.0, start, moved)
-    )
+    z_0 = np.array(corners[:-1])
+    decay = np.exp(np.abs(legs.travel) / -d)
+    z = s[legs.leg] + (z_0 - s)[legs.leg] * decay
+    if not s.all():  # a path that never moves
+        z = np.where(s[legs.leg] == 0.0, start, z)
+    return np.append(start, z)
 
 
 def stop(
@@ -220,6 +234,7 @@ class PreslidingHysteresis(StatefulEffect, JointEffect):
 
     @property
     def bristles(self) -> Bristles:
+        """One state of Dahl's law for each joint of the effect."""
         joints = list(self.joints)
         return Bristles(
             np.eye(self.robot.n)[joints],
@@ -228,6 +243,8 @@ class PreslidingHysteresis(StatefulEffect, JointEffect):
         )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        """Return the column z - sign(dq) (N,) of each joint, from the states z (N,
+        k)."""
         return self.blocks_per_joint(
             [x - motion.sign(j) for j, x in zip(self.joints, z.T, strict=True)]
         )
@@ -259,6 +276,8 @@ class Stiction(PreslidingHysteresis):
     }
 
     def remark(self, size: float) -> str:
+        """Say that the travel over which friction turned is known as an upper bound
+        only."""
         d = self.shape["d"]
         unit = self.robot.position_units[self.joints[0]]
         return (
@@ -308,6 +327,11 @@ class MaxwellSlip(StatefulEffect, JointEffect):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
+        """Check the shape constants.
+
+        With law = even the effect has no more constants than Dahl's curve, so it is not
+        sought as a refinement of that one.
+        """
         super().__init__(robot, joints, **shape)
         if (
             self.even
@@ -316,10 +340,13 @@ class MaxwellSlip(StatefulEffect, JointEffect):
 
     @property
     def even(self) -> bool:
-        """Whether its elements are equally strong: one parameter."""
+        """Whether its three elements are equally strong, so that each joint has one
+        parameter."""
         return self.shape["law"] == 2.0
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the strength of each element of a joint, "f_m2_1" ...; with law = even
+        of all together."""
         base_name = self.parameter_name(joint)
         unit = self.unit_on(joint)
         return [
@@ -328,6 +355,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
 
     @property
     def bristles(self) -> Bristles:
+        """Three spring-and-slider states for each joint, with the distances d, 4 d and
+        16 d."""
         directions = np.repeat(
             np.eye(self.robot.n)[list(self.joints)],
             _ELEMENTS,
@@ -341,6 +370,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        """Return the states (N, 3) of each joint as its columns; their mean (N,) with
+        law = even."""
         by_joint = np.split(z, len(self.joints), axis=1)
         return self.blocks_per_joint(
             [x.mean(axis=1) for x in by_joint] if self.even else by_joint
@@ -369,6 +400,8 @@ class LoadDependentHysteresis(PreslidingHysteresis):
     needs_links = True
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        """Return the column |tau_l| z (N,) of each joint, tau_l being the torque of the
+        links."""
         load = np.abs(motion.link_torque)
         return self.blocks_per_joint(
             [load[:, j] * x for j, x in zip(self.joints, z.T, strict=True)]

@@ -28,6 +28,7 @@ class TorqueOffset(JointEffect):
     symbol = "f_o"
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return ones (N,): the torque per unit of offset."""
         return np.ones(len(motion.t))
 
 
@@ -56,6 +57,8 @@ class TorqueGain(JointEffect):
     forward = "channel"
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the current model's torque (N,) [N m, N]: the channel adds the gain's
+        share of it."""
         return motion.model_torque[:, joint]
 
     def invert_channel(
@@ -64,11 +67,15 @@ class TorqueGain(JointEffect):
         t: Array,
         torque: Array,
     ) -> Array:
+        """Divide the readings (N, n) of the effect's joints by 1 + g to recover the
+        true torque."""
         out = torque.copy()
         out[:, list(self.joints)] /= 1.0 + theta
         return out
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Doubt a gain that is off by more than 30 %: it is rather a wrong ratio or
+        unit."""
         if abs(size) > _LARGEST:
             return (
                 f"a gain that is off by {100.0 * abs(size):.0f} % is rather a wrong"
@@ -100,6 +107,12 @@ class DelayedTorque(Effect):
     ) -> Iterable[dict[str, float]]:
         # On a single joint a delay of all is its own; friction and inertia are one
         # torque there, so that what is filtered of it is not told.
+        """List the shape constants with which a search begins; none for a delay of all
+        joints on a robot with one joint.
+
+        There it is the joint's own delay, and filtered friction and inertia cannot be
+        told apart.
+        """
         return (
             super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []
         )
@@ -117,18 +130,13 @@ class Delay(DelayedTorque):
         t: Array,
         torque: Array,
     ) -> Array:
-        out = torque.copy()
-        for delay, j in zip(
-            np.broadcast_to(theta, len(self.joints)),
-            self.joints,
-            strict=True,
-        ):
-            out[:, j] = np.interp(
-                t + delay,
-                t,
-                torque[:, j],
-            )
-        return out
+        """Read the torque (N, n) of each joint later by its delay, to undo the
+        delay."""
+        true_torque = torque.copy()
+        delays = np.broadcast_to(theta, len(self.joints))
+        for delay, j in zip(delays, self.joints, strict=True):
+            true_torque[:, j] = np.interp(t + delay, t, torque[:, j])
+        return true_torque
 
 
 class TorqueDelay(Delay, JointEffect):
@@ -140,6 +148,8 @@ class TorqueDelay(Delay, JointEffect):
     symbol = "T_d"
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return minus the rate of the current model's torque over the delay T (N,) [N
+        m/s, N/s]."""
         return -motion.late_torque_rate(self.shape["T"])[:, joint]
 
 
@@ -154,6 +164,8 @@ class GlobalDelay(Delay):
     whole_robot = True
 
     def torques(self, motion: Motion) -> Array:
+        """Return minus the rate of the current model's torque over the delay T, of all
+        joints (N, n, 1)."""
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
 
@@ -185,13 +197,22 @@ class TorqueFilter(DelayedTorque):
     def resembles(self) -> tuple[str, ...]:  # type: ignore[override]
         # Friction that turns round over a travel rounds its own steps off, before and
         # behind a reversal alike. No drive can look ahead.
+        """Names of effects with nearly the same torque.
+
+        A filter that looks both ways rounds the steps of friction before and behind a
+        reversal, as friction does that turns over a travel.
+        """
         return ("presliding_hysteresis",) if self.needs_links else ()
 
     @property
     def needs_links(self) -> bool:  # type: ignore[override]
+        """Whether the filter looks both ways (phase = zero): then the links' torque is
+        subtracted."""
         return self.shape["phase"] == 2.0
 
     def torques(self, motion: Motion) -> Array:
+        """Return the change (N, n, 1) of the current model's torque by the filter, over
+        T."""
         T = self.shape["T"]
         torque = motion.model_torque
         if self.needs_links:
@@ -204,6 +225,8 @@ class TorqueFilter(DelayedTorque):
         return np.asarray((passed - torque) / T)[:, :, None]
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
+        """Doubt a filter that looks both ways where joints stand still at reversals:
+        there friction turns as slowly by itself."""
         if self.needs_links and coverage.stands > STANDS:
             return (
                 "joints stand still at reversals, where friction turns round as slowly"
@@ -214,6 +237,11 @@ class TorqueFilter(DelayedTorque):
     def as_sized(self, size: float) -> float:
         # What looks both ways has no first order: T_f goes as the square of the true
         # constant over T.
+        """Return the time constant T [s] that follows from the size T_f that was found.
+
+        A filter that looks both ways changes the torque by the square of its time
+        constant: T_f = T_true^2 / T.
+        """
         return (
             size
             if self.shape["phase"] == 1.0
@@ -222,42 +250,37 @@ class TorqueFilter(DelayedTorque):
 
 
 def first_order_lag(x: Array, t: Array, T: float) -> Array:
-    """Solve T dy/dt + y = x from rest; exact where x is linear between samples.
+    """Filter by T dy/dt + y = x, beginning in the steady state; exact where x is linear
+    between samples.
 
     Parameters
     ----------
     x
-        (N, n) what goes in.
+        (N, n) input.
     t
-        (N,) instants [s].
+        (N,) instants, evenly spaced [s].
     T
         Time constant [s].
 
     Returns
     -------
     Array
-        (N, n) what comes out.
+        (N, n) output.
     """
     if len(t) < 2:
         return x
     step = (t[-1] - t[0]) / (len(t) - 1)
     decay = np.exp(-step / T)
     mean = (1.0 - decay) * T / step
-    driven = (1.0 - mean) * x
-    driven[1:] += (mean - decay) * x[:-1]
-    driven[0] = x[0]
-    # y_k - decay y_k-1, solved downwards.
-    rows = np.stack(
-        [
-            np.ones(len(t)),
-            np.full(len(t), -decay),
-        ]
-    )
+    # y_k - decay y_k-1 = (1 - mean) x_k + (mean - decay) x_k-1, and y_0 = x_0.
+    right_side = (1.0 - mean) * x
+    right_side[1:] += (mean - decay) * x[:-1]
+    right_side[0] = x[0]
+    # The matrix has ones on its diagonal and -decay below it.
+    bands = np.stack([np.ones(len(t)), np.full(len(t), -decay)])
+    lower_and_upper = (1, 0)
     return np.asarray(
         scipy.linalg.solve_banded(
-            (1, 0),
-            rows,
-            driven,
-            check_finite=False,
+            lower_and_upper, bands, right_side, check_finite=False
         )
     )

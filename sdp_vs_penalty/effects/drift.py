@@ -34,8 +34,12 @@ class Drift(JointEffect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        """What settles: in a later run a line has gone too far, and a long T is nearly
-        one."""
+        """List the shape constants with which a search begins: the forms that settle,
+        with three time constants.
+
+        A linear drift grows without end in a later run, and a long time constant is
+        nearly linear.
+        """
         settling = [form for form in cls.shapes["form"].choices if form % 2 == 0]
         return [
             {
@@ -48,20 +52,26 @@ class Drift(JointEffect):
 
     @property
     def exponential(self) -> bool:
+        """Whether the effect settles as exp(-t / T) (even forms) instead of growing
+        with time."""
         return self.shape["form"] % 2 == 0
 
     def unit_on(self, joint: int) -> str:
+        """Return the unit: of a torque, over seconds for a linear drift."""
         return super().unit_on(joint) + ("" if self.exponential else "/s")
 
     @property
     def searched(self) -> tuple[str, ...]:
+        """Names of the shape constants that measurements can determine: T only where it
+        settles."""
         return ("form", "T") if self.exponential else ("form",)
 
     def course(self, motion: Motion) -> Array:
-        """Compute how the effect follows time.
+        """Compute how the effect follows time: t [s] for linear forms, exp(-|t| / T)
+        [-] for settling ones.
 
-        A trend over minutes is linear [s] or saturating [-]. What settles fades before
-        t0 as after it: in an older run exp(-t / T) would grow without end.
+        Time counts from t0. A settling effect fades before t0 too: in an older run
+        exp(-t / T) would grow without end.
 
         Parameters
         ----------
@@ -89,6 +99,7 @@ class DriftOffset(Drift):
     refines = ("torque_offset",)
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the course of time (N,): t or exp(-|t| / T), from t0."""
         return self.course(motion)
 
 
@@ -98,15 +109,16 @@ class Rubbing(JointEffect):
     @property
     @abstractmethod
     def viscous(self) -> bool:
-        """Which of the two."""
+        """Whether viscous friction changes; otherwise Coulomb friction."""
 
     def unit_on(self, joint: int) -> str:
+        """Return the unit: of a torque, over velocity for viscous friction."""
         torque = super().unit_on(joint)
         position = self.robot.position_units[joint]
         return f"{torque}*s/{position}" if self.viscous else torque
 
     def rubbing(self, motion: Motion, joint: int) -> Array:
-        """Compute the friction of unit size.
+        """Compute the friction of unit size: the velocity, or its smooth sign.
 
         Parameters
         ----------
@@ -118,7 +130,7 @@ class Rubbing(JointEffect):
         Returns
         -------
         Array
-            (N,) smooth sign or velocity.
+            (N,) velocity [rad/s, m/s], or sign in [-1, 1].
         """
         return motion.dq[:, joint] if self.viscous else motion.sign(joint)
 
@@ -151,14 +163,22 @@ class DriftFriction(Rubbing, Drift):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
+        """Check the shape constants.
+
+        The effect refines the friction that its form changes, and warming by a logged
+        temperature.
+        """
         super().__init__(robot, joints, **shape)
         self.refines = self.refines[self.viscous], "warming_friction"
 
     @property
     def viscous(self) -> bool:
+        """Whether viscous friction changes (forms 3 and 4); otherwise Coulomb
+        friction."""
         return self.shape["form"] > 2.0
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return friction of unit size times the course of time (N,)."""
         return self.course(motion) * self.rubbing(motion, joint)
 
 
@@ -200,6 +220,8 @@ class WarmingFriction(Rubbing):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
+        """Check the shape constants, and note whether the clock or a temperature is
+        needed."""
         super().__init__(robot, joints, **shape)
         self.refines = (self.refines[self.viscous],)
         self.follows_clock = self.shape["by"] == 2.0
@@ -207,10 +229,14 @@ class WarmingFriction(Rubbing):
 
     @property
     def searched(self) -> tuple[str, ...]:
+        """Names of the shape constants that measurements can determine: the scale of
+        the temperature, or the time constant by the clock."""
         return ("law", "by", "T" if self.follows_clock else "warm")
 
     @property
     def viscous(self) -> bool:
+        """Whether viscous friction falls with temperature; otherwise Coulomb
+        friction."""
         return self.shape["law"] == 2.0
 
     @classmethod
@@ -219,8 +245,10 @@ class WarmingFriction(Rubbing):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        """By temperature: by the clock it is drift_friction, which a search knows
-        already."""
+        """List the shape constants with which a search begins, all by temperature.
+
+        By the clock the effect is drift_friction, which a search tries anyway.
+        """
         scales = list(
             zip(
                 cls.shapes["warm"].grid,
@@ -240,6 +268,11 @@ class WarmingFriction(Rubbing):
         ]
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return friction of unit size times exp(-x) (N,).
+
+        x is the temperature above 20 degrees Celsius over ``warm`` [K], or the time
+        from t0 over T.
+        """
         if self.follows_clock:
             x = np.abs(motion.t - self.shape["t0"]) / self.shape["T"]  # as of Drift
         else:

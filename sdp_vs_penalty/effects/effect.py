@@ -16,7 +16,7 @@ from abc import ABC
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from itertools import accumulate, pairwise, product, starmap
+from itertools import product
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -37,8 +37,16 @@ from sdp_vs_penalty.robot.robot import Robot
 
 @dataclass(frozen=True)
 class Parameter:
-    """One entry of theta. ``joint`` counts from 1 (0: the whole robot); ``lower`` is
-    its sign bound."""
+    """One entry of theta.
+
+    Parameters
+    ----------
+    name : such as "f_v3"
+    unit : such as "N*m*s/rad"
+    effect : name of its effect
+    joint : joint from 1; 0 for the whole robot
+    lower : lower bound, 0 where physics fixes the sign
+    """
 
     name: str
     unit: str
@@ -49,8 +57,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Block:
-    """Columns (N, k) of the torque on one joint, and which k of the effect's parameters
-    they meet."""
+    """Columns (N, k) of the regressor of one joint's torque.
+
+    Parameters
+    ----------
+    joint : joint from 0
+    parameters : (k,) places of the columns' parameters among those of the effect
+    columns : (N, k) torque [N m, N] from one unit of each parameter
+    """
 
     joint: int
     parameters: NDArray[np.intp]
@@ -70,8 +84,14 @@ STANDS = 0.02
 
 @dataclass(frozen=True)
 class JointCoverage:
-    """What runs show of a joint: how far it went and how fine its positions are [rad,
-    m]; stands : share of the rows in which joints stand still."""
+    """What runs show of a joint.
+
+    Parameters
+    ----------
+    travel : distance between its lowest and highest position [rad, m]
+    resolution : smallest step of its positions [rad, m]
+    stands : fraction of the samples in which it stands still
+    """
 
     travel: float = np.inf
     resolution: float = 0.0
@@ -175,6 +195,24 @@ class Effect(ABC):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
+        """Check the joints and shape constants, and fill in the defaults of those not
+        given.
+
+        Parameters
+        ----------
+        robot : Robot
+            The robot.
+        joints : sequence of int, optional
+            Joints from 0 on which the effect acts; None for all.
+        **shape : float
+            Values of shape constants (numbers on which the columns depend
+            non-linearly), by name.
+
+        Raises
+        ------
+        InputError
+            A joint or shape constant that does not exist, or a value out of its range.
+        """
         self.robot = robot
         if self.whole_robot and joints is not None:
             raise InputError(
@@ -237,6 +275,8 @@ class Effect(ABC):
         )
 
     def __init_subclass__(cls) -> None:
+        """Name each effect after its class, in snake case: ViscousFriction is
+        "viscous_friction"."""
         if "equation" in vars(cls) and "name" not in vars(cls):
             cls.name = re.sub("(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
@@ -294,7 +334,8 @@ class Effect(ABC):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The effect's own part of theta: joint by joint, or of the whole robot."""
+        """The effect's parameters, its part of theta: joint by joint, or once for the
+        whole robot."""
         joints = (-1,) if self.whole_robot else self.joints
         return tuple(
             Parameter(name, unit, self.name, j + 1, self.lower)
@@ -357,12 +398,13 @@ class Effect(ABC):
         bool
             True where the columns are certainly the same.
         """
-        plain = type(self) is type(other) and type(self).__init__ is Effect.__init__
-        return self is other or (
-            plain
-            and self.robot is other.robot
-            and (self.joints, self.shape) == (other.joints, other.shape)
-        )
+        if self is other:
+            return True
+        is_same_class = type(self) is type(other) and self.robot is other.robot
+        has_no_more_data = type(self).__init__ is Effect.__init__
+        if not is_same_class or not has_no_more_data:
+            return False
+        return self.joints == other.joints and self.shape == other.shape
 
     def torque(self, theta: Array, motion: Motion) -> Array:
         """Compute the torque that this effect makes: Y(motion) theta.
@@ -386,8 +428,8 @@ class Effect(ABC):
 
     @property
     def waves(self) -> float | None:
-        """How often its torque repeats in a turn [-, or rad/m]; None where it follows
-        no phase."""
+        """Wave number k of a torque cos(k q): waves per turn of a revolute joint [-],
+        rad/m on a prismatic one; None for a torque that is no wave."""
         return None
 
     # What is known of the parameters before anything is measured.
@@ -424,42 +466,52 @@ class Effect(ABC):
                         [-parameter.lower],
                     )
                 )
-            both = [self.largest_parameter, self.largest_parameter]
+            # Two rows: theta + largest >= 0 and largest - theta >= 0.
+            largest = self.largest_parameter
             out.append(
                 build.linear(
                     "range",
                     name,
                     [index],
                     [[1.0, -1.0]],
-                    both,
+                    [largest, largest],
                 )
             )
         return out
 
     @property
     def largest_parameter(self) -> float:
-        """What a parameter's size stays below: the range, and for robots of many metres
-        more, since a torque goes with the fourth power of the length."""
+        """Upper bound of |theta| in SI units.
+
+        It is the class's range, times (reach / 2 m)^4 for robots that reach farther
+        than 2 m: torques grow with the fourth power of the length.
+        """
         reach = float(np.sum(self.robot.link_reach()))
         return self.range * max(1.0, reach / _USUAL_REACH) ** 4
 
     @property
     def nominal(self) -> Array:
-        """(k,) plausible parameters, strictly inside the constraints that are no mere
-        bounds."""
+        """(k,) plausible parameters to start a solver from.
+
+        They lie strictly inside the constraints other than bounds, such as a body's
+        positive definite inertia. Here zeros: this effect has no such constraints.
+        """
         return np.zeros(len(self.parameters))
 
     @property
     def plausible(self) -> Array | None:
-        """(k,) standard deviations of the parameters about zero that are known before
-        anything is measured, and enter every fit as observations; None: nothing is
-        known."""
+        """(k,) prior standard deviations of the parameters about zero, in SI units;
+        None where nothing is known.
+
+        They enter every fit as k further observations (theta = 0). A prismatic joint
+        has another value than a revolute one.
+        """
         if self.usual is None:
             return None
-        slides = [
-            self.robot.joints[p.joint - 1].kind == "prismatic" for p in self.parameters
-        ]
-        return np.where(slides, *reversed(self.usual))
+        on_revolute, on_prismatic = self.usual
+        kinds = [self.robot.joints[p.joint - 1].kind for p in self.parameters]
+        is_prismatic = [kind == "prismatic" for kind in kinds]
+        return np.where(is_prismatic, on_prismatic, on_revolute)
 
     def as_sized(self, size: float) -> float:
         """Return the shape constant that follows from the size of the effect.
@@ -502,8 +554,8 @@ class Effect(ABC):
 
     @property
     def contact(self) -> Array | None:
-        """(n,) the combination of joints along which it is dry friction; None: along
-        its own joints."""
+        """(n,) ratios of the joints along which the effect is dry friction; None for
+        friction along single joints, or none."""
         return None
 
     # What a search asks.
@@ -570,13 +622,16 @@ class Effect(ABC):
 
     @property
     def searched(self) -> tuple[str, ...]:
-        """The shape constants that measurements can tell, on which the columns truly
-        depend."""
+        """Names of the shape constants that measurements can determine.
+
+        The clock's reading at which time begins is taken from the file instead.
+        """
         return tuple(key for key, shape in self.shapes.items() if shape.role != "clock")
 
     @property
     def estimated(self) -> tuple[str, ...]:
-        """Those of them that `identify` estimates as well."""
+        """Names of the shape constants that `identify` estimates; `diagnose` searches
+        the others too."""
         return tuple(
             key for key, shape in self.shapes.items() if shape.role == "estimated"
         )
@@ -601,7 +656,7 @@ class Effect(ABC):
     # What a reader is told.
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
-        """Tell where a motion leaves the range for which the effect is known.
+        """Tell where a motion leaves the range in which the effect is known.
 
         Parameters
         ----------
@@ -611,13 +666,13 @@ class Effect(ABC):
         Returns
         -------
         NDArray
-            (N,) flags, all False: only measured tables have such a range.
+            (N,) flags; all False, for only measured tables have such a range.
         """
         return np.zeros(len(motion.t), bool)
 
     @property
     def constants(self) -> str:
-        """The shape constants that measurements can tell, with their units: "vs = 0.1
+        """The shape constants that measurements can determine, as text: "vs = 0.1
         rad/s"."""
         kind = self.robot.joints[self.joints[0]].kind
         return ", ".join(
@@ -641,49 +696,51 @@ class Effect(ABC):
         return ""
 
     def looks_like(self, size: float, coverage: JointCoverage) -> str:
-        """Say what else would look like this effect in these measurements.
+        """Give a reason to doubt the effect: what else would look like it in these
+        measurements.
+
+        A wave is doubtful where the joint travelled less than one of it.
 
         Parameters
         ----------
         size
-            The size that was found.
+            Size of the effect that was found.
         coverage
-            What the runs show of its joint.
+            Travel, resolution and standstills of its joint in the runs.
 
         Returns
         -------
         str
-            The reason for doubt, or nothing.
+            The reason, empty where there is none.
         """
-        slow = (self.waves or np.inf) * coverage.travel < 2.0 * np.pi
+        one_wave = 2.0 * np.pi
+        if self.waves is None or not self.waves * coverage.travel < one_wave:
+            return ""
         return (
             "less than one wave was travelled: all that changes slowly along it"
             " looks so"
-            if slow
-            else ""
         )
 
     @property
     def text(self) -> str:
-        """How the effect is written on the command line."""
-        joints = (
-            ""
-            if self.asked_joints is None
-            else ":" + "+".join(str(j + 1) for j in self.joints)
-        )
-        shape = "".join(
-            f"@{k}={self.shapes[k].written(v)}" for k, v in self.shape.items()
-        )
-        return f"{self.name}{joints}{shape}"
+        """The effect as the command line takes it: "viscous_friction:2+3",
+        "stribeck_friction@vs=0.1"."""
+        text = self.name
+        if self.asked_joints is not None:
+            text += ":" + "+".join(str(j + 1) for j in self.joints)
+        for key, value in self.shape.items():
+            text += f"@{key}={self.shapes[key].written(value)}"
+        return text
 
     @property
     def brief(self) -> str:
-        """The effect as a reader is told of it: as it is written, but for a long table."""
+        """The effect as reports show it: its text on the command line; a measured table
+        is shortened."""
         return self.text
 
     def to_dict(self) -> dict[str, object]:
-        """Plain JSON: name, joints from 1 and shape constants, as model.json holds
-        them."""
+        """Return what model.json holds of the effect: its name, its joints from 1 (None
+        for all), and its shape constants."""
         joints = (
             None if self.asked_joints is None else [j + 1 for j in self.asked_joints]
         )
@@ -695,7 +752,10 @@ class Effect(ABC):
 
 
 def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
-    """Tell whether an effect's torque changes with one signal and nothing else.
+    """Tell whether an effect's torque depends on the positions alone, or on the
+    velocities alone.
+
+    The columns are computed at random states while all other signals change.
 
     Parameters
     ----------
@@ -707,31 +767,30 @@ def follows_alone(effect: Effect, signal: Literal["q", "dq"]) -> bool:
     Returns
     -------
     bool
-        True as well where the torque does not change at all.
+        True as well where the torque is constant.
     """
-    other = effect.needs_torque or effect.needs_links or effect.needs_temperature
-    if other or effect.needs_command or effect.needs_motors or effect.has_memory:
+    needs_model = effect.needs_torque or effect.needs_links
+    needs_channel = (
+        effect.needs_temperature or effect.needs_command or effect.needs_motors
+    )
+    if needs_model or needs_channel or effect.has_memory:
         return False
-    state = np.random.default_rng(0).normal(size=(3, effect.robot.n))
+    states = np.random.default_rng(0).normal(size=(3, effect.robot.n))
 
-    def columns(x: float) -> list[Block]:
-        still = np.full_like(state, x)
-        q = state if signal == "q" else still
-        dq = state if signal == "dq" else still
+    def blocks_with_others_at(value: float) -> list[Block]:
+        """Columns at the states, where time and all other signals have one value."""
+        others = np.full_like(states, value)
         return effect.blocks(
             Motion(
-                still[:, 0],
-                q,
-                dq,
-                still,
+                t=others[:, 0],
+                q=states if signal == "q" else others,
+                dq=states if signal == "dq" else others,
+                ddq=others,
             )
         )
 
-    first = columns(0.0)
-    second = columns(0.7)
-    return all(
-        np.array_equal(a.columns, b.columns) for a, b in zip(first, second, strict=True)
-    )
+    pairs = zip(blocks_with_others_at(0.0), blocks_with_others_at(0.7), strict=True)
+    return all(np.array_equal(a.columns, b.columns) for a, b in pairs)
 
 
 class JointEffect(Effect):
@@ -755,10 +814,13 @@ class JointEffect(Effect):
         raise NotImplementedError
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Compute the columns of the regressor: one block (N, k) for each of the
+        effect's joints."""
         return self.blocks_per_joint([self.column(motion, j) for j in self.joints])
 
     def blocks_per_joint(self, columns: Sequence[Array]) -> list[Block]:
-        """Make a block of the columns of each joint.
+        """Turn the columns of each joint into blocks, and number their parameters
+        consecutively.
 
         Parameters
         ----------
@@ -770,10 +832,11 @@ class JointEffect(Effect):
         list of Block
             One block a joint.
         """
-        wide = [x.reshape(len(x), -1) for x in columns]
-        ends = accumulate((x.shape[1] for x in wide), initial=0)
-        parameters_by_joint = starmap(np.arange, pairwise(ends))
-        return [
-            Block(j, k, x)
-            for j, k, x in zip(self.joints, parameters_by_joint, wide, strict=True)
-        ]
+        blocks = list[Block]()
+        first_parameter = 0
+        for joint, values in zip(self.joints, columns, strict=True):
+            joint_columns = values.reshape(len(values), -1)  # (N, k)
+            end = first_parameter + joint_columns.shape[1]
+            blocks.append(Block(joint, np.arange(first_parameter, end), joint_columns))
+            first_parameter = end
+        return blocks

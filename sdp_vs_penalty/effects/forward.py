@@ -39,9 +39,17 @@ _ARRIVED = 1e-11
 
 
 class State(NamedTuple):
-    """W simulations at one instant: t (W,); q, dq, ddq (W, n), ddq of the last step; z
-    (W, k); temperature (W, n) of the joints, NaN where it is not known, which stays as
-    it is; sum (W, n) the integrals of q, NaN where nobody knows them."""
+    """W simulations at one instant.
+
+    Parameters
+    ----------
+    t : (W,) time [s]
+    q, dq : (W, n) positions [rad, m] and velocities
+    ddq : (W, n) accelerations of the last step
+    z : (W, k) internal states of the friction, in [-1, 1]
+    temperature : (W, n) of the joints, constant [degrees Celsius]; NaN where unknown
+    position_integral : (W, n) integrals of q [rad s, m s]; NaN where unknown
+    """
 
     t: Array
     q: Array
@@ -52,6 +60,7 @@ class State(NamedTuple):
     position_integral: Array
 
     def rows(self, which: slice | NDArray[np.intp]) -> State:
+        """Return the states of some simulations, chosen by a slice or indices."""
         return State(*(x[which] for x in self))
 
 
@@ -68,10 +77,14 @@ class _Probe(Motion):
         joint: int,
         width: float | None = None,
     ) -> Array:
+        """Return the prescribed sign (N,) of dry friction on one joint (from 0), in
+        place of the velocity's."""
         assert self.signs is not None
         return self.signs[:, joint]
 
     def sign_along(self, ratios: Array) -> Array:
+        """Return the prescribed sign (N,) of dry friction along the contact with these
+        ratios (n,)."""
         assert self.signs is not None
         assert self.contacts is not None
         same = np.all(self.contacts == ratios, axis=1)
@@ -79,13 +92,18 @@ class _Probe(Motion):
 
 
 class Plant:
-    """A model with parameters theta (W, p), one row a simulation, or (p,) for all of
-    them.
+    """A robot model that can be simulated, with its parameters.
 
-    Raises InputError where a model has no rigid body.
+    ``theta`` is (p,), or (W, p) with one row for each of W simulations. Raises
+    InputError where the model has no rigid body: without inertia nothing can move.
     """
 
     def __init__(self, model: Model, theta: Array) -> None:
+        """Sort the model's effects by their role in a simulation, and prepare the
+        links' dynamics.
+
+        Simulations with equal link parameters share one set of dynamics.
+        """
         self.model = model
         self.robot = model.robot
         self.theta = np.atleast_2d(np.asarray(theta, float))
@@ -102,12 +120,12 @@ class Plant:
         self.channels = [
             (e, k) for e, k in effects_and_indices if e.forward == "channel"
         ]
+        # Of each distinct set of link parameters the function that computes M and b,
+        # and which of them each simulation has.
         links = self.theta[:, model.rigid_indices]
-        different, which = np.unique(links, axis=0, return_inverse=True)
-        self._rigid, self._which = (
-            [self.robot.mass_and_bias(row) for row in different],
-            which.ravel(),
-        )
+        distinct, which = np.unique(links, axis=0, return_inverse=True)
+        self._rigid = [self.robot.mass_and_bias(row) for row in distinct]
+        self._which = which.ravel()
         #: (m, n) directions along which there may be dry friction, (m,) over what
         #: widths it turns round.
         self.contacts, self.widths = self._contacts()
@@ -119,7 +137,7 @@ class Plant:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """The written form of the effects that have no meaning here."""
+        """Text of the effects that cannot be simulated and are left out."""
         return tuple(e.text for e in self.model.effects if e.forward == "left out")
 
     def true_torque(self, t: Array, torque: Array) -> Array:
@@ -144,7 +162,7 @@ class Plant:
         return torque
 
     def remembered(self, motion: Motion) -> Array:
-        """Follow the friction's states along a measured motion.
+        """Follow the friction's internal states along a measured motion.
 
         Parameters
         ----------
@@ -154,23 +172,19 @@ class Plant:
         Returns
         -------
         Array
-            (N, k) states.
+            (N, k) states in [-1, 1], the stateful effects one after the other.
         """
         motion = replace(motion, sign_width=self.model.sign_width)
-        return np.hstack(
-            [
-                np.zeros((len(motion.t), 0)),
-                *(b.along(motion) for b in self.bristles),
-            ]
-        )
+        states = [bristles.along(motion) for bristles in self.bristles]
+        return np.hstack([np.zeros((len(motion.t), 0)), *states])
 
     def advanced(self, z: Array, travel: Array) -> Array:
-        """Advance the friction's states.
+        """Advance the friction's internal states by a displacement.
 
         Parameters
         ----------
         z
-            (W, k) states.
+            (W, k) states, the stateful effects one after the other.
         travel
             (W, n) displacements [rad, m].
 
@@ -179,33 +193,20 @@ class Plant:
         Array
             (W, k) states after it.
         """
-        parts = np.split(
-            z,
-            np.cumsum([len(b.distances) for b in self.bristles])[:-1],
-            axis=1,
-        )
-        moved = [
-            b.advanced(part, travel)
-            for b, part in zip(self.bristles, parts, strict=False)
-        ]
-        return np.hstack(
-            [
-                np.zeros((len(z), 0)),
-                *moved,
-            ]
-        )
+        n_states = [len(bristles.distances) for bristles in self.bristles]
+        parts = np.split(z, np.cumsum(n_states)[:-1], axis=1)
+        moved = [np.zeros((len(z), 0))]
+        for bristles, part in zip(self.bristles, parts, strict=False):
+            moved.append(bristles.advanced(part, travel))
+        return np.hstack(moved)
 
     @property
     def can_move(self) -> bool:
-        """Whether M(q) of the first row is positive definite, at poses all over the
-        range."""
+        """Whether M(q) is positive definite at 20 random poses, for the first row of
+        parameters."""
         first = self if len(self.theta) == 1 else Plant(self.model, self.theta[0])
-        return bool(
-            np.linalg.eigvalsh(
-                first.mass(self.robot.random_configurations(20, 0))
-            ).min()
-            > 0.0
-        )
+        poses = self.robot.random_configurations(20, 0)
+        return bool(np.linalg.eigvalsh(first.mass(poses)).min() > 0.0)
 
     def mass(self, q: Array) -> Array:
         """Compute the mass matrices M(q).
@@ -227,9 +228,10 @@ class Plant:
         state: State,
         h: float,
     ) -> tuple[Array, Array, Array, Array]:
-        """Compute what moves W simulations at the middle of a step.
+        """Compute the terms of the equation of motion for W simulations at the middle
+        of a step.
 
-        The step is taken as if motion went on as in the last one.
+        The middle is predicted as if the acceleration of the last step went on.
 
         Parameters
         ----------
@@ -240,30 +242,38 @@ class Plant:
 
         Returns
         -------
-        tuple of Array
-            M (W, n, n); force (W, n), which is b + f without dry friction; its slope (W, n)
-            over the velocity; the dry forces (W, m) along the contacts.
+        mass : (W, n, n) array
+            Mass matrices.
+        force : (W, n) array
+            Bias and all other forces but dry friction [N m, N].
+        slope : (W, n) array
+            Derivative of the force by the velocity.
+        dry : (W, m) array
+            Sizes of the dry friction along the m contacts [N m, N].
         """
         dq = state.dq + 0.5 * h * state.ddq
         travel = 0.5 * h * (state.dq + 0.25 * h * state.ddq)
         mass, bias = self._mass_and_bias(state.q + travel, dq)
         delta = np.where(dq < 0.0, -_SLOPE, _SLOPE)
         n = self.robot.n
-        m = len(self.contacts)
-        # Probes: nothing dry, all joints' friction forwards, each other contact's, a
-        # little faster.
-        signs = np.zeros((3 + m - n, m))
+        n_combinations = len(self.contacts) - n
+        # The forces are computed for several variants of the motion at once: without
+        # dry friction (0), with that of all joints forwards (1), with that of each
+        # combination of joints forwards (2 ...), and a little faster (-1).
+        signs = np.zeros((3 + n_combinations, len(self.contacts)))
         signs[1, :n] = 1.0
-        signs[2:-1, n:] = np.eye(m - n)
-        moves = [(travel, dq)] * (2 + m - n) + [(travel + 0.5 * h * delta, dq + delta)]
+        signs[2:-1, n:] = np.eye(n_combinations)
+        moves = [(travel, dq)] * (2 + n_combinations)
+        moves.append((travel + 0.5 * h * delta, dq + delta))
         force = self._forces(state, moves, signs, h)
-        dry = force[1] - force[0]
-        others = [
-            np.sum((f - force[0]) * c, axis=1) / float(c @ c)
-            for f, c in zip(force[2:-1], self.contacts[n:], strict=True)
-        ]
-        slope = (force[-1] - force[0]) / delta
-        return mass, bias + force[0], slope, np.column_stack([dry, *others])
+        smooth = force[0]
+        dry = [force[1] - smooth]
+        for with_friction, ratios in zip(force[2:-1], self.contacts[n:], strict=True):
+            # The force f c on the joints gives back f as f c . c / c . c.
+            along = np.sum((with_friction - smooth) * ratios, axis=1)
+            dry.append(along / float(ratios @ ratios))
+        slope = (force[-1] - smooth) / delta
+        return mass, bias + smooth, slope, np.column_stack(dry)
 
     def _forces(
         self,
@@ -272,8 +282,13 @@ class Plant:
         signs: Array,
         h: float,
     ) -> Array:
-        """(P, W, n) f with each of P displacements and velocities (W, n) and signs (P,
-        m)."""
+        """Compute f, the force of all effects but the links', for P variants of the
+        motion.
+
+        ``moves`` holds P pairs of displacement and velocity (W, n), ``signs`` (P, m)
+        the directions of dry friction along the m contacts. Returns (P, W, n) forces [N
+        m, N].
+        """
         count = len(moves)
         size = len(state.q)
         travel = np.concatenate([way for way, _ in moves])
@@ -310,23 +325,33 @@ class Plant:
         z: Array,
         theta: Array,
     ) -> Array:
-        out = np.zeros_like(motion.q)
-        used = 0
+        """Sum the torque (N, n) [N m, N] of some effects along a motion.
+
+        ``z`` (N, k) holds the friction states of the stateful effects one after the
+        other; ``theta`` is (1, p), or (N, p) with one row of parameters for each
+        instant.
+        """
+        torque = np.zeros_like(motion.q)
+        n_states_used = 0
         for effect, indices in effects:
             if isinstance(effect, StatefulEffect):
-                count = len(effect.bristles.distances)
-                blocks = effect.blocks_at(motion, z[:, used : used + count])
-                used += count
+                end = n_states_used + len(effect.bristles.distances)
+                blocks = effect.blocks_at(motion, z[:, n_states_used:end])
+                n_states_used = end
             else:
                 blocks = effect.blocks(motion)
             for block in blocks:
-                out[:, block.joint] += (
-                    block.columns * theta[:, indices[block.parameters]]
-                ).sum(axis=1)
-        return out
+                parameters = theta[:, indices[block.parameters]]
+                torque[:, block.joint] += (block.columns * parameters).sum(axis=1)
+        return torque
 
     def _with_load(self, motion: _Probe, ddq: Array) -> _Probe:
-        """With the torque that effects refer to, at the acceleration of the last step."""
+        """Attach the current model's torque and links, to which some effects refer, to
+        a motion.
+
+        ``ddq`` (N, n) is the acceleration of the last step: that of this step is not
+        known yet.
+        """
         reference = self.model.reference
         assert reference is not None
         links = reference[self.model.rigid_indices].reshape(-1, 10)
@@ -358,53 +383,49 @@ class Plant:
         q: Array,
         dq: Array,
     ) -> tuple[Array, Array]:
+        """Compute the mass matrices (W, n, n), with rotors and payload, and the bias
+        torques (W, n) of the links [N m, N] (gravity and velocity terms)."""
         if len(self._rigid) == 1:
             mass, bias = self._rigid[0](q, dq)
-        else:
+        else:  # simulations with different links
             mass = np.empty((*q.shape, q.shape[1]))
             bias = np.empty_like(q)
-            for k, terms in enumerate(self._rigid):
+            for k, mass_and_bias in enumerate(self._rigid):
                 rows = self._which == k
-                mass[rows], bias[rows] = terms(q[rows], dq[rows])
+                mass[rows], bias[rows] = mass_and_bias(q[rows], dq[rows])
         if self._moves:
             mass = mass + self._added_mass(q, self.theta)
         return mass, bias
 
     def _added_mass(self, q: Array, theta: Array) -> Array:
-        """(W, n, n) of the effects that feel an acceleration: rotors, a payload."""
+        """Compute the mass matrices (W, n, n) of the effects that depend on
+        accelerations, such as rotor inertias and a payload.
+
+        Column j is their torque at unit acceleration of joint j, less that at rest.
+        """
         n = self.robot.n
-        size = len(q)
-        still = np.zeros((size * n, n))
-        signs = np.zeros((size * n, len(self.contacts)))
-        unit = np.tile(np.eye(n), (size, 1))
-        theta = np.repeat(
-            theta,
-            n if len(theta) > 1 else 1,
-            axis=0,
-        )
-        place = np.repeat(q, n, axis=0)
-        none = np.zeros(size * n)
-        rows = _Probe(
-            none,
-            place,
-            still,
-            unit,
+        n_simulations = len(q)
+        n_rows = n_simulations * n  # each simulation n times: each joint accelerates
+        at_rest = np.zeros((n_rows, n))
+        if len(theta) > 1:
+            theta = np.repeat(theta, n, axis=0)
+        accelerated = _Probe(
+            t=np.zeros(n_rows),
+            q=np.repeat(q, n, axis=0),
+            dq=at_rest,
+            ddq=np.tile(np.eye(n), (n_simulations, 1)),
             contacts=self.contacts,
-            signs=signs,
+            signs=np.zeros((n_rows, len(self.contacts))),
         )
-        z = np.zeros((size * n, self.states))
-        moved = self._sum(self._moves, rows, z, theta)
-        moved -= self._sum(
-            self._moves,
-            replace(rows, ddq=still),
-            z,
-            theta,
-        )
-        return moved.reshape(size, n, n)
+        resting = replace(accelerated, ddq=at_rest)
+        z = np.zeros((n_rows, self.states))
+        torque = self._sum(self._moves, accelerated, z, theta)
+        torque -= self._sum(self._moves, resting, z, theta)
+        return torque.reshape(n_simulations, n, n)
 
     def _feels_acceleration(self, effect: Effect) -> bool:
-        """Whether its torque changes with the acceleration itself, not through a
-        reference."""
+        """Tell whether an effect's torque depends on the acceleration directly, not
+        through the torque of a current model."""
         if effect.needs_torque or effect.needs_links:
             return False
         n = self.robot.n
@@ -412,32 +433,30 @@ class Plant:
         still = np.zeros((1, n))
 
         def columns(ddq: Array) -> list[Array]:
-            motion = Motion(
-                np.zeros(1),
-                q,
-                still,
-                ddq,
-                temperature=still,
-            )
-            return [b.columns for b in effect.blocks(motion)]
+            """Columns of the effect at one pose, at rest, with an acceleration (1, n)."""
+            motion = Motion(np.zeros(1), q, dq=still, ddq=ddq, temperature=still)
+            return [block.columns for block in effect.blocks(motion)]
 
         before = columns(still)
         after = columns(np.ones((1, n)))
         return not all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
 
     def _contacts(self) -> tuple[Array, Array]:
-        """One a joint, and one for each combination of joints on which dry friction
-        acts."""
+        """List the m directions along which dry friction may act: each joint, and each
+        combination of joints of an effect.
+
+        Returns (m, n) ratios of the joints, and (m,) widths [rad/s, m/s] over which the
+        friction turns.
+        """
         n = self.robot.n
         widths = list(self.model.sign_width)
         rows = list(np.eye(n))
         for effect, _ in self.effects:
             ratios = effect.contact
-            if ratios is not None and not any(
-                np.array_equal(ratios, row) for row in rows
-            ):
-                rows.append(ratios)
-                widths.append(max(widths[j] for j in np.flatnonzero(ratios)))
+            if ratios is None or any(np.array_equal(ratios, row) for row in rows):
+                continue
+            rows.append(ratios)
+            widths.append(max(widths[j] for j in np.flatnonzero(ratios)))
         return np.array(rows), np.array(widths)
 
 
@@ -448,7 +467,11 @@ def advance(
     h: float,
     damping: Array | None = None,
 ) -> State:
-    """Take one step of all simulations; positions move with the mean velocity.
+    """Take one step of all simulations; positions move with the mean velocity of the
+    step.
+
+    Friction and everything else that grows with velocity is implicit (see
+    ``Plant.terms``).
 
     Parameters
     ----------
@@ -457,11 +480,11 @@ def advance(
     state
         States of W simulations.
     torque
-        (W, n) torque at the middle of the step, if motion goes on as in the last one.
+        (W, n) torque at the middle of the step, predicted as if accelerations stayed.
     h
         Step [s].
     damping
-        (W, n, n) how the torque of a controller falls with the velocity there.
+        (W, n, n) decrease of a controller's torque per unit of velocity there.
 
     Returns
     -------
@@ -474,8 +497,8 @@ def advance(
     if damping is not None:
         slopes = slopes + damping
     matrix = mass + 0.5 * h * slopes
-    # The force was taken at the velocity predicted for the middle, (dq + predicted) /
-    # 2.
+    # The force was taken at the velocity predicted for the middle, (dq + predicted) / 2:
+    # matrix @ dq = h (torque - force) + matrix @ predicted + mass @ (dq_0 - predicted).
     push = h * (torque - force) + np.einsum("kij,kj->ki", matrix, predicted)
     push += np.einsum("kij,kj->ki", mass, state.dq - predicted)
     dq = dry_step(
@@ -489,28 +512,35 @@ def advance(
     travel = 0.5 * h * (state.dq + dq)
     ddq = (dq - state.dq) / h
     z = plant.advanced(state.z, travel)
-    path = state.position_integral + h * (state.q + 0.5 * travel)
+    position_integral = state.position_integral + h * (state.q + 0.5 * travel)
     return State(
-        state.t + h,
-        state.q + travel,
-        dq,
-        ddq,
-        z,
-        state.temperature,
-        path,
+        t=state.t + h,
+        q=state.q + travel,
+        dq=dq,
+        ddq=ddq,
+        z=z,
+        temperature=state.temperature,
+        position_integral=position_integral,
     )
 
 
 class ServoLoop:
-    """A model with servo effects and its parameters theta (p,): the plant, and what
-    drives it."""
+    """A robot model with servo effects: the plant and the control laws of its drives.
+
+    ``theta`` is (p,) parameters.
+    """
 
     def __init__(self, model: Model, theta: Array) -> None:
+        """Split the model into the drives' control laws and the plant that they
+        drive."""
+        #: Each servo effect with its parameters.
         self.drives = [(e, theta[k]) for e, k in model.parts if e.forward == "drive"]
         self.plant = Plant(model, theta)
 
     def drive(self, motion: Motion) -> Array:
-        """Compute the torque of the drives.
+        """Compute the torque of the drives by their control laws.
+
+        Servo effects are written as loads, so the torque of the drives is minus theirs.
 
         Parameters
         ----------
@@ -522,10 +552,10 @@ class ServoLoop:
         Array
             (N, n) torque [N m, N].
         """
-        return -sum(
-            (e.torque(indices, motion) for e, indices in self.drives),
-            np.zeros_like(motion.q),
-        )
+        load = np.zeros_like(motion.q)
+        for effect, parameters in self.drives:
+            load = load + effect.torque(parameters, motion)
+        return -load
 
     def start(
         self,
@@ -534,18 +564,18 @@ class ServoLoop:
         q: Array,
         path: Array,
     ) -> State:
-        """Make states that start with the velocity of the command.
+        """Make the initial states of W simulations, with the velocity of the command.
 
         Parameters
         ----------
         command
-            What the drives were told.
+            Command of the drives.
         t
             (W,) instants [s].
         q
             (W, n) positions [rad, m].
         path
-            (W, n) integrals of the positions [rad s, m s].
+            (W, n) integrals of the positions over time [rad s, m s].
 
         Returns
         -------
@@ -583,14 +613,17 @@ class ServoLoop:
         command: Command,
         h: float,
     ) -> State:
-        """Take one step; stiffness and damping of the drives are implicit.
+        """Take one step of the simulated control loop.
+
+        The drives' stiffness and damping are implicit: their torque is linearised in
+        the velocity at the middle of the step, so that stiff drives are stable.
 
         Parameters
         ----------
         state
             States of W simulations.
         command
-            What the drives were told.
+            Command of the drives.
         h
             Step [s].
 
@@ -640,55 +673,58 @@ def dry_step(
     c: Array,
     w: Array,
 ) -> Array:
-    """Compute the velocities after a step with dry friction.
+    """Compute the velocities after a step with dry friction: K dq = push - c^T f, where
+    the friction impulse of contact i is f_i = p_i tanh(c_i dq / w_i).
 
-    A negative impulse (no friction) acts as the velocity before the step says.
+    A negative p (friction that would push) acts with the velocity before the step.
 
     Parameters
     ----------
     matrix
-        (W, n, n) K.
+        (W, n, n) K: mass matrix and half a step of the forces' slope.
     push
         (W, n) impulse of all other forces [N m s].
     before
         (W, n) velocities before the step.
     impulse
-        (W, m) p, the largest impulse of each contact.
+        (W, m) p, the largest friction impulse of each contact [N m s].
     c
         (m, n) directions of the contacts.
     w
-        (m,) widths of the contacts [rad/s, m/s].
+        (m,) velocities over which the contacts turn [rad/s, m/s].
 
     Returns
     -------
     Array
         (W, n) velocities after the step.
     """
-    past = before @ c.T
-    rejected = np.minimum(impulse, 0.0)
-    push = push - (rejected * np.tanh(past / w)) @ c
-    p = impulse - rejected
-    right = np.concatenate(
-        [push[:, :, None], np.broadcast_to(c.T, (len(push), *c.T.shape))], axis=2
-    )
-    solved = np.linalg.solve(matrix, right)
-    free = solved[:, :, 0]
-    response = solved[:, :, 1:]
-    y0 = free @ c.T
-    coupling = c @ response
-    way = np.sign(past)
-    friction = p * way
-    y = y0 - np.einsum("kij,kj->ki", coupling, friction)
-    open_rows = np.flatnonzero(np.any((y * way <= _SLIDES * w) & (p > 0.0), axis=1))
-    if len(open_rows):
-        friction[open_rows] = _solved(
-            y0[open_rows],
-            coupling[open_rows],
-            p[open_rows],
-            past[open_rows],
-            w,
+    past = before @ c.T  # (W, m) velocities along the contacts
+    negative = np.minimum(impulse, 0.0)
+    push = push - (negative * np.tanh(past / w)) @ c
+    p = impulse - negative
+    # K^-1 of the push (the velocities without friction) and of each contact.
+    directions = np.broadcast_to(c.T, (len(push), *c.T.shape))
+    right_sides = np.concatenate([push[:, :, None], directions], axis=2)
+    solved = np.linalg.solve(matrix, right_sides)
+    frictionless = solved[:, :, 0]  # (W, n)
+    response = solved[:, :, 1:]  # (W, n, m) velocities per unit impulse
+    y0 = frictionless @ c.T
+    coupling = c @ response  # (W, m, m)
+    # A contact that goes on sliding has the full impulse against its direction.
+    direction = np.sign(past)
+    friction = p * direction
+    y = y0 - np.einsum("kij,kj->ki", coupling, friction)  # coupling @ friction
+    is_undecided = (y * direction <= _SLIDES * w) & (p > 0.0)
+    rows = np.flatnonzero(np.any(is_undecided, axis=1))
+    if len(rows):
+        friction[rows] = _solved(
+            y0=y0[rows],
+            coupling=coupling[rows],
+            p=p[rows],
+            past=past[rows],
+            w=w,
         )
-    return free - np.einsum("kij,kj->ki", response, friction)
+    return frictionless - np.einsum("kij,kj->ki", response, friction)
 
 
 def _solved(
@@ -698,24 +734,21 @@ def _solved(
     past: Array,
     w: Array,
 ) -> Array:
-    """(W, m) friction impulses f with y = y0 - G f, f = p tanh(y / w).
+    """Solve for the impulses f (W, m) of dry friction in one step.
 
-    Newton on x = y + g f, g = diag G: y and f are both Lipschitz functions of x,
-    whatever w. Where that has not arrived after some steps it goes in circles, which
-    half steps leave.
+    The equations are y = y0 - G f (velocity of each contact after the step) and f = p
+    tanh(y / w) (friction law), with G (W, m, m), y0 and p (W, m), w (m,); ``past`` (W,
+    m) are the velocities before. Newton's method acts on x = y + g f, g = diag G: y and
+    f are Lipschitz functions of x whatever the width w. Where full steps cycle, quarter
+    steps converge.
     """
-    g = np.einsum("kii->ki", coupling)
-    x = np.where(
-        np.abs(y0) > g * p,
-        y0,
-        past,
-    )
+    g = np.einsum("kii->ki", coupling)  # (W, m) diagonals
+    x = np.where(np.abs(y0) > g * p, y0, past)
     scale = np.abs(y0).max(axis=1) + w.min()
-    x = _newton(x, y0, coupling, p, w, scale, 1.0)
-    miss = (
-        x - g * (f := _friction(x, g, p, w)) + np.einsum("kij,kj->ki", coupling, f) - y0
-    )
-    unsolved = np.flatnonzero(np.abs(miss).max(axis=1) > _ARRIVED * scale)
+    x = _newton(x, y0, coupling, p, w, scale, share=1.0)
+    f = _friction(x, g, p, w)
+    residual = x - g * f + np.einsum("kij,kj->ki", coupling, f) - y0
+    unsolved = np.flatnonzero(np.abs(residual).max(axis=1) > _ARRIVED * scale)
     if len(unsolved):
         x[unsolved] = _newton(
             x[unsolved],
@@ -724,7 +757,7 @@ def _solved(
             p[unsolved],
             w,
             scale[unsolved],
-            0.25,
+            share=0.25,
         )
         f = _friction(x, g, p, w)
     return np.clip(f, -p, p)
@@ -736,6 +769,7 @@ def _friction(
     p: Array,
     w: Array | float,
 ) -> Array:
+    """Return the friction impulse f (W, m) at x = y + g f, where f = p tanh(y / w)."""
     return (x - _resolvent(x, g * p, w)) / g
 
 
@@ -748,21 +782,26 @@ def _newton(
     scale: Array,
     share: float,
 ) -> Array:
-    """(W, m) x after Newton's steps, of which this share is taken."""
-    m = len(w)
-    g = np.einsum("kii->ki", coupling)
+    """Iterate x (W, m) by Newton's method until y + G f = y0, taking the fraction
+    ``share`` of each step.
+
+    It stops where the largest residual of every simulation is below rounding, relative
+    to ``scale`` (W,).
+    """
+    diagonal = range(len(w))
+    g = np.einsum("kii->ki", coupling)  # (W, m) diagonals
     for _ in range(round(_STEPS / share**3)):
         y = _resolvent(x, g * p, w)
-        miss = y + np.einsum("kij,kj->ki", coupling, (x - y) / g) - y0
-        if np.all(np.abs(miss).max(axis=1) <= _ARRIVED * scale):
+        residual = y + np.einsum("kij,kj->ki", coupling, (x - y) / g) - y0
+        if np.all(np.abs(residual).max(axis=1) <= _ARRIVED * scale):
             break
-        # dy/dx
-        rate = 1.0 / (
-            1.0 + g * p / (w * np.cosh(np.minimum(np.abs(y) / w, 300.0)) ** 2)
-        )
-        jacobian = coupling * ((1.0 - rate) / g)[:, None, :]
-        jacobian[:, range(m), range(m)] += rate + 1e-14
-        x = x - share * np.linalg.solve(jacobian, miss[:, :, None])[:, :, 0]
+        # dy/dx = 1 / (1 + g p / (w cosh^2(y / w))); beyond 300 cosh would overflow.
+        cosh = np.cosh(np.minimum(np.abs(y) / w, 300.0))
+        dy_dx = 1.0 / (1.0 + g * p / (w * cosh**2))
+        jacobian = coupling * ((1.0 - dy_dx) / g)[:, None, :]
+        jacobian[:, diagonal, diagonal] += dy_dx + 1e-14  # never singular
+        step = np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
+        x = x - share * step
     return x
 
 
@@ -771,8 +810,11 @@ def _resolvent(
     c: Array,
     w: Array | float,
 ) -> Array:
-    """y with y + c tanh(y / w) = x. Concave for x > 0, so that Newton from below
-    arrives from below."""
+    """Solve y + c tanh(y / w) = x for y, elementwise.
+
+    For x > 0 the left side is concave in y, so Newton's method from below converges
+    from below without overshoot. A fixed number of steps reaches rounding.
+    """
     size = np.abs(x)
     steepest = c / w
     y = np.maximum(size - c, size / (1.0 + steepest))

@@ -40,6 +40,8 @@ class RigidBody(Effect):
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:  # type: ignore[override]
+        """Ten standard parameters of each link: mass, first moments, inertia about the
+        link's frame."""
         return tuple(
             Parameter(name, unit, self.name, link)
             for link in range(1, self.robot.links + 1)
@@ -55,10 +57,13 @@ class RigidBody(Effect):
         indices: NDArray[np.intp],
         parameters: Sequence[Parameter] = (),
     ) -> list[Constraint]:
-        """None of its own: the links' bounds are the problem's."""
+        """Return no constraints: the bounds of the links' parameters are stated by the
+        problem."""
         return []
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Compute the columns (N, 10 k) of each joint's torque: of the k links that it
+        carries."""
         regressor = self.robot.regressor(
             motion.q,
             motion.dq,
@@ -82,12 +87,15 @@ class RigidBody(Effect):
         return blocks
 
     def torque(self, theta: Array, motion: Motion) -> Array:
-        """By recursive Newton-Euler, half the price of columns; these where a mass is
-        next to nothing, by which it divides."""
+        """Compute the links' torque (N, n) [N m, N] by recursive Newton-Euler.
+
+        This takes half the time of columns times theta. It divides by the masses, so a
+        link with nearly no mass for its first moment goes through the columns.
+        """
         links = theta.reshape(-1, 10)
-        if np.any(
-            np.linalg.norm(links[:, 1:4], axis=1) > _FARTHEST * np.abs(links[:, 0])
-        ):
+        masses = np.abs(links[:, 0])
+        first_moments = np.linalg.norm(links[:, 1:4], axis=1)
+        if np.any(first_moments > _FARTHEST * masses):
             return super().torque(theta, motion)
         return self.robot.inverse_dynamics(
             theta,
@@ -112,6 +120,8 @@ class Payload(Effect):
     sized_by = slice(0, 1)  # its mass
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the ten standard parameters of the carried body, "payload_m" ..., with
+        their units."""
         names = inertia.parameter_names(self.robot.links)
         last = len(str(self.robot.links))
         return zip(
@@ -125,7 +135,8 @@ class Payload(Effect):
         indices: NDArray[np.intp],
         parameters: Sequence[Parameter] = (),
     ) -> list[Constraint]:
-        """It is a body."""
+        """Demand that the payload is a body: a positive semidefinite pseudo-inertia,
+        besides bounds."""
         return [
             build.pseudo_inertia(self.name, indices),
             *super().constraints(indices, parameters),
@@ -133,10 +144,13 @@ class Payload(Effect):
 
     @property
     def nominal(self) -> Array:
-        """A solid ball of 0.5 kg and 5 cm radius."""
+        """(10,) parameters of a solid ball of 0.5 kg and 5 cm radius, to start a solver
+        from."""
         return 0.5 * np.array([1.0, 0, 0, 0, 1e-3, 0, 1e-3, 0, 0, 1e-3])
 
     def torques(self, motion: Motion) -> Array:
+        """Compute the torque (N, n, 10) [N m, N] per unit of each parameter: the
+        columns of the last link."""
         return self.robot.regressor(motion.q, motion.dq, motion.ddq)[:, :, -10:]
 
 
@@ -153,6 +167,8 @@ class ExternalWrench(Effect):
     sized_by = slice(0, 3)  # the force
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the force F_x, F_y, F_z [N] and the moment M_x, M_y, M_z [N m] in world
+        axes."""
         return [
             (f"{x}_{axis}", unit)
             for x, unit in (("F", "N"), ("M", "N*m"))
@@ -160,6 +176,8 @@ class ExternalWrench(Effect):
         ]
 
     def torques(self, motion: Motion) -> Array:
+        """Compute the torque (N, n, 6) per unit force and moment: minus the transposed
+        Jacobian."""
         return -self.robot.jacobians(motion.q, self.robot.link_joints[-1]).swapaxes(
             1, 2
         )
@@ -182,6 +200,8 @@ class RotorInertia(JointEffect):
     signless = smooth = True
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the joint's acceleration (N,): the torque per unit of rotor
+        inertia."""
         return motion.ddq[:, joint]
 
 
@@ -206,6 +226,8 @@ class MotorInertia(JointEffect):
     forward = "left out"  # a motor that moves by itself
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the motor's acceleration less the link's (N,), both on the joint's
+        side of the gear."""
         return motion.motor_acceleration[:, joint] - motion.ddq[:, joint]
 
 
@@ -228,8 +250,11 @@ class BaseTilt(Effect):
 
     @property
     def across(self) -> Array:
-        """(2, 3) the two directions across gravity: base axes where gravity points
-        along one, otherwise those nearest to them."""
+        """(2, 3) unit vectors of the two directions perpendicular to gravity.
+
+        They are two base axes where gravity points along the third, otherwise the
+        orthonormal pair that is nearest to two base axes.
+        """
         gravity = (
             np.array(self.robot.gravity)
             if any(self.robot.gravity)
@@ -246,6 +271,8 @@ class BaseTilt(Effect):
         return np.asarray(u @ vt)  # the orthonormal pair nearest to the projected axes
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the two components of gravity across the assumed one, "g_x" and "g_y"
+        [m/s^2]."""
         straight = np.count_nonzero(self.robot.gravity) < 2
         names = (
             ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across]
@@ -255,6 +282,8 @@ class BaseTilt(Effect):
         return [(f"g_{name}", "m/s^2") for name in names]
 
     def torques(self, motion: Motion) -> Array:
+        """Compute the static torque (N, n, 2) of the links per unit of gravity in each
+        direction."""
         zero = np.zeros_like(motion.q)
         columns = []
         for gravity in self.across:
@@ -265,6 +294,8 @@ class BaseTilt(Effect):
         return np.stack(columns, axis=2)
 
     def remark(self, size: float) -> str:
+        """Say by how many degrees the base is tilted; ``size`` is a component of
+        gravity [m/s^2]."""
         return f"Here: {np.degrees(size / 9.81):.2g} degrees."
 
 
@@ -293,6 +324,8 @@ class LinkDeviation(Effect):
         raise NotImplementedError
 
     def torques(self, motion: Motion) -> Array:
+        """Compute the torque (N, n, k) per unit of deviation of each of the effect's k
+        joints."""
         return np.stack([self.deviated(motion, j) for j in self.joints], axis=2)
 
 
@@ -311,6 +344,8 @@ class JointZeroError(LinkDeviation):
     form_of = "kinematic_error"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
+        """Return the torque (N, n) per radian or metre of zero error of one joint:
+        dID/dq_j."""
         by_q, _, _ = motion.derivatives
         return by_q[:, :, joint]
 
@@ -351,6 +386,11 @@ class Backlash(LinkDeviation):
     }
 
     def deviated(self, motion: Motion, joint: int) -> Array:
+        """Return the torque (N, n) per radian or metre of play in one joint's gear.
+
+        The link rests on the flank that the sign of the transmitted torque chooses.
+        With law = crosses, the velocity and acceleration of the crossing count as well.
+        """
         side = np.sign(motion.link_torque[:, joint])
         by_q = motion.derivatives[0][:, :, joint]
         if self.shape["law"] == 1.0:
@@ -387,6 +427,12 @@ class JointElasticity(LinkDeviation):
     sized_shape = "c"
 
     def deviated(self, motion: Motion, joint: int) -> Array:
+        """Return the torque (N, n) per unit compliance of one joint's gear.
+
+        The link lags behind the encoder in proportion to the torque that bends the
+        gear, below the frequency band. With c > 0 that torque is the lagging link's
+        own.
+        """
         band = self.shape["band"]
         c = self.shape["c"]
         torque = motion.smoothed(motion.link_torque[:, joint], band)
@@ -398,7 +444,11 @@ class JointElasticity(LinkDeviation):
 
 
 def _moved(motion: Motion, joint: int, x: Array) -> Array:
-    """(N, n) change of the torque on all joints where the link of one moves by x (N,)."""
+    """Return the change (N, n) of all joints' torque where the link of one joint is
+    displaced by x (N,) [rad, m].
+
+    The displacement's velocity and acceleration count as well.
+    """
     by_q, by_dq, by_ddq = motion.derivatives
     x, rate, acceleration = motion.rates(x)
     change = by_q[:, :, joint] * x[:, None]
@@ -434,6 +484,8 @@ class KinematicError(Effect):
     tolerance = True
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the displacements, "slip_x3" [m], and rotations, "turn_x3" [rad], of the
+        joints."""
         kinds = [("slip", "m") if k < 3 else ("turn", "rad") for _, k in self._places]
         places = zip(kinds, self._places, strict=True)
         return [
@@ -442,9 +494,11 @@ class KinematicError(Effect):
 
     @cached_property
     def _places(self) -> list[tuple[int, int]]:
-        """Joint of the tree and axis (three displacements, then three rotations),
-        displacements first: those that can make torque. A joint on the base feels no
-        more than where gravity points."""
+        """Pairs of joint and axis that can make torque: axes 0 to 2 are displacements,
+        3 to 5 rotations, in the joint's frame. Displacements come first.
+
+        A joint on the base changes torques only by rotations that turn gravity.
+        """
         gravity = np.array(self.robot.gravity)
         out = list[tuple[int, int]]()
         for j, joint in enumerate(self.robot.tree):
@@ -457,11 +511,14 @@ class KinematicError(Effect):
 
     @property
     def plausible(self) -> Array:
+        """(k,) standard deviations of an uncalibrated arm's displacements [m] and
+        rotations [rad]."""
         return np.array([_SLIP if k < 3 else _TURN for _, k in self._places])
 
     @property
     def sized_by(self) -> slice:  # type: ignore[override]
-        """The rotations, which move gravity's torque most."""
+        """Slice of the parameters that are rotations: they change gravity's torque
+        most."""
         return slice(sum(k < 3 for _, k in self._places), None)
 
     @classmethod
@@ -470,10 +527,16 @@ class KinematicError(Effect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
+        """Let a search begin without shape constants; nowhere for a robot without such
+        parameters."""
         return [{}] if cls(robot).parameters else []
 
     def torques(self, motion: Motion) -> Array:
+        """Compute the torque (N, n, k) per unit of each displacement and rotation.
 
+        The derivatives are expensive: they are computed at fewer instants and
+        interpolated by cubic splines.
+        """
         thinned = _thinned(motion)
         q = motion.q[thinned]
         dq = motion.dq[thinned]
@@ -488,8 +551,12 @@ class KinematicError(Effect):
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:
-    """Instants from which splines give back the acceleration, the roughest part of a
-    motion; all of them where they are no series, such as a simulation's states."""
+    """Choose instants from which cubic splines restore the motion to 2 % of its
+    acceleration.
+
+    Returns their indices: every 16th, 8th, 4th or 2nd instant, or all. All as well
+    where time does not ascend, as for a simulation's independent states.
+    """
 
     instants = np.arange(len(motion.t))
     if len(instants) < _FEWEST or np.any(np.diff(motion.t) <= 0.0):

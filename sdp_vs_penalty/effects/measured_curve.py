@@ -25,8 +25,14 @@ WORDS = ("q", "dq", "ddq", "tau", "t", "sign(dq)", "abs(ddq)", "temp", "none")
 
 @dataclass(frozen=True)
 class Variable:
-    """word : of WORDS, tau being the current model's torque; joint : from 0; other,
-    ratio : the joint (-1: none) that is added in this ratio, to a position or velocity.
+    """A variable over which a table of torques runs.
+
+    Parameters
+    ----------
+    word : one of WORDS; "tau" is the torque of the current model
+    joint : joint from 0
+    other : joint from 0 that is added to a position or velocity; -1 for none
+    ratio : factor of the added joint
     """
 
     word: str
@@ -65,7 +71,7 @@ class Variable:
 
     @property
     def name(self) -> str:
-        """As findings.json writes it.
+        """Name of the variable in findings.json.
 
         >>> [Variable("sign(dq)", 3).name, Variable("t").name, Variable("q", 4, 5, -2.0).name]
         ['sign(dq4)', 't', 'q5-2q6']
@@ -79,7 +85,8 @@ class Variable:
             return name_on_joint
         sign = "-" if self.ratio < 0.0 else "+"
         size = f"{abs(self.ratio):.6g}"
-        return f"{name_on_joint}{sign}{'' if size == '1' else size}{self.word}{self.other + 1}"
+        factor = "" if size == "1" else size
+        return f"{name_on_joint}{sign}{factor}{self.word}{self.other + 1}"
 
     @classmethod
     def parse(cls, text: str) -> Variable:
@@ -116,17 +123,18 @@ class Variable:
         return cls(match[1] + match[3], int(match[2]) - 1)
 
     def unit(self, torque_units: Sequence[str]) -> str:
-        """Return the unit, from the units of the joints' torques.
+        """Return the variable's unit.
 
         Parameters
         ----------
         torque_units
-            Unit of each joint's torque. Of a combination the first joint's counts.
+            Unit of each joint's torque, which tells revolute from prismatic joints. For
+            a combination of joints that of the first counts.
 
         Returns
         -------
         str
-            The unit.
+            The unit, "-" for a sign.
         """
         position = "m" if torque_units[self.joint] == "N" else "rad"
         rates = {
@@ -145,9 +153,10 @@ _MOST = 200
 
 
 def _is_value(key: str) -> bool:
-    """Whether a shape constant is a value of the table: v1, v2, ... where it was
-    measured, w1, w2, ...
-    what a law says where it was not."""
+    """Tell whether a shape constant is a value of the table.
+
+    v1, v2, ... were measured; w1, w2, ... lie between and come from a friction law.
+    """
     return key[0] in "vw" and key[1:].isdigit()
 
 
@@ -157,8 +166,12 @@ def _axis(
     default: float,
     words: tuple[str, ...],
 ) -> dict[str, ShapeConstant]:
-    """Shape constants of one variable: its word and joint, the joint that is added to
-    it (0: none) in a ratio, the ends and the number of the table's values along it."""
+    """Declare the shape constants of one axis of a table, "x" or "y".
+
+    For x: x (the variable's word), xj (its joint), xi and xc (joint that is added, and
+    its ratio), xlow and xhigh (the table's ends), xn (number of values). Joints count
+    from 1; 0 is the effect's own joint for xj, and no joint for xi.
+    """
     numbers = tuple(WORDS.index(w) + 1.0 for w in words)
     return {
         axis: ShapeConstant(default, choices=numbers, words=words),
@@ -176,7 +189,12 @@ def _variable(
     axis: str,
     joint: int,
 ) -> Variable | None:
-    """Of an axis of a curve of a joint (from 0), or None."""
+    """Read the variable of one axis of a joint's table; None where the table has no
+    such axis.
+
+    ``joint`` counts from 0: the joint of the effect, to which 0 in the constants
+    refers.
+    """
     word = WORDS[int(constants[axis]) - 1]
     first = int(constants[f"{axis}j"])
     other = int(constants.get(f"{axis}i", 0))
@@ -220,6 +238,11 @@ class MeasuredCurve(JointEffect):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
+        """Check a table, and build it from the shape constants v1, v2, ... and w1, w2,
+        ....
+
+        Values that are missing are filled with the nearest known one.
+        """
         constants: dict[str, float] = {
             k: s.default for k, s in type(self).shapes.items()
         } | shape
@@ -227,30 +250,33 @@ class MeasuredCurve(JointEffect):
             constants = {
                 k: v for k, v in constants.items() if k in shape or not _is_value(k)
             }
-        keys = {int(key[1:]): key for key in constants if _is_value(key)}
-        known = sorted(keys)
+        key_of_place = {int(key[1:]): key for key in constants if _is_value(key)}
+        known = sorted(key_of_place)  # from 1, row by row
         self._refuse(robot, constants, known)
-        at = 0 if joints is None else min(joints, default=0)
-        values = [keys[k] for k in known]
-        self.shapes = self._own_shapes(robot, at, constants, values)
+        first_joint = 0 if joints is None else min(joints, default=0)
+        values = [key_of_place[k] for k in known]
+        self.shapes = self._own_shapes(robot, first_joint, constants, values)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
-        words = {v.word for v in self.variables(at)}
+        words = {variable.word for variable in self.variables(first_joint)}
         self.needs_torque = "tau" in words
         self.follows_clock = "t" in words
         self.needs_temperature = "temp" in words
+        # The table; where no value is known it has the nearest one.
         size = (int(constants["xn"]), int(constants["yn"]))
-        there = np.array(known) - 1
-        places = np.array(list(np.ndindex(size)))
+        known_places = np.array(known) - 1
+        cells = np.array(list(np.ndindex(size)))  # (xn yn, 2) row and column
         table = np.full(size[0] * size[1], np.nan)
-        table[there] = [self.shape[key] for key in values]
-        left = np.flatnonzero(
-            np.isnan(table)
-        )  # where no measurement lay it is as at the nearest value
-        apart = np.sum((places[left, None] - places[there]) ** 2, axis=2)
-        table[left] = table[there][np.argmin(apart, axis=1)]
-        self._table, self._missing = table.reshape(size), np.ones(size)
-        self._missing.flat[[k - 1 for k in known if keys[k][0] == "v"]] = 0.0
+        table[known_places] = [self.shape[key] for key in values]
+        open_places = np.flatnonzero(np.isnan(table))
+        differences = cells[open_places, None] - cells[known_places]
+        nearest = np.argmin(np.sum(differences**2, axis=2), axis=1)
+        table[open_places] = table[known_places][nearest]
+        self._table = table.reshape(size)
+        # 1 where nothing was measured, 0 where v1, v2 ... are.
+        measured = [k - 1 for k in known if key_of_place[k].startswith("v")]
+        self._missing = np.ones(size)
+        self._missing.flat[measured] = 0.0
 
     def _refuse(
         self,
@@ -258,45 +284,36 @@ class MeasuredCurve(JointEffect):
         constants: Mapping[str, float],
         known: Sequence[int],
     ) -> None:
-        """InputError for a table that cannot be one; known : the places of its values."""
+        """Raise InputError for constants that make no table; ``known`` holds the sorted
+        places, from 1, of the given values."""
         who = f"effect {self.name}:"
         for key in ("xn", "yn"):
-            if (
-                constants[key] != int(constants[key])
-                or not 1 <= constants[key] <= _MOST
-            ):
+            size = constants[key]
+            if size != int(size) or not 1 <= size <= _MOST:
                 raise InputError(
-                    f"{who} {key} = {constants[key]:g}",
+                    f"{who} {key} = {size:g}",
                     f"give a whole number from 1 to {_MOST}",
                 )
         count = int(constants["xn"] * constants["yn"])
         if not known or not 1 <= known[0] <= known[-1] <= count:
             remedy = f"name those that are known among v1 to v{count}"
             raise InputError(f"{who} the values do not fit a table of {count}", remedy)
-        if not (
-            constants["xlow"] < constants["xhigh"]
-            and constants["ylow"] < constants["yhigh"]
-        ):
-            raise InputError(
-                f"{who} a table's low end is not below its high end", "swap the ends"
-            )
+        for axis in "xy":
+            if not constants[f"{axis}low"] < constants[f"{axis}high"]:
+                what = f"{who} a table's low end is not below its high end"
+                raise InputError(what, "swap the ends")
+        position_or_velocity = (1.0, 2.0)  # numbers of "q" and "dq" in WORDS
         for key in ("xj", "yj", "xi", "yi"):
-            if (
-                constants[key] != int(constants[key])
-                or not 0 <= constants[key] <= robot.n
-            ):
-                remedy = (
-                    f"give one from 1 to {robot.n}, or 0 for"
-                    f" {'none' if 'i' in key else 'its own'}"
-                )
-                raise InputError(
-                    f"{who} {key} = {constants[key]:g} is no joint", remedy
-                )
-            if "i" in key and constants[key] and constants[key[0]] not in (1.0, 2.0):
+            axis = key[0]
+            is_added = key[1] == "i"
+            joint = constants[key]
+            if joint != int(joint) or not 0 <= joint <= robot.n:
+                zero_means = "none" if is_added else "its own"
+                remedy = f"give one from 1 to {robot.n}, or 0 for {zero_means}"
+                raise InputError(f"{who} {key} = {joint:g} is no joint", remedy)
+            if is_added and joint and constants[axis] not in position_or_velocity:
                 what = f"{who} {key} adds a joint to what is no position or velocity"
-                raise InputError(
-                    what, f"leave it out, or write {key[0]}=q or {key[0]}=dq"
-                )
+                raise InputError(what, f"leave it out, or write {axis}=q or {axis}=dq")
 
     @classmethod
     def _own_shapes(
@@ -306,8 +323,11 @@ class MeasuredCurve(JointEffect):
         constants: Mapping[str, float],
         values: Sequence[str],
     ) -> dict[str, ShapeConstant]:
-        """The class's that say something, with the units of this table's variables and
-        of its torque."""
+        """Declare the shape constants of this table, with the units of its variables
+        and torque.
+
+        The class's constants of an added joint are left out where no joint is added.
+        """
         out = {k: s for k, s in cls.shapes.items() if not k.startswith("v")}
         for axis in "xy":
             over = (
@@ -343,15 +363,19 @@ class MeasuredCurve(JointEffect):
 
     @property
     def constants(self) -> str:
+        """Size and variables of the table, as text."""
         count = int(np.sum(self._missing == 0.0))
         return f"a table of {count} values over {', '.join(self.of(self.joints[0]))}"
 
     @property
     def brief(self) -> str:
+        """The effect as reports show it: name, joints, size and variables, without the
+        values."""
         return f"{self.text.partition('@')[0]} ({self.constants})"
 
     def of(self, joint: int) -> tuple[str, ...]:
-        """Return the variables as they are written: q4, sign(dq4), t.
+        """Return the names of the variables of one joint's table, such as "q4" or
+        "sign(dq4)".
 
         Parameters
         ----------
@@ -361,14 +385,16 @@ class MeasuredCurve(JointEffect):
         Returns
         -------
         tuple of str
-            Their names.
+            One or two names.
         """
         return tuple(v.name for v in self.variables(joint))
 
     def parameter_name(self, joint: int) -> str:
+        """Name the size of a joint's table after its variables: "curve4_q4"."""
         return f"{self.symbol}{joint + 1}_{'_'.join(self.of(joint))}"
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Interpolate the table along a motion: (N,) torque [N m, N] of one joint."""
         return self._interpolated(self._table, motion, joint)
 
     def _interpolated(
@@ -377,8 +403,8 @@ class MeasuredCurve(JointEffect):
         motion: Motion,
         joint: int,
     ) -> Array:
-        """(N,) linear interpolation of values (xn, yn), those at the ends held constant
-        outside."""
+        """Interpolate a table (xn, yn) linearly along a motion, constant beyond its
+        ends; returns (N,)."""
 
         places = np.zeros((2, len(motion.t)))
         for axis, place, over in zip("xy", places, self.variables(joint), strict=False):
@@ -391,8 +417,8 @@ class MeasuredCurve(JointEffect):
         )
 
     def outside(self, motion: Motion) -> NDArray[np.bool_]:
-        """(N,) where a variable lies outside of the table, or in a part of it of which
-        nothing is known, on any of the joints."""
+        """Tell where a motion leaves the table, or the measured part of it, on any
+        joint: (N,) flags."""
         out = np.zeros(len(motion.t), bool)
         for joint in self.joints:
             out |= self._interpolated(self._missing, motion, joint) > 0.5

@@ -27,8 +27,13 @@ _PART = 1 << 13
 
 @dataclass(frozen=True)
 class JointColumns:
-    """The torque on one joint: columns (N, k) and the indices (k,) into theta that they
-    meet."""
+    """The regressor of one joint's torque.
+
+    Parameters
+    ----------
+    indices : (k,) indices into theta of the columns' parameters
+    columns : (N, k) torque [N m, N] from one unit of each parameter
+    """
 
     indices: NDArray[np.intp]
     columns: Array
@@ -53,18 +58,24 @@ class JointColumns:
 
 @dataclass(frozen=True)
 class Model:
-    """tau = sum over effects of Y_e theta_e; theta concatenates the effects'
-    parameters.
+    """A robot and its effects: tau = sum over effects of Y_e theta_e.
 
-    reference : (p,) the current model that effects refer to whose columns depend on the links
-        (elasticity) or on the torque of all that needs none (a gain): only entries of
-        what needs no torque are read. None where no effect needs it.
-    gains : (n,) what each torque channel reads over the true torque, where that is known: parameters
-        are then in true units, and the modelled torque is the channels'. None: they read true.
-    allow_duplicates : effects may come a second time, as what has changed since their
-        first was identified.
-    known : parameters that are given, by name: their torque is taken off what is explained, their
-        columns are zero there.
+    theta (p,) holds the effects' parameters one after the other.
+
+    Parameters
+    ----------
+    robot : the robot
+    effects : the effects, in the order of theta
+    reference : (p,) parameters of the current model, to which effects refer whose
+        columns need a torque (a gain) or the links (elasticity); None where no effect
+        needs it
+    gains : (n,) reading of each torque channel over the true torque, where it is known:
+        theta is then in true units, and the modelled torque in those of the channels.
+        None: 1
+    allow_duplicates : whether an effect may come twice, the second time for what has
+        changed since the first was identified
+    known : values of given parameters by name; their torque is subtracted from the
+        measured one, and their columns are zero
     """
 
     robot: Robot
@@ -75,6 +86,8 @@ class Model:
     known: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Raise InputError for a model without effects, or with a parameter that
+        appears twice."""
         names_so_far: set[str] = set()
         for p in () if self.allow_duplicates else self.parameters:
             if p.name in names_so_far:
@@ -100,7 +113,8 @@ class Model:
 
     @cached_property
     def reference_free(self) -> Model:
-        """The same model without the effects that depend on a current model."""
+        """The same model without the effects whose columns need the torque or links of
+        a current model."""
         free = tuple(e for e in self.effects if not depends(e))
         return Model(
             self.robot,
@@ -111,7 +125,8 @@ class Model:
 
     @cached_property
     def before_channels(self) -> Model:
-        """The same model without the effects that its torque passes."""
+        """The same model without the effects of the torque channels (gain, delay): it
+        gives the true torque, which the channels then distort."""
         before = tuple(e for e in self.effects if not e.needs_torque)
         if len(before) == len(self.effects):
             return self
@@ -121,91 +136,86 @@ class Model:
             gains=self.gains,
             known=self.known,
         )
-        known = self.reference
-        return (
-            part if known is None else replace(part, reference=known[self.places(part)])
-        )
+        if self.reference is None:
+            return part
+        return replace(part, reference=self.reference[self.places(part)])
 
     def places(self, part: Model) -> NDArray[np.intp]:
-        """Find the parameters of a part of this model in theta.
+        """Find where the parameters of a smaller model stand in this model's theta.
 
         Parameters
         ----------
         part
-            A model of some of the same effects.
+            A model with some of the same effects.
 
         Returns
         -------
         NDArray
-            Indices into theta, in the order of the part.
+            Indices into theta, in the order of the smaller model.
         """
-        return np.concatenate(
-            [
-                np.arange(0),
-                *(k for e, k in self.parts if e in part.effects),
-            ]
-        )
+        of_part = [k for effect, k in self.parts if effect in part.effects]
+        return np.concatenate([np.arange(0), *of_part])
 
     @cached_property
     def without_drives(self) -> Model:
-        """The same model without the drives' laws."""
-        return replace(
-            self, effects=tuple(e for e in self.effects if e.forward != "drive")
-        )
+        """The same model without the control laws of the drives (servo effects)."""
+        others = tuple(e for e in self.effects if e.forward != "drive")
+        return replace(self, effects=others)
 
     @cached_property
     def indices(self) -> tuple[NDArray[np.intp], ...]:
-        """Where each effect's parameters sit in theta."""
+        """Indices into theta of each effect's parameters, in the order of the
+        effects."""
         ends = np.cumsum([len(effect.parameters) for effect in self.effects])
         return tuple(np.split(np.arange(ends[-1]), ends[:-1]))
 
     @property
     def parts(self) -> list[tuple[Effect, NDArray[np.intp]]]:
-        """Each effect, and where its parameters sit in theta."""
+        """Pairs of each effect and the indices of its parameters in theta."""
         return list(zip(self.effects, self.indices, strict=True))
 
     @cached_property
     def rigid_indices(self) -> NDArray[np.intp]:
-        """(10 n,) where the links' standard parameters sit in theta; empty without a
-        rigid body."""
-        return next(
-            (k for effect, k in self.parts if effect.name == "rigid_body"), np.arange(0)
-        )
+        """(10 n,) indices in theta of the links' ten standard parameters; empty without
+        a rigid body."""
+        for effect, indices in self.parts:
+            if effect.name == "rigid_body":
+                return indices
+        return np.arange(0)
 
     @cached_property
     def drives(self) -> NDArray[np.bool_]:
-        """(p,) which parameters are the drives'."""
+        """(p,) flags of the parameters that belong to the drives' control laws."""
         flags = [np.full(len(e.parameters), e.forward == "drive") for e in self.effects]
         return np.concatenate(flags)
 
     @cached_property
     def error_gains(self) -> tuple[int, ...]:
-        """(n) where the gain of each joint's position error sits in theta; -1 without a
-        servo."""
-        servo_parts = [(e, k) for e, k in self.parts if e.position_gains]
-        at = {
-            j: int(i)
-            for e, k in servo_parts
-            for j, i in zip(e.joints, k[e.position_gains], strict=True)
-        }
-        return tuple(at.get(j, -1) for j in range(self.robot.n))
+        """(n,) index in theta of the gain of each joint's position error (kp of its
+        servo); -1 for a joint without a servo."""
+        index_of_joint = dict[int, int]()
+        for effect, indices in self.parts:
+            if effect.position_gains is None:
+                continue
+            gains = indices[effect.position_gains]
+            for joint, index in zip(effect.joints, gains, strict=True):
+                index_of_joint[joint] = int(index)
+        return tuple(index_of_joint.get(j, -1) for j in range(self.robot.n))
 
     @cached_property
     def sign_width(self) -> tuple[float, ...]:
-        """(n) the velocities over which this model smooths the signs of dry friction
-        [rad/s, m/s]."""
-        widths = {
-            j: e.shape["v_s"]
-            for e in self.effects
-            if "v_s" in e.shape
-            for j in e.joints
-        }
-        return tuple(widths.get(j, SIGN_WIDTH) for j in range(self.robot.n))
+        """(n,) velocities [rad/s, m/s] over which the sign of dry friction is smoothed:
+        the shape constant v_s of each joint's Coulomb friction, else the default."""
+        width_of_joint = dict[int, float]()
+        for effect in self.effects:
+            if "v_s" in effect.shape:
+                width_of_joint |= dict.fromkeys(effect.joints, effect.shape["v_s"])
+        return tuple(width_of_joint.get(j, SIGN_WIDTH) for j in range(self.robot.n))
 
     @cached_property
     def plausible(self) -> Array:
-        """(p,) standard deviations of the parameters about zero before anything is
-        measured, infinite where nothing is known."""
+        """(p,) prior standard deviations of the parameters about zero, in SI units;
+        infinite where nothing is known."""
         return plausible_sizes(self.effects)
 
     def columns(self, motion: Motion) -> list[JointColumns]:
@@ -253,6 +263,9 @@ class Model:
     ) -> dict[int, list[Block]]:
         """Compute the columns of each effect.
 
+        First come the effects that need no current model, then those that need its
+        links, then those that need its torque, which is the sum of all before.
+
         Parameters
         ----------
         motion
@@ -260,7 +273,8 @@ class Model:
         known
             Places of effects whose columns are known already and are left out.
         smooth
-            The motion for the columns of smooth effects, if another one.
+            Another motion for the columns of smooth effects (such as one at a lower
+            rate).
 
         Returns
         -------
@@ -269,11 +283,16 @@ class Model:
         """
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
-        computed = {
-            k: e.blocks(smooth if smooth is not None and e.smooth else motion)
-            for k, e in enumerate(self.effects)
-            if not (depends(e) or (k in known and not self.needs_reference))
-        }
+        # Known columns are computed all the same where others need their torque.
+        is_left_out = set() if self.needs_reference else set(known)
+        computed = dict[int, list[Block]]()
+        for k, effect in enumerate(self.effects):
+            if depends(effect) or k in is_left_out:
+                continue
+            motion_of_effect = (
+                smooth if smooth is not None and effect.smooth else motion
+            )
+            computed[k] = effect.blocks(motion_of_effect)
         dependent = {k: e for k, e in enumerate(self.effects) if depends(e)}
         needs_current_model = bool(dependent) and motion.current is None
         if needs_current_model:
@@ -288,11 +307,7 @@ class Model:
         computed |= {
             k: e.blocks(motion) for k, e in dependent.items() if e.needs_torque
         }
-        return {
-            k: computed_blocks
-            for k, computed_blocks in computed.items()
-            if k not in known
-        }
+        return {k: blocks for k, blocks in computed.items() if k not in known}
 
     def joined(
         self,
@@ -313,19 +328,22 @@ class Model:
         list of JointColumns
             n entries.
         """
-        parts = [[(np.arange(0), np.zeros((count, 0)))] for _ in range(self.robot.n)]
+        # Of each joint the indices into theta and the columns, to be concatenated.
+        indices_of_joint = [[np.arange(0)] for _ in range(self.robot.n)]
+        columns_of_joint = [[np.zeros((count, 0))] for _ in range(self.robot.n)]
         for k, indices in enumerate(self.indices):
             for block in blocks.get(k, ()):
-                parts[block.joint].append((indices[block.parameters], block.columns))
-        pairs_by_joint = (zip(*indices, strict=True) for indices in parts)
+                indices_of_joint[block.joint].append(indices[block.parameters])
+                columns_of_joint[block.joint].append(block.columns)
         joints = [
-            JointColumns(np.concatenate(i), np.hstack(c)) for i, c in pairs_by_joint
+            JointColumns(np.concatenate(indices), np.hstack(columns))
+            for indices, columns in zip(indices_of_joint, columns_of_joint, strict=True)
         ]
         if self.gains is None:
             return joints
         return [
-            replace(c, columns=g * c.columns)
-            for c, g in zip(joints, self.gains, strict=True)
+            replace(joint, columns=gain * joint.columns)
+            for joint, gain in zip(joints, self.gains, strict=True)
         ]
 
     def without_known(
@@ -350,12 +368,16 @@ class Model:
         """
         if not self.known:
             return list(columns), torque
-        free = np.array([p.name not in self.known for p in self.parameters])
-        value = self.with_known(np.zeros(len(free)))
-        known_torque = np.column_stack([c.columns @ value[c.indices] for c in columns])
-        return [
-            replace(c, columns=c.columns * free[c.indices]) for c in columns
-        ], torque - known_torque
+        is_free = np.array([p.name not in self.known for p in self.parameters])
+        known_values = self.with_known(np.zeros(len(is_free)))
+        known_torque = np.column_stack(
+            [joint.columns @ known_values[joint.indices] for joint in columns]
+        )
+        free_columns = [
+            replace(joint, columns=joint.columns * is_free[joint.indices])
+            for joint in columns
+        ]
+        return free_columns, torque - known_torque
 
     def with_known(self, theta: Array) -> Array:
         """Put the given values into theta.
@@ -378,7 +400,8 @@ class Model:
 
     @property
     def _referred(self) -> Array:
-        """(p,) the reference; InputError in a model without one."""
+        """(p,) parameters of the current model to which effects refer; InputError in a
+        model without one."""
         if self.reference is None:
             name = next(e.name for e in self.effects if depends(e))
             raise InputError(
@@ -393,7 +416,8 @@ class Model:
         theta: Array,
         motion: Motion,
     ) -> Array:
-        """(N, n) torque of blocks."""
+        """Sum the torque (N, n) [N m, N] of some effects' blocks with the parameters
+        theta (p,)."""
         torque = np.zeros_like(motion.q)
         for k, parts in blocks.items():
             coefficients = theta[self.indices[k]]
@@ -402,12 +426,11 @@ class Model:
         return torque
 
     def _current(self, theta: Array) -> CurrentModel:
-        """The links as theta (p,) has them; without mass in a model without a rigid
-        body."""
+        """Return the links of theta (p,) as the current model; massless links where the
+        model has no rigid body."""
         links = theta[self.rigid_indices].reshape(-1, 10)
-        return CurrentModel(
-            self.robot, links if len(links) else np.zeros((self.robot.links, 10))
-        )
+        massless = np.zeros((self.robot.links, 10))
+        return CurrentModel(self.robot, links if len(links) else massless)
 
     def seen_along(self, theta: Array, motion: Motion) -> Motion:
         """Attach the current model to a motion.
@@ -438,6 +461,8 @@ class Model:
     ) -> Array:
         """Compute the torque of the model: tau = Y(motion) theta.
 
+        Long motions are computed part by part, to keep the columns within the memory.
+
         Parameters
         ----------
         theta
@@ -461,9 +486,9 @@ class Model:
             )
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
-        total = sum(
-            (e.torque(theta[k], motion) for e, k in self.parts), np.zeros_like(motion.q)
-        )
+        total = np.zeros_like(motion.q)
+        for effect, indices in self.parts:
+            total = total + effect.torque(theta[indices], motion)
         return total * np.array(self.gains or (1.0,))
 
 
@@ -488,19 +513,20 @@ def plausible_sizes(effects: Sequence[Effect]) -> Array:
 
 
 def turning(motion: Motion, effect: Effect) -> Motion:
-    """Give a motion the widths of signs that an effect states.
+    """Copy the sign width v_s of a friction effect into a motion.
 
     Parameters
     ----------
     motion
         The motion.
     effect
-        An effect with a shape constant ``v_s``, or without one.
+        An effect with a shape constant ``v_s`` [rad/s, m/s], or without one.
 
     Returns
     -------
     Motion
-        The same motion where the effect states no width.
+        A motion that smooths the signs of this effect's joints over v_s; the motion
+        itself where the effect has no such constant.
     """
     if "v_s" not in effect.shape:
         return motion

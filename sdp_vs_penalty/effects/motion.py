@@ -21,8 +21,13 @@ SIGN_WIDTH = 0.01
 
 @dataclass(frozen=True)
 class CurrentModel:
-    """What torque-dependent effects refer to: the robot and its links' standard
-    parameters (n, 10)."""
+    """The model to which torque-dependent effects refer.
+
+    Parameters
+    ----------
+    robot : the robot
+    links : (n, 10) standard parameters of its links
+    """
 
     robot: Robot
     links: Array
@@ -30,8 +35,13 @@ class CurrentModel:
 
 @dataclass(frozen=True)
 class Sampling:
-    """How many samples of a log, dt [s] apart, one instant of a motion stands for; one:
-    itself."""
+    """Samples of the log for which one instant of a motion stands.
+
+    Parameters
+    ----------
+    count : number of samples; 1 for the instant itself
+    dt : time between two of them [s]
+    """
 
     count: int = 1
     dt: float = 0.0
@@ -39,9 +49,18 @@ class Sampling:
 
 @dataclass(frozen=True)
 class Command:
-    """What the drives were told: q, dq, ddq (N, n), and the integral of q (N, n) over
-    time [rad s, m s], at instants t (N,) [s], evenly spaced. Between two of them
-    Taylor's series is followed."""
+    """The command of the drives, at N evenly spaced instants.
+
+    Between two instants Taylor's series is followed.
+
+    Parameters
+    ----------
+    t : (N,) instants [s]
+    q : (N, n) commanded positions [rad, m]
+    dq : (N, n) commanded velocities
+    ddq : (N, n) commanded accelerations
+    position_integral : (N, n) integral of the position over time [rad s, m s]
+    """
 
     t: Array
     q: Array
@@ -104,26 +123,36 @@ class Command:
         )
 
     def _near(self, t: Array) -> tuple[Array, Array]:
-        """(len(t),) the nearest known instant, and (len(t), 1) how far it is [s]."""
+        """Find the nearest sample of the command to each of M instants.
+
+        Returns its index (M,), and the time from it to the instant (M, 1) [s]. Instants
+        outside of the samples count as the first or last one.
+        """
         at = np.clip(
             t,
             self.t[0],
             self.t[-1],
         )
         step = float(self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
-        k = (
-            np.rint((at - self.t[0]) / step).astype(np.intp)
-            if step > 0.0
-            else np.zeros(len(at), int)
-        )
-        return k, (at - self.t[k])[:, None]
+        if step > 0.0:
+            nearest = np.rint((at - self.t[0]) / step).astype(np.intp)
+        else:
+            nearest = np.zeros(len(at), np.intp)
+        return nearest, (at - self.t[nearest])[:, None]
 
 
 @dataclass(frozen=True)
 class Legs:
-    """A path (N,) as legs in one direction each: corners (L + 1,) where it is at their
-    ends, direction (L,); of each step (N - 1,) its leg, one without motion being part
-    of that before it, and how far from the leg's beginning it ends."""
+    """A path (N,) cut at its reversals into L legs of one direction.
+
+    Parameters
+    ----------
+    corners : (L + 1,) positions at the ends of the legs [rad, m]
+    direction : (L,) 1 forwards, -1 backwards, 0 where the path never moves
+    leg : (N - 1,) leg of each step; a step without motion belongs to the leg before it
+    travel : (N - 1,) signed distance from the leg's beginning to the step's end [rad,
+        m]
+    """
 
     corners: Array
     direction: Array
@@ -132,12 +161,12 @@ class Legs:
 
     @classmethod
     def of(cls, q: Array) -> Legs:
-        """Cut a path into legs.
+        """Cut a path into legs at its reversals.
 
         Parameters
         ----------
         q
-            (N,) positions.
+            (N,) positions [rad, m].
 
         Returns
         -------
@@ -145,26 +174,32 @@ class Legs:
             The legs between reversals.
         """
         sign = np.sign(np.diff(q))
-        moving = np.flatnonzero(sign)
-        turns = moving[np.flatnonzero(np.diff(sign[moving])) + 1]
-        corners = q[np.array([0, *turns, len(q) - 1])]
-        begins = np.zeros(len(sign), np.intp)
-        begins[turns] = 1
-        leg = np.cumsum(begins)
-        direction = sign[np.r_[moving[:1], turns]] if len(moving) else np.zeros(1)
-        return cls(
-            corners,
-            direction,
-            leg,
-            q[1:] - corners[leg],
-        )
+        moving_steps = np.flatnonzero(sign)
+        changes = np.flatnonzero(np.diff(sign[moving_steps]))
+        reversals = moving_steps[changes + 1]  # first steps of new legs
+        corners = q[np.array([0, *reversals, len(q) - 1])]
+        begins_leg = np.zeros(len(sign), np.intp)
+        begins_leg[reversals] = 1
+        leg = np.cumsum(begins_leg)
+        if len(moving_steps):
+            direction = sign[np.concatenate([moving_steps[:1], reversals])]
+        else:
+            direction = np.zeros(1)
+        return cls(corners, direction, leg, travel=q[1:] - corners[leg])
 
 
 def _logged(field: str, what: str, columns: str) -> Any:
-    """A field of a motion, read as what has been logged."""
+    """Make a property of Motion that returns an optional field, or raises InputError
+    where the log does not have it.
+
+    ``what`` names the measurements, ``columns`` the columns of RUN.csv, for the
+    message.
+    """
 
     def read(motion: Motion) -> Any:
-        if (value := getattr(motion, field)) is None:
+        """Return the field of a motion, if the log has it."""
+        value = getattr(motion, field)
+        if value is None:
             raise InputError(
                 f"these measurements hold no {what}",
                 f"add columns {columns} to the log",
@@ -223,7 +258,7 @@ class Motion:
     )
 
     def part(self, which: slice | NDArray[np.integer]) -> Motion:
-        """Return some of the instants.
+        """Return the motion at some of its instants.
 
         Parameters
         ----------
@@ -246,10 +281,12 @@ class Motion:
             "position_integral",
             "motors",
         )
-        known: dict[str, Any] = {
-            k: x[which] for k in arrays if (x := getattr(self, k)) is not None
-        }
-        return replace(self, **known)
+        chosen = dict[str, Any]()
+        for name in arrays:
+            values = getattr(self, name)
+            if values is not None:
+                chosen[name] = values[which]
+        return replace(self, **chosen)
 
     def sign(
         self,
@@ -293,7 +330,8 @@ class Motion:
         Array
             (N,) values in [-1, 1].
         """
-        if (joint := _only(ratios)) is not None:
+        joint = _only(ratios)
+        if joint is not None:
             return self.sign(joint)
         width = max(self.width(j) for j in np.flatnonzero(ratios).tolist())
         return smooth_sign(
@@ -321,13 +359,14 @@ class Motion:
 
     @cached_property
     def _signs(self) -> Array:
-        """(n, N) of all joints, each over its own width."""
+        """(n, N) smooth signs of all joints' velocities, each over its joint's
+        width."""
         joints = range(self.dq.shape[1])
         return np.stack([self.sign(j, self.width(j)) for j in joints])
 
     @cached_property
     def _legs(self) -> list[Legs]:
-        """The path of each joint."""
+        """Legs between reversals of each joint's path."""
         return [Legs.of(q) for q in self.q.T]
 
     def width(self, joint: int) -> float:
@@ -348,7 +387,8 @@ class Motion:
 
     @cached_property
     def model_torque(self) -> Array:
-        """``torque``; ValueError where this motion carries none."""
+        """(N, n) torque of the current model [N m, N]; ValueError in a motion without
+        one."""
         if self.torque is None:
             raise ValueError(
                 "this effect needs Motion.torque, the current model's prediction"
@@ -357,13 +397,14 @@ class Motion:
 
     @property
     def modelled(self) -> Array:
-        """What the model says that is logged."""
+        """(N, n) torque of the current model as the torque channels read it [N m,
+        N]."""
         return self.model_torque if self.logged is None else self.logged
 
     @cached_property
     def link_torque(self) -> Array:
-        """(N, n) what the gears transmit: the current model's rigid-body torque,
-        without friction."""
+        """(N, n) torque that the gears transmit [N m, N]: the rigid-body torque of the
+        current model's links, without friction."""
         return self._model.robot.inverse_dynamics(
             self.model_links,
             self.q,
@@ -390,27 +431,12 @@ class Motion:
         step = (self.t[-1] - self.t[0]) / max(len(self.t) - 1, 1)
         middle = self.t - 0.5 * T
         half = max(0.5 * abs(T), step)
-        forward = np.column_stack(
-            [
-                np.interp(
-                    middle + half,
-                    self.t,
-                    tau,
-                )
-                for tau in self.model_torque.T
-            ]
+        torques = self.model_torque.T
+        later = np.stack([np.interp(middle + half, self.t, x) for x in torques], axis=1)
+        sooner = np.stack(
+            [np.interp(middle - half, self.t, x) for x in torques], axis=1
         )
-        back = np.column_stack(
-            [
-                np.interp(
-                    middle - half,
-                    self.t,
-                    tau,
-                )
-                for tau in self.model_torque.T
-            ]
-        )
-        return (forward - back) / (2.0 * half)
+        return (later - sooner) / (2.0 * half)
 
     def rates(self, values: Array) -> tuple[Array, Array, Array]:
         """Differentiate values twice in time.
@@ -429,11 +455,12 @@ class Motion:
         return values, rate, _time_derivative(rate, self.t)
 
     def smoothed(self, values: Array, band: float) -> Array:
-        """Take out of values what is faster than a band.
+        """Remove from values what is faster than a frequency.
 
-        The gain is 1 / (1 + (f / band)^8): Butterworth's filter of fourth order there
-        and back, flat to 1e-5 at a quarter of the band. Values go on odd about their
-        ends.
+        The gain is 1 / (1 + (f / band)^8): a Butterworth filter of fourth order,
+        forwards and backwards. Values are continued as odd functions beyond both ends,
+        so a sine transform of their deviation from the straight line between the ends
+        applies it.
 
         Parameters
         ----------
@@ -450,33 +477,24 @@ class Motion:
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
         if not 2.0 * band < rate or len(values) < 3:
             return values
-        line = np.linspace(
-            values[0],
-            values[-1],
-            len(values),
-        )
-        waves = scipy.fft.dst(
-            (values - line)[1:-1],
-            type=1,
-            axis=0,
-        )
+        line = np.linspace(values[0], values[-1], len(values))
+        waves = scipy.fft.dst((values - line)[1:-1], type=1, axis=0)
         f = np.arange(1, len(values) - 1) * rate / (2 * len(values) - 2)
-        waves /= (1.0 + (f / band) ** 8).reshape(-1, *[1] * (values.ndim - 1))
-        line[1:-1] += scipy.fft.idst(
-            waves,
-            type=1,
-            axis=0,
-        )
-        return line
+        gain = 1.0 + (f / band) ** 8
+        waves /= gain.reshape(-1, *[1] * (values.ndim - 1))
+        smooth = line
+        smooth[1:-1] += scipy.fft.idst(waves, type=1, axis=0)
+        return smooth
 
     @property
     def model_links(self) -> Array:
         """(n, 10) standard parameters of the current model's links; ValueError without
-        one."""
+        a current model."""
         return self._model.links
 
     @property
     def _model(self) -> CurrentModel:
+        """The current model; ValueError in a motion without one."""
         if self.current is None:
             raise ValueError(
                 "this effect needs Motion.current, the current model's links"
@@ -485,7 +503,12 @@ class Motion:
 
     @cached_property
     def derivatives(self) -> tuple[Array, Array, Array]:
-        """dID/dq, dID/d dq, dID/d ddq of the current model's links, each (N, n, n)."""
+        """Derivatives of the inverse dynamics of the current model's links by q, dq and
+        ddq.
+
+        Three arrays (N, n, n): entry [t, i, j] is the change of torque i by the state
+        of joint j.
+        """
         robot = self._model.robot
         return robot.inverse_dynamics_derivatives(
             self.model_links,
@@ -496,12 +519,16 @@ class Motion:
 
 
 def _only(ratios: Array) -> int | None:
-    """The joint that a combination (n,) of joints is, None for one of several."""
-    turning = np.flatnonzero(ratios).tolist()
-    return turning[0] if len(turning) == 1 and ratios[turning[0]] == 1.0 else None
+    """Return the joint (from 0) that a combination (n,) of joints consists of, with
+    ratio 1; None for a combination of several joints."""
+    joints = np.flatnonzero(ratios).tolist()
+    if len(joints) != 1 or ratios[joints[0]] != 1.0:
+        return None
+    return joints[0]
 
 
 def _time_derivative(values: Array, t: Array) -> Array:
+    """Differentiate values (N, ...) at instants t (N,) [s] by central differences."""
     return np.gradient(values, t, axis=0) if len(t) > 1 else np.zeros_like(values)
 
 
@@ -511,10 +538,12 @@ def smooth_sign(
     rate: Array | None = None,
     within: Sampling | None = None,
 ) -> Array:
-    """Compute tanh(dq / width): the sign of a velocity whose value near zero is noise.
+    """Compute tanh(dq / width), a sign of the velocity that does not jump with noise
+    near zero.
 
-    A sign read at every fourth sample turns round up to two samples too early or too
-    late, and a low-pass does not mend that. So the mean over the samples is taken.
+    Where each instant stands for several samples of the log (a motion at a lower rate),
+    the mean of the sign over these samples is returned: a sign read at every fourth
+    sample would turn up to two samples too early or too late.
 
     Parameters
     ----------
@@ -523,9 +552,9 @@ def smooth_sign(
     width
         Velocity over which the sign turns [rad/s, m/s].
     rate
-        (N,) accelerations, needed for the mean.
+        (N,) accelerations [rad/s^2, m/s^2], needed for the mean.
     within
-        The samples of the log that each instant stands for.
+        Number and spacing of the samples that each instant stands for.
 
     Returns
     -------

@@ -77,7 +77,7 @@ def effect_name(name: str) -> str:
 
 
 def effect_in_words(text: str) -> str:
-    """An effect as it is written for a command, in words.
+    """Translate an effect from its written form into words of a sentence.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def effect_in_words(text: str) -> str:
     Returns
     -------
     str
-        Words for a sentence.
+        Words for a sentence; the text itself where it is no written effect.
 
     Examples
     --------
@@ -147,7 +147,7 @@ def effects_in_words(texts: Sequence[str]) -> str:
 
 
 def _short(value: str) -> str:
-    """A shape constant's value with three digits; a word stays."""
+    """Round the value of a shape constant to three digits; a word stays as it is."""
     try:
         return formatting.number(float(value))
     except ValueError:
@@ -158,9 +158,14 @@ def _short(value: str) -> str:
 class FittedEffect:
     """An effect with the size that a fit gives it.
 
-    name : in commands and files; joints : from 1, none for the whole robot; size : of the
-    effect, in ``unit``; parameters : value by name, in SI units; shape : constants by
-    name, in SI units.
+    Parameters
+    ----------
+    name : name in commands and files
+    joints : joints from 1; empty for the whole robot
+    size : size of the effect, in ``unit``
+    unit : such as "N*m"
+    parameters : fitted values by the parameters' names, in SI units
+    shape : shape constants by name, in SI units
     """
 
     name: str
@@ -172,12 +177,16 @@ class FittedEffect:
 
 
 class _Sign:
-    """Chooses between two words by a sign: f"{sign:more|less}"."""
+    """A number that chooses between two words in a format string:
+    f"{sign:more|less}"."""
 
     def __init__(self, value: float) -> None:
+        """Keep the number whose sign chooses."""
         self.value = value
 
     def __format__(self, words: str) -> str:
+        """Return the first of two words, "more|less", for a number from 0 on, else the
+        second."""
         positive, _, negative = words.partition("|")
         return positive if self.value >= 0.0 else negative
 
@@ -286,7 +295,7 @@ SENTENCES = {
 
 
 def on_the_arm(fitted: FittedEffect) -> str:
-    """What an effect of a fitted size is on the arm, for a mechanical engineer.
+    """Explain to a mechanical engineer what a fitted effect means on the arm.
 
     Parameters
     ----------
@@ -310,7 +319,8 @@ def on_the_arm(fitted: FittedEffect) -> str:
 
 
 def _fields(fitted: FittedEffect) -> dict[str, object]:
-    """What the sentences name: the joint, sizes and directions, in words."""
+    """Return the values of the placeholders in SENTENCES, such as {joint}, {size} and
+    {towards}, by their names, formatted as words."""
     size = abs(fitted.size)
     unit = formatting.plain_unit(fitted.unit)
     text = f"{formatting.number(size, 2)} {unit}".rstrip()
@@ -338,12 +348,12 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
 
 
 def _is_slide(unit: str) -> bool:
-    """Whether a unit is that of a prismatic joint's parameter."""
+    """Tell from a parameter's unit whether its joint is prismatic."""
     return unit in ("N", "m", "kg", "m/N") or unit.startswith(("N/", "N*s", "N*("))
 
 
 def length_or_angle(value: float, is_slide: bool) -> str:
-    """A position of a joint as engineers say it: degrees, or millimetres of a slide.
+    """Format a joint's position in the units of engineers: degrees, or millimetres.
 
     Parameters
     ----------
@@ -368,21 +378,24 @@ def length_or_angle(value: float, is_slide: bool) -> str:
 
 
 def _per_degree(stiffness: float, is_slide: bool) -> str:
-    """A spring's torque for each degree that a joint turns."""
+    """Format a spring's torque for each degree of turn, from its stiffness [N m/rad];
+    nothing for a prismatic joint."""
     if is_slide:
         return ""
     return f" ({formatting.number(radians(stiffness), 2)} N m for each degree)"
 
 
 def _waves(k: float, is_slide: bool) -> str:
-    """How often a torque repeats while a joint turns."""
+    """Format how often a torque repeats in a turn, from its wave number k; nothing for
+    a prismatic joint, or without waves."""
     if is_slide or not k:
         return ""
     return f", {formatting.number(k)} times per turn"
 
 
 def _components(parameters: Mapping[str, float]) -> list[tuple[str, float]]:
-    """Axis and value of a tilt's or a force's parameters: g_x, F_z ..."""
+    """List the components of a tilt (g_x ...) or a force (F_x ...) as pairs of axis and
+    value."""
     return [
         (name.rpartition("_")[2], value)
         for name, value in parameters.items()
@@ -391,15 +404,19 @@ def _components(parameters: Mapping[str, float]) -> list[tuple[str, float]]:
 
 
 def _tilt(parameters: Mapping[str, float]) -> str:
-    """Angle between gravity and where the model has it, from its parts across [m/s^2]."""
+    """Format the angle by which the base is tilted, from the components of gravity
+    [m/s^2] across the direction that the model has."""
     across = hypot(*(value for _, value in _components(parameters)))
     angle = degrees(asin(min(across / abs(STANDARD_GRAVITY[2]), 1.0)))
     return f"{formatting.number(angle, 2)}°"
 
 
 def _direction(parameters: Mapping[str, float]) -> str:
-    """The axes along which a tilt or a force points, the largest first; those below a
-    third of it are not named."""
+    """Name the axes along which a tilt or a force points, the largest first: "+x and
+    -z".
+
+    Components below a third of the largest are left out.
+    """
     components = sorted(_components(parameters), key=lambda part: -abs(part[1]))
     if not components:
         return "one side"
@@ -413,16 +430,23 @@ def _direction(parameters: Mapping[str, float]) -> str:
 
 
 def _largest_slip(parameters: Mapping[str, float]) -> str:
-    """The largest displacement and the largest turn of a joint's place."""
+    """Format the largest displacement and the largest rotation of any joint's mounting.
+
+    A joint's displacement is the length of its components slip_x, slip_y and slip_z
+    [m], its rotation that of turn_x, turn_y and turn_z [rad].
+    """
+    # Sum of the squared components, by kind and joint.
     squares: dict[tuple[str, str], float] = {}
     for name, value in parameters.items():
         match = _PLACE.fullmatch(name)
         if match is not None:
             place = (match["kind"], match["joint"])
             squares[place] = squares.get(place, 0.0) + value**2
-    slips = [sqrt(x) for (kind, _), x in squares.items() if kind == "slip"]
-    turns = [sqrt(x) for (kind, _), x in squares.items() if kind == "turn"]
-    amounts = [length_or_angle(max(slips), True)] if slips else []
-    if turns:
-        amounts.append(length_or_angle(max(turns), False))
+    displacements = [sqrt(x) for (kind, _), x in squares.items() if kind == "slip"]
+    rotations = [sqrt(x) for (kind, _), x in squares.items() if kind == "turn"]
+    amounts = list[str]()
+    if displacements:
+        amounts.append(length_or_angle(max(displacements), is_slide=True))
+    if rotations:
+        amounts.append(length_or_angle(max(rotations), is_slide=False))
     return formatting.words(amounts) if amounts else "little"

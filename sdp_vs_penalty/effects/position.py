@@ -24,6 +24,7 @@ class JointSpring(JointEffect):
     units = ("N*m/rad", "N/m")
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the joint's position (N,) [rad, m]."""
         return motion.q[:, joint]
 
 
@@ -40,8 +41,11 @@ def _orders(
     turns: Sequence[float],
     finest: float,
 ) -> list[float]:
-    """Waves per turn; on a prismatic joint neighbours half a wave apart over the
-    travel; without one, that of a common axis."""
+    """List the wave numbers k of cos(k q) that a search tries on a joint.
+
+    On a revolute joint these are ``turns``, waves per turn. On a prismatic joint they
+    are spaced by half a wave over its travel, up to ``finest`` [rad/m].
+    """
     joint_record = robot.joints[joint]
     if joint_record.kind != "prismatic":
         return list(turns)
@@ -79,6 +83,8 @@ class TorqueRipple(JointEffect):
     signless = True
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the cosine's and the sine's amplitude after joint and wave number:
+        "a_r3_2", "b_r3_2"."""
         k = f"{self.shape['k']:.6g}"
         return [
             (f"{symbol}{joint + 1}_{k}", self.unit_on(joint))
@@ -87,6 +93,8 @@ class TorqueRipple(JointEffect):
 
     @property
     def waves(self) -> float | None:
+        """Wave number k of the torque cos(k q): waves per turn of a revolute joint [-],
+        rad/m on a prismatic one."""
         return self.shape["k"]
 
     @classmethod
@@ -95,18 +103,14 @@ class TorqueRipple(JointEffect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        """Waves per turn; on a prismatic joint screws of 1 to 100 mm, and what the
-        travel may hold."""
+        """List the wave numbers with which a search begins: 2 to 40 per turn; on a
+        prismatic joint those that its travel can hold, down to a screw of 5 mm."""
         return [{"k": k} for k in _orders(robot, joint, cls.shapes["k"].grid, _FINEST)]
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return cos(k q) and sin(k q) (N, 2)."""
         phase = self.shape["k"] * motion.q[:, joint]
-        return np.column_stack(
-            [
-                np.cos(phase),
-                np.sin(phase),
-            ]
-        )
+        return np.column_stack([np.cos(phase), np.sin(phase)])
 
 
 #: Phases of a wave at which the friction may not become negative.
@@ -145,6 +149,11 @@ class PositionDependentFriction(JointEffect):
     ) -> Iterable[dict[str, float]]:
         # Two waves are not looked for: along less than a whole one they fit anything
         # that is seen.
+        """List the wave numbers with which a search begins, each with one wave.
+
+        Two waves fit anything where less than a full turn was travelled, so none is
+        tried.
+        """
         shape = cls.shapes["k"]
         grid = _orders(
             robot,
@@ -155,6 +164,8 @@ class PositionDependentFriction(JointEffect):
         return [{"k": k, "waves": 1.0} for k in grid]
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the amplitudes of each wave, "a_p3_1", "b_p3_1", with the unit of a
+        torque."""
         waves = range(1, int(self.shape["waves"]) + 1)
         return [
             (f"{x}{joint + 1}_{i}", self.unit_on(joint))
@@ -163,12 +174,13 @@ class PositionDependentFriction(JointEffect):
         ]
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return sign(dq) times cos and sin of each wave (N, 2 waves)."""
         return motion.sign(joint)[:, None] * self._waves(
             self.shape["k"] * motion.q[:, joint]
         )
 
     def _waves(self, phase: Array) -> Array:
-        """(N, 2 waves) cos and sin of the phase and its multiples."""
+        """Return cos and sin of a phase (N,) [rad] and its multiples: (N, 2 waves)."""
         waves = np.arange(1.0, self.shape["waves"] + 1.0) * phase[:, None]
         return np.stack([np.cos(waves), np.sin(waves)], axis=2).reshape(len(phase), -1)
 
@@ -177,38 +189,47 @@ class PositionDependentFriction(JointEffect):
         indices: NDArray[np.intp],
         parameters: Sequence[Parameter] = (),
     ) -> list[Constraint]:
-        """Coulomb friction of the same joint, which it varies, stays above zero at
-        every position."""
-        phases = np.linspace(
-            0.0,
-            2.0 * np.pi,
-            _PHASES,
-            endpoint=False,
-        )
-        between = np.cos(
-            np.pi * self.shape["waves"] / _PHASES
-        )  # how low a wave is at the nearest phase
-        coefficients = np.vstack(
-            [
-                np.ones(_PHASES),
-                self._waves(phases).T / between,
-            ]
-        )
-        coulomb = {
-            p.joint - 1: k
-            for k, p in enumerate(parameters)
+        """Demand that Coulomb friction plus its variation stays at least zero at every
+        position.
+
+        This is stated at 48 phases; the waves are scaled up by how much lower they can
+        be between two of them. It applies to joints that also have coulomb_friction.
+
+        Parameters
+        ----------
+        indices
+            (k,) places of this effect's parameters in theta.
+        parameters
+            All of theta, among which the Coulomb frictions are found.
+
+        Returns
+        -------
+        list of Constraint
+            Linear constraints F(theta) >= 0, with the usual bounds.
+        """
+        phases = np.linspace(0.0, 2.0 * np.pi, _PHASES, endpoint=False)
+        # Half a step from a stated phase a wave has fallen to this share of its peak.
+        share_of_peak = np.cos(np.pi * self.shape["waves"] / _PHASES)
+        waves = self._waves(phases).T / share_of_peak  # (k, phases)
+        coefficients = np.vstack([np.ones(_PHASES), waves])
+        coulomb_index = {
+            p.joint - 1: index
+            for index, p in enumerate(parameters)
             if p.effect == "coulomb_friction"
         }
-        k = len(coefficients) - 1
-        sign_constraints = super().constraints(indices, parameters)
-        return sign_constraints + [
-            build.linear(
-                "sign",
-                f"{self.name} {j + 1}",
-                np.array([coulomb[j], *indices[k * place : k * (place + 1)]]),
-                coefficients,
-                np.zeros(_PHASES),
+        k = len(waves)  # parameters of each joint
+        constraints = super().constraints(indices, parameters)
+        for place, joint in enumerate(self.joints):
+            if joint not in coulomb_index:
+                continue
+            variation = indices[k * place : k * (place + 1)]
+            constraints.append(
+                build.linear(
+                    "sign",
+                    f"{self.name} {joint + 1}",
+                    np.array([coulomb_index[joint], *variation]),
+                    coefficients,
+                    np.zeros(_PHASES),
+                )
             )
-            for place, j in enumerate(self.joints)
-            if j in coulomb
-        ]
+        return constraints

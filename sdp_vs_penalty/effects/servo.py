@@ -51,6 +51,8 @@ class ServoGain(Servo):
     searched = ()  # none of its own: the delay is servo_position's
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Compute one column (N,) for each joint: the torque of the drive per unit
+        gain, as a load."""
         column = self.drive(motion, motion.t - self.shape["T"])
         return self.blocks_per_joint([column[:, j] for j in self.joints])
 
@@ -93,6 +95,8 @@ class ServoPosition(Servo):
     searched = ("T",)  # the delay; the age of the velocity is given or zero
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
+        """Name the gains of position error and velocity of a joint, "kp3" and "kd3",
+        with their units."""
         torque_unit = self.unit_on(joint)
         per = self.robot.position_units[joint]
         return [
@@ -101,6 +105,8 @@ class ServoPosition(Servo):
         ]
 
     def blocks(self, motion: Motion) -> list[Block]:
+        """Compute the columns (N, 2) of each joint: minus the position error, and the
+        velocity d ago."""
         error = motion.logged_command.position(motion.t - self.shape["T"]) - motion.q
         rate = motion.dq - self.shape["d"] * motion.ddq
         return self.blocks_per_joint(
@@ -120,6 +126,8 @@ class ServoIntegral(ServoGain):
     units = ("N*m/rad/s", "N/m/s")
 
     def drive(self, motion: Motion, at: Array) -> Array:
+        """Return minus the integral (N, n) of the position error [rad s, m s]; the
+        command is read at the instants ``at``."""
         return motion.integral - motion.logged_command.integral(at)
 
 
@@ -141,6 +149,8 @@ class ServoVelocityLoop(ServoGain):
     units = ("N*m/rad", "N/m")
 
     def drive(self, motion: Motion, at: Array) -> Array:
+        """Return the positions (N, n): the integral of the velocity, up to a
+        constant."""
         return motion.q
 
 
@@ -156,4 +166,5 @@ class ServoFeedforward(ServoGain):
     units = ("N*m*s/rad", "N*s/m")
 
     def drive(self, motion: Motion, at: Array) -> Array:
+        """Return minus the commanded velocity (N, n) at the instants ``at``."""
         return -motion.logged_command.velocity(at)

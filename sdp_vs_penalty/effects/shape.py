@@ -14,20 +14,24 @@ VELOCITY = ("rad/s", "m/s")
 
 @dataclass(frozen=True)
 class ShapeConstant:
-    """One shape constant of an effect; its name is the key under which the effect
-    declares it.
+    """A shape constant: a number on which an effect's columns depend non-linearly.
 
-    default : its value where none is given. unit : "-" for a number; a pair for a revolute and a
-        prismatic joint. choices : the only values that it may have, if they are few; words : what they
-        are called where they are written.
-    grid : the values that a search starts from; bounds : the range in which it refines them (None: it
-        stays on the grid); scale : how neighbours are spaced there: widths, exponents and times by a
-        ratio ("log"), numbers of waves by a difference ("linear").
-    metres : how many metres (per second) on a prismatic joint stand for a radian of grid and bounds.
-    signed : whether it may be zero or negative.
-    role : "searched", found from measurements by `diagnose` and `add` where it is not given;
-        "estimated", by `identify` as well; "clock", the instant from which time counts, taken from the
-        measurements.
+    Parameters
+    ----------
+    default : value where none is given
+    unit : "-" for a number; a pair for a revolute and a prismatic joint
+    grid : values from which a search starts
+    bounds : range in which a search refines them; None: it stays on the grid
+    scale : spacing of neighbours: widths, exponents and times by a ratio ("log"), wave
+        numbers by a difference ("linear")
+    choices : the only allowed values, where these are few
+    metres : length [m] on a prismatic joint that stands for one radian of grid and
+        bounds
+    words : names of the choices in written effects
+    signed : whether the value may be zero or negative
+    role : "searched" by `diagnose` and `add` where it is not given; "estimated" by
+        `identify` as well; "clock", the instant from which time counts, taken from the
+        measurements
     """
 
     default: float
@@ -89,17 +93,17 @@ class ShapeConstant:
         return None
 
     def parsed(self, text: str) -> float:
-        """Read a value from text.
+        """Parse the written value of the constant.
 
         Parameters
         ----------
         text
-            A number, or one of the constant's words.
+            A number, or one of the constant's words ("viscous").
 
         Returns
         -------
         float
-            The value.
+            The value; words stand for whole numbers.
 
         Raises
         ------
@@ -112,7 +116,7 @@ class ShapeConstant:
         )
 
     def written(self, value: float) -> str:
-        """Write a value as :meth:`parsed` reads it.
+        """Format a value as :meth:`parsed` reads it.
 
         Parameters
         ----------
@@ -122,7 +126,7 @@ class ShapeConstant:
         Returns
         -------
         str
-            A number or a word.
+            A number, or a word where the constant has words.
         """
         return self.words[self.choices.index(value)] if self.words else f"{value:.6g}"
 

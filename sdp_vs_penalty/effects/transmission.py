@@ -49,6 +49,8 @@ class JointCoupling(JointEffect):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
+        """Check that each joint is coupled to another one; without joints, take all but
+        joint i."""
         super().__init__(robot, joints, **shape)
         i = self.shape["i"]
         if i != int(i) or not 0 <= i <= robot.n:
@@ -87,6 +89,8 @@ class JointCoupling(JointEffect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
+        """List the shape constants with which a search begins: both neighbours, in all
+        four forms."""
         neighbours = [i for i in (joint - 1, joint + 1) if 0 <= i < robot.n]
         forms = cls.shapes["form"].choices
         return [
@@ -99,17 +103,22 @@ class JointCoupling(JointEffect):
         ]
 
     def parameter_name(self, joint: int) -> str:
+        """Name the parameter after joint, partner and form: "f_c5_6_2"."""
         return (
             f"{self.symbol}{joint + 1}_{self.partner(joint) + 1}_{self.shape['form']:g}"
         )
 
     def unit_on(self, joint: int) -> str:
+        """Return the unit: of a torque, or, for the viscous form 1, of a torque over
+        the partner's velocity."""
         torque = super().unit_on(joint)
         if self.shape["form"] != 1.0:
             return torque
         return f"{torque}*s/{self.robot.position_units[self.partner(joint)]}"
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the column (N,): the partner's velocity or its sign, or the sign of
+        the sum or difference of both velocities."""
         partner = self.partner(joint)
         form = int(self.shape["form"])
         if form == 1:
@@ -171,32 +180,30 @@ class TransmissionFriction(StatefulEffect):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
-        acting = (
-            range(max(0, robot.n - 2), robot.n)
-            if joints is None
-            else sorted(set(joints))
-        )
+        """Declare the shape constants of the chosen law and joints, and check them.
+
+        Each joint has a ratio, c5 for joint 5, in units of the first joint's position
+        over its own. Only the hysteresis law has a travel d, only Stribeck's a velocity
+        vs.
+        """
+        last_two = list(range(max(0, robot.n - 2), robot.n))
+        acting_joints = last_two if joints is None else sorted(set(joints))
+        # The law, and the constant that it alone has.
         law = self.shapes["law"]
-        chosen = shape.get("law", law.default)
-        law_constants = (
-            self._OWN.get(law.written(chosen), ())[:1]
-            if law.complaint(chosen) is None
-            else ()
-        )
-        known = {
-            "law": law,
-            **{key: self.shapes[key] for key in law_constants},
-        }
+        number_of_law = shape.get("law", law.default)
+        constants = {"law": law}
+        if law.complaint(number_of_law) is None:
+            for key in self._OWN.get(law.written(number_of_law), ())[:1]:
+                constants[key] = self.shapes[key]
         # Ratios turn each joint's position into the first one's unit.
-        units = [robot.position_units[j] for j in acting if j < robot.n]
-        per = ["-" if u == units[0] else f"{units[0]}/{u}" for u in units]
-        ratios = {
-            f"c{j + 1}": ShapeConstant(1.0, u, signed=True)
-            for j, u in zip(acting, per, strict=False)
-        }
-        self.shapes = ratios | known
+        units = [robot.position_units[j] for j in acting_joints if j < robot.n]
+        ratios = dict[str, ShapeConstant]()
+        for j, unit in zip(acting_joints, units, strict=False):
+            unit_of_ratio = "-" if unit == units[0] else f"{units[0]}/{unit}"
+            ratios[f"c{j + 1}"] = ShapeConstant(1.0, unit_of_ratio, signed=True)
+        self.shapes = ratios | constants
         super().__init__(robot, joints, **shape)
-        self.joints = tuple(acting)
+        self.joints = tuple(acting_joints)
         self.has_memory = self.law == "hysteresis"
         for j in self.joints:
             if self.shape[f"c{j + 1}"] == 0.0:
@@ -206,33 +213,38 @@ class TransmissionFriction(StatefulEffect):
 
     @property
     def law(self) -> str:
+        """Name of the friction law (or "inertia"), by the number that saved models
+        hold."""
         return LAWS[int(self.shape["law"]) - 1]
 
     @property
     def ratios(self) -> Array:
-        """(n,) c."""
+        """(n,) ratios c of the combination s = c q; zero for joints that take no
+        part."""
         out = np.zeros(self.robot.n)
         out[list(self.joints)] = [self.shape[f"c{j + 1}"] for j in self.joints]
         return out
 
     @property
     def contact(self) -> Array | None:
+        """(n,) ratios of the joints along which it is dry friction; None for smooth
+        laws and for the hysteresis, which has a state."""
         return self.ratios if self.law in ("coulomb", "stribeck") else None
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
+        """One parameter, such as "f_t_coulomb(q5+q6)", at least zero."""
         first = self.joints[0]
         position = self.robot.position_units[first]
         torque = self.robot.torque_units[first]
-        per = {"viscous": f"*s/{position}", "inertia": f"*s^2/{position}"}.get(
-            self.law, ""
-        )
+        per_rate = {"viscous": f"*s/{position}", "inertia": f"*s^2/{position}"}
+        unit = torque + per_rate.get(self.law, "")
         name = f"{self.symbol}_{self.law}({self.combination})"
-        return (Parameter(name, torque + per, self.name, first + 1, 0.0),)
+        return (Parameter(name, unit, self.name, joint=first + 1, lower=0.0),)
 
     @property
     def combination(self) -> str:
-        """s as a formula: "q5+q6", "q5-1/2q6"."""
+        """The combination s of the joints as a formula: "q5+q6", "q5-0.5q6"."""
         terms = [
             f"{c:+.4g}q{j + 1}".replace("+1q", "+q").replace("-1q", "-q")
             for j, c in enumerate(self.ratios)
@@ -242,6 +254,8 @@ class TransmissionFriction(StatefulEffect):
 
     @property
     def bristles(self) -> Bristles:
+        """One state of Dahl's law along s = c q for law = hysteresis; no state for
+        other laws."""
         rows = (
             self.ratios[None]
             if self.law == "hysteresis"
@@ -254,6 +268,7 @@ class TransmissionFriction(StatefulEffect):
         )
 
     def blocks_at(self, motion: Motion, z: Array) -> list[Block]:
+        """Return c_j f(s) (N, 1) for each joint j, from the states z (N, 1)."""
         force = self._force(motion, z)
         return [
             Block(
@@ -265,7 +280,8 @@ class TransmissionFriction(StatefulEffect):
         ]
 
     def _force(self, motion: Motion, z: Array) -> Array:
-        """f(s) (N,) over its parameter."""
+        """Compute f(s) (N,), the force along s per unit of the parameter, by the chosen
+        law."""
         if self.law == "hysteresis":
             return z[:, 0]
         if self.law == "inertia":
@@ -284,6 +300,8 @@ class TransmissionFriction(StatefulEffect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
+        """List the shape constants with which a search begins: every law, with two
+        values of its travel or velocity where it has one."""
         for number, law in enumerate(LAWS, start=1):
             key, grid = cls._OWN.get(law, ("", (0.0,)))
             for value in grid:
@@ -293,28 +311,44 @@ class TransmissionFriction(StatefulEffect):
     def candidates(
         cls, robot: Robot, joint: int | None, start: float = 0.0, **constants: float
     ) -> list[Effect]:
-        """Every law on every combination that begins with this joint, or on the
-        ``constants`` one."""
-        ratios = {key: value for key, value in constants.items() if key[:1] == "c"}
-        ratio_sets = [ratios] if ratios else combinations(robot, joint or 0)
-        laws = [
-            law
-            for law in cls.starts(robot, joint or 0)
-            if constants.get("law", law["law"]) == law["law"]
-        ]
-        shapes = [{**law, **constants} for law in laws]
-        shapes = [shape for k, shape in enumerate(shapes) if shape not in shapes[:k]]
-        sure = [ratios, *map(_ratios, robot.couplings)]
-        return [
-            cls(
-                robot,
-                [int(key[1:]) - 1 for key in c],
-                **{**c, **s},
-            )
-            for c in ratio_sets
-            for s in shapes
-            if c in sure or _worth_a_guess(c, s, constants, sure)
-        ]
+        """List the forms that a search tries: every law along every combination of
+        joints.
+
+        Parameters
+        ----------
+        robot
+            The robot.
+        joint
+            Joint from 0 with which the combinations begin.
+        start
+            Not used: no law depends on time.
+        constants
+            Shape constants that stay as given. Ratios among them (c5, c6) leave one
+            combination.
+
+        Returns
+        -------
+        list of Effect
+            One effect for each law and combination that is worth trying.
+        """
+        given_ratios = {k: x for k, x in constants.items() if k.startswith("c")}
+        if given_ratios:
+            ratio_sets = [given_ratios]
+        else:
+            ratio_sets = combinations(robot, joint or 0)
+        shapes = list[dict[str, float]]()
+        for law in cls.starts(robot, joint or 0):
+            shape = {**law, **constants}
+            is_given_law = shape["law"] == law["law"]
+            if is_given_law and shape not in shapes:
+                shapes.append(shape)
+        sure = [given_ratios, *map(_ratios, robot.couplings)]
+        effects = list[Effect]()
+        for ratios, shape in product(ratio_sets, shapes):
+            if ratios in sure or _worth_a_guess(ratios, shape, constants, sure):
+                joints = [int(key[1:]) - 1 for key in ratios]
+                effects.append(cls(robot, joints, **{**ratios, **shape}))
+        return effects
 
 
 def _worth_a_guess(
@@ -323,12 +357,13 @@ def _worth_a_guess(
     constants: Mapping[str, float],
     sure: Sequence[Mapping[str, float]],
 ) -> bool:
-    """Whether a law is tried on a combination that nobody knows of.
+    """Tell whether a law is tried along a combination that is not known of the robot.
 
-    On three joints plain laws only: finer ones fit by chance among so many. Of what is
-    linear in velocity or acceleration (f c c^T) the joints' own friction and rotors
-    absorb all but the cross terms, whose signs tell no ratio: it is tried with ratios
-    of one, or the known ones.
+    On three joints, only laws without constants of their own are tried: finer ones fit
+    by chance among so many. A law that is linear (viscous, inertia) acts as f c c^T;
+    the joints' own friction and rotors absorb all but its cross terms, whose signs tell
+    no ratio. It is tried with ratios of 1 and -1 only, and only where the ratios are
+    not known.
     """
     if len(ratios) > 2 and not set(shape) <= {"law", *constants}:
         return False
@@ -353,16 +388,22 @@ def combinations(robot: Robot, first: int) -> list[dict[str, float]]:
     list of dict
         Ratios of neighbours of one kind, and the couplings known of the robot.
     """
-    kinds = [j.kind for j in robot.joints]
-    out = [_ratios(row) for row in robot.couplings if np.flatnonzero(row)[0] == first]
-    for more in (*((a,) for a in _PAIRS), *_TRIPLES):
-        joints = range(first, first + 1 + len(more))
-        if joints.stop <= robot.n and len({kinds[j] for j in joints}) == 1:
-            out.append(
-                {f"c{j + 1}": c for j, c in zip(joints, (1.0, *more), strict=True)}
-            )
-    return [ratios for k, ratios in enumerate(out) if ratios not in out[:k]]
+    kinds = [joint.kind for joint in robot.joints]
+    candidates = [
+        _ratios(row) for row in robot.couplings if np.flatnonzero(row)[0] == first
+    ]
+    pairs = [(1.0, second) for second in _PAIRS]
+    triples = [(1.0, second, third) for second, third in _TRIPLES]
+    for ratios in (*pairs, *triples):
+        joints = range(first, first + len(ratios))
+        are_of_one_kind = len(set(kinds[first : joints.stop])) == 1
+        if joints.stop <= robot.n and are_of_one_kind:
+            numbered = zip(joints, ratios, strict=True)
+            candidates.append({f"c{j + 1}": ratio for j, ratio in numbered})
+    return [x for k, x in enumerate(candidates) if x not in candidates[:k]]
 
 
 def _ratios(row: Array) -> dict[str, float]:
+    """Return the ratios of a combination (n,) as shape constants: {"c5": 1.0, "c6":
+    -1.0}."""
     return {f"c{j + 1}": float(row[j]) for j in np.flatnonzero(row)}

@@ -23,6 +23,7 @@ class ViscousFriction(JointEffect):
     signless = True
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the joint's velocity (N,) [rad/s, m/s]."""
         return motion.dq[:, joint]
 
 
@@ -62,6 +63,7 @@ class CoulombFriction(JointEffect):
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the smooth sign tanh(dq / v_s) (N,) of the joint's velocity."""
         return motion.sign(joint, self.shape["v_s"])
 
 
@@ -77,6 +79,7 @@ class AsymmetricViscousFriction(JointEffect):
     refines = ("viscous_friction",)
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the joint's speed |dq| (N,)."""
         return np.abs(motion.dq[:, joint])
 
 
@@ -95,6 +98,8 @@ class AsymmetricCoulombFriction(JointEffect):
     refines = ("coulomb_friction", "presliding_hysteresis", "stiction")
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return the size |tanh(dq / v_s)| (N,) of the smooth sign: 1 in motion, 0 at
+        rest."""
         return np.abs(motion.sign(joint))
 
 
@@ -117,6 +122,7 @@ class PowerLawFriction(JointEffect):
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return sign(dq) |dq|^alpha (N,)."""
         dq = motion.dq[:, joint]
         return motion.sign(joint) * np.abs(dq) ** self.shape["alpha"]
 
@@ -169,6 +175,12 @@ class SigmoidFriction(JointEffect):
     }
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return s(dq / v0) - sign(dq) (N,), the deviation of a slow rise from
+        Coulomb's jump.
+
+        Zeros where v0 is less than twice the sign's own width: the difference of two
+        equal curves would determine nothing.
+        """
         rises = _RISES[self.shapes["law"].written(self.shape["law"])]
         v0 = self.shape["v0"]
         rise = rises(motion.dq[:, joint] / v0) - motion.sign(joint)
@@ -216,8 +228,12 @@ class StribeckFriction(JointEffect):
         robot: Robot,
         joint: int,
     ) -> Iterable[dict[str, float]]:
-        """Every law but the longest tail, which never ends: of what is left of it at
-        all speeds another friction would be as large as it likes."""
+        """List the shape constants with which a search begins: every law but the tail
+        with delta = 1.
+
+        That tail falls so slowly that Coulomb friction of any size could make up for
+        it.
+        """
         grid_starts = super().starts(robot, joint)
         return [
             start
@@ -226,6 +242,8 @@ class StribeckFriction(JointEffect):
         ]
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return sign(dq) times exp(-x), or times 1 / (1 + x) for law = tail, x = (|dq|
+        / vs)^delta; (N,)."""
         x = (np.abs(motion.dq[:, joint]) / self.shape["vs"]) ** self.shape["delta"]
         return motion.sign(joint) * (
             np.exp(-x) if self.shape["law"] == 1.0 else 1.0 / (1.0 + x)
@@ -249,4 +267,6 @@ class LoadDependentFriction(JointEffect):
     needs_links = True
 
     def column(self, motion: Motion, joint: int) -> Array:
+        """Return |tau_l| sign(dq) (N,) [N m, N], tau_l being the torque of the current
+        model's links."""
         return np.abs(motion.link_torque[:, joint]) * motion.sign(joint)

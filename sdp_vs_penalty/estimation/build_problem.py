@@ -295,8 +295,22 @@ def _pose_black_box(
     model = problem.model(effects)
     progress("compressing the black box's answers")
     regression = compress_black_box(data, model)
-    task = make_task(problem, model, regression, "none", options.seed, progress)
-    return EstimationProblem(problem, data, None, regression, task, "none")
+    task = make_task(
+        problem,
+        model,
+        regression,
+        weighting="none",
+        seed=options.seed,
+        progress=progress,
+    )
+    return EstimationProblem(
+        problem,
+        measurements=data,
+        runs=None,
+        regression=regression,
+        task=task,
+        weighting="none",
+    )
 
 
 def _pose_torque_log(
@@ -334,7 +348,7 @@ def _pose_torque_log(
             "gain": gain.tolist(),
             "std": std.tolist(),
         }
-    return _PosedLog(problem, model, runs, errors, details)
+    return _PosedLog(problem, model, runs, gain_errors=errors, details=details)
 
 
 def _pose_servo_log(
@@ -372,8 +386,8 @@ def _pose_servo_log(
         problem,
         model,
         runs,
-        np.column_stack([errors, common]),
-        details,
+        gain_errors=np.column_stack([errors, common]),
+        details=details,
     )
 
 
@@ -603,7 +617,9 @@ def with_reference(
     kept = model.reference_free  # the effects whose parameters a pass keeps
     for k in range(2):
         progress(f"the current model, pass {k + 1} of 2")
-        theta = make_task(problem, part, compressed(part), weighting).ols
+        theta = make_task(
+            problem, model=part, regression=compressed(part), weighting=weighting
+        ).ols
         reference = np.zeros(len(model.parameters))
         places = model.places(kept)
         # In the second pass theta holds all effects.

@@ -60,14 +60,14 @@ class Certificate(Shown, JsonRecord):
             f"{family} {value:.2g}" for family, value in self.violations.items()
         )
         worst, loss, *other_lines = self.summary()
-        both = ("objective", self.upper), ("certified lower bound", self.lower)
+        bounds = ("objective", self.upper), ("certified lower bound", self.lower)
         lines = [
             worst,
             ("violation by family", families or "there are no constraints"),
             loss,
         ]
         lines += [
-            *((name, f"{x:.9g}") for name, x in both if x is not None),
+            *((name, f"{x:.9g}") for name, x in bounds if x is not None),
             *other_lines,
         ]
         return "\n".join(

@@ -123,7 +123,7 @@ def sampled_command(part: Stretch) -> Command:
     q = part.resampled(part.qcmd, 0, part.count)
     dq = np.gradient(q, part.dt, axis=0)
     total = part.resampled(part.integrals[0], 0, part.count)
-    return Command(clock, q, dq, np.zeros_like(q), total)
+    return Command(clock, q, dq, ddq=np.zeros_like(q), position_integral=total)
 
 
 def driven(

@@ -395,9 +395,9 @@ class Estimate(Record):
     def estimator(self) -> Estimator:
         """Estimator of the method, with the settings of the identification."""
         default = make_estimator(self.method)
-        known = {f.name for f in dataclasses.fields(default)}  # type: ignore[arg-type]
+        fields = {f.name for f in dataclasses.fields(default)}  # type: ignore[arg-type]
         settings = {
-            name: value for name, value in self.settings.items() if name in known
+            name: value for name, value in self.settings.items() if name in fields
         }
         return dataclasses.replace(default, **settings)  # type: ignore[type-var]
 
@@ -423,7 +423,7 @@ class Estimate(Record):
         ddq: ArrayLike,
         t: ArrayLike | None = None,
     ) -> Array:
-        """Modelled torque at states.
+        """Return the modelled torque at states.
 
         Parameters
         ----------
@@ -480,7 +480,7 @@ class Estimate(Record):
     def plot(self, axes: Any = None) -> Any:
         """Draw link masses and the other effects' parameters with 95 % intervals.
 
-        What the prior or the bounds decide is hatched.
+        Parameters that the prior or the bounds determine are hatched.
 
         Parameters
         ----------
@@ -490,7 +490,7 @@ class Estimate(Record):
         Returns
         -------
         sequence of matplotlib Axes
-            Which were drawn in.
+            The axes with the drawing.
 
         Raises
         ------
@@ -499,27 +499,27 @@ class Estimate(Record):
         """
         table = self.to_frame()
         mass = table.index.str.fullmatch("m[0-9]+")
-        shown = table[(table["effect"] != "rigid_body") | mass].groupby(
+        by_effect = table[(table["effect"] != "rigid_body") | mass].groupby(
             "effect", sort=False
         )
-        size = (3.0 * len(shown), 2.6)
+        size = (3.0 * len(by_effect), 2.6)
         panels = np.atleast_1d(
             formatting.axes(
                 axes,
                 1,
-                len(shown),
+                len(by_effect),
                 figsize=size,
                 layout="constrained",
             )
         )
-        for panel, (effect, parameters) in zip(panels, shown, strict=False):
-            drawn = panel.bar(
+        for panel, (effect, parameters) in zip(panels, by_effect, strict=False):
+            bars = panel.bar(
                 parameters.index,
                 parameters["value"],
                 yerr=NORMAL_95 * parameters["std"].astype(float).fillna(0.0),
                 capsize=2,
             )
-            for bar, source in zip(drawn, parameters["source"], strict=True):
+            for bar, source in zip(bars, parameters["source"], strict=True):
                 if source != "data":  # the prior's or a bound's: not measured
                     bar.set(hatch="//", alpha=0.5)
             panel.set(title=effect, ylabel=f"[{parameters['unit'].iloc[0]}]")
@@ -552,7 +552,7 @@ class Estimate(Record):
     def _table(self) -> Table:
         """Return the printed table: one row a parameter with its 95 % interval."""
         rows: list[tuple[str, ...]] = []
-        for p, value, spread, known, source in zip(
+        for p, value, spread, nominal, source in zip(
             self.model.parameters,
             self.theta,
             self.uncertainty.std,
@@ -561,13 +561,20 @@ class Estimate(Record):
             strict=True,
         ):
             half = NORMAL_95 * spread
-            plus = "" if np.isnan(half) else f" ± {half:.2g}"
-            before = "" if np.isnan(known) else f"{known:.4g}"
+            half_text = "" if np.isnan(half) else f" ± {half:.2g}"
+            nominal_text = "" if np.isnan(nominal) else f"{nominal:.4g}"
             rows.append(
-                (p.name, f"{value:.4g}{plus}", before, source, p.unit, p.effect)
+                (
+                    p.name,
+                    f"{value:.4g}{half_text}",
+                    nominal_text,
+                    source,
+                    p.unit,
+                    p.effect,
+                )
             )
-        heads = ("parameter", "value ± 95 %", "nominal", "from", "unit", "effect")
-        return Table(heads, rows, words=(0, 3, 4, 5))
+        headings = ("parameter", "value ± 95 %", "nominal", "from", "unit", "effect")
+        return Table(headings, rows, words=(0, 3, 4, 5))
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a DataFrame of the parameters, indexed by name.
@@ -655,7 +662,7 @@ class Estimate(Record):
 
 
 def load_estimate(path: str | Path) -> Estimate:
-    """Read a model.json.
+    """Read an Estimate from a model.json.
 
     Parameters
     ----------

@@ -67,9 +67,9 @@ def links_frame(estimate: Parameters) -> pandas.DataFrame:
     """
     import pandas
 
-    at = estimate.model.rigid_indices
+    indices = estimate.model.rigid_indices
     links = estimate.links
-    nominal = estimate.nominal[at].reshape(-1, 10)
+    nominal = estimate.nominal[indices].reshape(-1, 10)
     centred = np.full_like(links, np.nan)
     has_mass = links[:, 0] > 0.0
     centred[has_mass] = inertia.barycentric_from_standard(links[has_mass])
@@ -77,7 +77,7 @@ def links_frame(estimate: Parameters) -> pandas.DataFrame:
         "joint": [estimate.robot.tree[k].name for k in estimate.robot.link_joints],
         "mass [kg]": links[:, 0],
         "nominal mass [kg]": nominal[:, 0],
-        "mass is from": [estimate.sources[k] for k in at[::10]],
+        "mass is from": [estimate.sources[k] for k in indices[::10]],
     }
     for k, axis in enumerate("xyz", start=1):
         columns[f"centre of mass {axis} [m]"] = centred[:, k]
@@ -109,7 +109,7 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
     base = base_rows(estimate.problem, estimate.model)
     names = [p.name for p in estimate.model.parameters]
     listed = estimate.details.get("base_parameters", [])
-    known = {entry["name"]: entry for entry in listed}
+    entry_by_name = {entry["name"]: entry for entry in listed}
     rows = []
     for interval, row, leading in zip(
         estimate.uncertainty.base,
@@ -117,7 +117,7 @@ def base_frame(estimate: Parameters) -> pandas.DataFrame:
         base.leading,
         strict=True,
     ):
-        entry = known.get(interval.name, {})
+        entry = entry_by_name.get(interval.name, {})
         rows.append(
             {
                 "parameter": names[leading],
@@ -170,8 +170,8 @@ def expression(
     'Izz1 + 0.0998 m3 - Iyy2'
     """
     limit = _ROUNDING * float(np.abs(row).max())
-    shown = np.flatnonzero(np.abs(row) > limit)
-    others = [int(k) for k in shown if k != leading]
+    nonzero = np.flatnonzero(np.abs(row) > limit)
+    others = [int(k) for k in nonzero if k != leading]
     text = ""
     for k in [leading, *others]:
         size = abs(float(row[k]))

@@ -222,10 +222,10 @@ def build_estimate(
     theta, certificate = certify(task, fit)
     certificate = replace(certificate, **link_figures(problem, theta[task.links]))
     base = base_rows(problem, task.model)
-    wide = with_sensitivities(task.model, theta)
-    data = None
-    if wide is not task.model and runs is not None:
-        data = in_columns(runs, wide, workers)
+    model_with_constants = with_sensitivities(task.model, theta)
+    regression_with_constants = None
+    if model_with_constants is not task.model and runs is not None:
+        regression_with_constants = in_columns(runs, model_with_constants, workers)
     is_feasible = certificate.worst == 0.0
     errors = posed.gain_errors
     uncertainty = of_regression(
@@ -233,7 +233,7 @@ def build_estimate(
         posed.regression,
         base,
         theta,
-        wide=data,
+        wide=regression_with_constants,
         constrained=is_feasible,
         gain_errors=errors,
     )
@@ -303,9 +303,9 @@ def proved(
         raise InputError(
             what, "choose one that solves the SDP, such as lmi-sdp, or penalty"
         )
-    known = replace(fit, theta=theta, bound=task.bound)
+    certified = replace(fit, theta=theta, bound=task.bound)
     return optimum_proof(
-        known,
+        certified,
         [p.name for p in task.model.parameters],
         made_of,
     )

@@ -204,10 +204,10 @@ def _linearised(
             factors.append(
                 Factor(
                     f.joint,
-                    f.block + first,
-                    np.arange(size),
-                    rows,
-                    f.rows,
+                    block=f.block + first,
+                    indices=np.arange(size),
+                    triangle=rows,
+                    rows=f.rows,
                 )
             )
     unknowns = tuple(
@@ -221,10 +221,10 @@ def _linearised(
     )
     return Regression(
         unknowns,
-        n,
-        tuple(blocks),
-        tuple(factors),
-        parts[0][0].oversampling,
+        joints=n,
+        blocks=tuple(blocks),
+        factors=tuple(factors),
+        oversampling=parts[0][0].oversampling,
     )
 
 

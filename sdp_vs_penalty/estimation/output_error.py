@@ -292,13 +292,13 @@ def _windows_of(course: Course, seconds: float) -> list[_Window]:
     count = steps
     if seconds < np.inf:
         count = int(min(steps, max(1, round(seconds / course.dt))))
-    between = 0.5 * (course.torque[:-1] + course.torque[1:])
+    mean_torque = 0.5 * (course.torque[:-1] + course.torque[1:])
     windows = []
     for first in range(0, steps - count + 1, count):
         start = course.states.rows(np.array([first]))
-        torque = between[first : first + count]
+        torque = mean_torque[first : first + count]
         q = course.states.q[first + 1 : first + 1 + count]
-        windows.append(_Window(start, course.dt, torque, q))
+        windows.append(_Window(start, h=course.dt, torque=torque, q=q))
     return windows
 
 

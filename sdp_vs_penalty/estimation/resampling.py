@@ -157,7 +157,7 @@ class CrossValidation(Shown):
 
     @property
     def verdict(self) -> str:
-        """The errors in one sentence."""
+        """Relative error over all folds and in the worst fold, as a sentence."""
         worst = self.folds[self.worst - 1]
         return (
             f"{self.method} predicts unseen motion to {self.relative_error_percent:.3g}"
@@ -418,9 +418,9 @@ class Split:
         task = make_task(
             self.problem,
             model,
-            train,
-            self.weighting,
-            self.seed,
+            regression=train,
+            weighting=self.weighting,
+            seed=self.seed,
         )
         return *self.phases.stretch(number), task, test
 

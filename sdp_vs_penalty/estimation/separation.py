@@ -186,8 +186,8 @@ class Hypotheses:
         """
 
         def excess(log_seconds: float) -> float:
-            """Return the probability above LEVEL after exp(log) seconds; negative: too
-            short.
+            """Return the probability above LEVEL after exp(log_seconds); negative if
+            too short.
             """
             length = np.exp(log_seconds)
             return self.right(delta2 * length / seconds, length) - LEVEL

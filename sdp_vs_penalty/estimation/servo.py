@@ -281,8 +281,8 @@ def _project_out_load(train: Array, test: Array) -> tuple[Array, Array]:
     test_load, test_terms = np.hsplit(test, [-_Terms.count])
     U, V = column_space(train_load)
     projections = U.T @ train_terms
-    remaining = np.linalg.qr(train_terms - U @ projections, mode="r")
-    return np.asarray(remaining), test_terms - test_load @ (V @ projections)
+    remaining_terms = np.linalg.qr(train_terms - U @ projections, mode="r")
+    return np.asarray(remaining_terms), test_terms - test_load @ (V @ projections)
 
 
 def _fitted(terms: Array, law: Array) -> Array:
@@ -412,8 +412,8 @@ class _Loop:
         return make_task(
             self.problem,
             model,
-            compress(rows, model),
-            self.weighting,
+            regression=compress(rows, model),
+            weighting=self.weighting,
         )
 
     def with_better_delay(self, model: Model, rows: FilteredRuns) -> Model:
@@ -523,7 +523,14 @@ def servo_log(
     progress("balancing the gains")
     of_law = drives or [effect_types()[name](problem.robot) for name in LAWS[law]]
     moves_delay = given_delay is None and delay > 0.0
-    loop = _Loop(problem, runs, weighting, tuple(load), of_law, moves_delay)
+    loop = _Loop(
+        problem,
+        runs,
+        weighting,
+        load=tuple(load),
+        drives=of_law,
+        open_delay=moves_delay,
+    )
     # The load's shape constants beside given gains: errors stand for a torque then.
     model, theta = loop.fitted_at_delay(delay)
     gains = {model.parameters[k].name: float(theta[k]) for k in model.error_gains}
@@ -535,13 +542,13 @@ def servo_log(
     )
     loop = replace(loop, load=with_shapes(load, shapes))
     model, _ = loop.fitted_at_delay(delay)
-    model, rows, apart = _refined(loop, model, instruments, progress)
+    model, rows, distance = _refined(loop, model, instruments, progress)
     details = {
         "law": "as given" if drives else law,
         "delay": model.effects[-1].shape["T"],
         "held_out": errors,
         "shapes": [s.to_dict() for s in shapes],
-        "motion": apart.tolist(),
+        "motion": distance.tolist(),
     }
     return model, rows, details
 
@@ -573,7 +580,10 @@ def _given_delay(drives: Sequence[Effect]) -> float | None:
     """Return the delay [s] that the user gave for the drives' effects; None without
     one.
     """
-    return next((e.shape["T"] for e in drives if "T" in e.given), None)
+    for effect in drives:
+        if "T" in effect.given:
+            return effect.shape["T"]
+    return None
 
 
 def _laws_of(drives: Sequence[Effect]) -> tuple[str, ...]:

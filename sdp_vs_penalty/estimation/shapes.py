@@ -318,8 +318,8 @@ def _with_banks(
                 joint,
                 key,
                 now,
-                splines[grid],
-                columns,
+                spline=splines[grid],
+                columns=columns,
             )
         )
     effects = (*fixed, *parts)
@@ -520,8 +520,8 @@ class _ShapeProfile:
             products = rows[..., :first] @ self.shown[indices[:first]]
             of_bank = np.append(indices[first:] - n_others, self.count)
             combined = rows[..., first:] @ T[of_bank]
-            both = self.weights[joint] * np.concatenate([products, combined], axis=2)
-            out[blocks] += both.swapaxes(1, 2) @ both
+            columns = self.weights[joint] * np.concatenate([products, combined], axis=2)
+            out[blocks] += columns.swapaxes(1, 2) @ columns
         return out
 
     def held_out_gains(self, estimates: Sequence[ShapeEstimate]) -> tuple[Array, Array]:
@@ -687,9 +687,9 @@ class _ShapeProfile:
         best, *_ = least_squares(
             residual_and_jacobian,
             start[free],
-            (low, high),
-            1e-4,
-            ftol,
+            ends=(low, high),
+            xtol=1e-4,
+            ftol=ftol,
             steps=50,
         )
         out = start.copy()

@@ -252,7 +252,7 @@ class Sandwich:
         (p, e) array
             Change of theta for each of the e changes.
         """
-        moved = np.zeros(
+        scores = np.zeros(
             (self.directions.shape[1], torques[0].shape[1] if torques else 0)
         )
         for f, torque in zip(self.regression.factors, torques, strict=True):
@@ -261,8 +261,8 @@ class Sandwich:
                 * f.triangle[:, :-1]
                 @ self.directions[f.indices]
             )
-            moved += weighted.T @ torque
-        return np.asarray(self.directions @ moved)
+            scores += weighted.T @ torque
+        return np.asarray(self.directions @ scores)
 
     def gain_response(self, theta: Array) -> Array:
         """Return the change of the estimate with the gains of the torque channels.
@@ -328,9 +328,9 @@ def _kernel(regression: Regression, inflation: float) -> scipy.sparse.csr_array:
         stop = stops[runs == run]
         middle = 0.5 * (start + stop)
         length = min(window, 0.5 * float(stop.max() - start.min()))
-        apart = np.abs(np.subtract.outer(middle, middle))
+        distance = np.abs(np.subtract.outer(middle, middle))
         parts.append(
-            np.maximum(1.0 - apart / length, 0.0)
+            np.maximum(1.0 - distance / length, 0.0)
             if length > 0.0
             else np.eye(len(middle))
         )
@@ -833,10 +833,10 @@ def beside_held(
     Uncertainty
         Of the fixed model and the new effects together, f + k parameters.
     """
-    fixed, old = held
+    fixed, held_uncertainty = held
     k = len(theta)
     wide = regression.given_first(fixed)
-    known = _sandwich_of(task, wide)
+    sandwich = _sandwich_of(task, wide)
     everything = np.zeros(regression.p)
     everything[: len(fixed) + k] = np.concatenate(
         [
@@ -853,42 +853,44 @@ def beside_held(
         is_held = f.indices < len(fixed)
         held_rows = rows[:, is_held]
         held_indices = f.indices[is_held]
-        torque_by_spread.append(-held_rows @ old.spread[held_indices])
-        torque = -held_rows @ old.gain_response[held_indices]
+        torque_by_spread.append(-held_rows @ held_uncertainty.spread[held_indices])
+        torque = -held_rows @ held_uncertainty.gain_response[held_indices]
         torque[:, f.joint] += rows @ everything[f.indices]
         torque_by_gain.append(torque)
-    extra = known.response(torque_by_spread)[:k]
-    gains = known.response(torque_by_gain)[:k]
-    errors = old.gain_errors if gain_errors is None else gain_errors
-    narrow = wide.keeping(np.arange(wide.p) < k)
-    new = of_regression(
+    extra = sandwich.response(torque_by_spread)[:k]
+    gains = sandwich.response(torque_by_gain)[:k]
+    errors = held_uncertainty.gain_errors if gain_errors is None else gain_errors
+    own_regression = wide.keeping(np.arange(wide.p) < k)
+    new_uncertainty = of_regression(
         task,
-        narrow,
+        own_regression,
         base,
         theta,
         constrained=True,
-        known=known,
+        known=sandwich,
         gains=gains,
         extra=extra,
         gain_errors=errors,
     )
-    old = old.with_gain_errors(errors, held_base.rows)
+    held_uncertainty = held_uncertainty.with_gain_errors(errors, held_base.rows)
     # The last columns of the new spread are the errors that the old spread causes.
-    own_spread, through_old = np.split(
-        new.spread,
-        [new.spread.shape[1] - extra.shape[1]],
+    noise_spread, spread_by_held = np.split(
+        new_uncertainty.spread,
+        [new_uncertainty.spread.shape[1] - extra.shape[1]],
         axis=1,
     )
     above = np.hstack(
         [
-            old.spread,
-            np.zeros((len(old.spread), own_spread.shape[1])),
+            held_uncertainty.spread,
+            np.zeros((len(held_uncertainty.spread), noise_spread.shape[1])),
         ]
     )
     return replace(
-        new,
-        standard=old.standard + new.standard,
-        base=old.base + new.base,
-        spread=np.vstack([above, np.hstack([through_old, own_spread])]),
-        gain_response=np.vstack([old.gain_response, new.gain_response]),
+        new_uncertainty,
+        standard=held_uncertainty.standard + new_uncertainty.standard,
+        base=held_uncertainty.base + new_uncertainty.base,
+        spread=np.vstack([above, np.hstack([spread_by_held, noise_spread])]),
+        gain_response=np.vstack(
+            [held_uncertainty.gain_response, new_uncertainty.gain_response]
+        ),
     )

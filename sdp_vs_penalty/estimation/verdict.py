@@ -548,13 +548,13 @@ def changes(
             after / before - 1.0,
             np.where(after > 0.0, np.inf, 0.0),
         )
-    known = floor is not None and bool(np.all(floor > 0.0))
+    is_floor_known = floor is not None and bool(np.all(floor > 0.0))
 
     def words(j: int) -> str:
         unit = formatting.plain_unit(units[j]) if units else "N m or N"
         errors = [formatting.number(float(x[j])) for x in (before, after)]
         more = [f"{100.0 * share[j]:+.0f} %"] if np.isfinite(share[j]) else []
-        if known and floor is not None:
+        if is_floor_known and floor is not None:
             more.insert(0, f"{errors[0]} -> {errors[1]} {unit}")
             times = [formatting.number(float(x[j] / floor[j])) for x in (before, after)]
             amount = f"{times[0]} -> {times[1]} times the noise"
@@ -634,17 +634,19 @@ def noise_level(
         "repetition" or "spectrum"; "" without a floor.
     """
     settings = filtered_runs.settings
-    shown = window_subsample(filtered_runs.measurements, filtered_runs.settings)
+    windows = window_subsample(filtered_runs.measurements, filtered_runs.settings)
     filtered = (
         filtered_runs
-        if shown is filtered_runs.measurements
-        else FilteredRuns.of(shown, settings)
+        if windows is filtered_runs.measurements
+        else FilteredRuns.of(windows, settings)
     )
-    runs = segmented(shown, settings)
+    runs = segmented(windows, settings)
     if not runs.segments:
         return None, ""
     model = problem.model().reference_free
-    theta = make_task(problem, model, compress(filtered, model), "none").ols
+    theta = make_task(
+        problem, model, regression=compress(filtered, model), weighting="none"
+    ).ols
     noise = noise_of(
         runs.with_model(lambda m: model.seen_along(theta, m), gains=model.gains)
     )

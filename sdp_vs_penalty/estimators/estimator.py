@@ -127,14 +127,15 @@ class Task:
         target = self.base @ self.ols
         return LeastSquares(
             self.base,
-            target,
-            0.0,
-            float(target @ target),
-            len(target),
+            rho=target,
+            residual_norm=0.0,
+            tau_squared=float(target @ target),
+            rows=len(target),
         )
 
     def minimum_thickness(self, radius: float) -> list[Constraint]:
-        """Constraints Sigma_c >= m r^2 1 on every link, against rods of zero thickness.
+        """Return constraints Sigma_c >= m r^2 1 on all links, against rods of zero
+        thickness.
 
         Parameters
         ----------
@@ -293,7 +294,9 @@ def _bodies(problem: Problem, links: NDArray[np.intp]) -> tuple[Constraint, ...]
     """
     pairs = zip(links, problem.link_bodies, strict=False)
     return tuple(
-        build.density_in_ellipsoid("body", f"link {k}", indices, body.quadric)
+        build.density_in_ellipsoid(
+            "body", name=f"link {k}", indices=indices, quadric=body.quadric
+        )
         for k, (indices, body) in enumerate(pairs, start=1)
     )
 
@@ -303,7 +306,8 @@ def with_plausible(
     model: Model,
     oversampling: float,
 ) -> LeastSquares:
-    """Data with the effects' prior knowledge of their parameters as further observations.
+    """Return data with the effects' prior knowledge of parameters as further
+    observations.
 
     Each observation weighs as much as an independent row whose noise is the residual of
     least squares.
@@ -416,8 +420,10 @@ def joint_weights(regression: Regression, theta: np.ndarray) -> np.ndarray:
     (n,) array
         Factor of each joint's rows; sigma is the root mean square of all sigma_j.
 
-    Notes ----- A residual below 1e-6 of a joint's torque counts as that much, so that
-    noise-free data are not weighted by rounding.
+    Notes
+    -----
+    A residual below 1e-6 of a joint's torque counts as that much, so that noise-free
+    data are not weighted by rounding.
     """
     rows = np.maximum(regression.joint_rows(), 1)
     torque = np.array(

@@ -405,7 +405,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     task = posed.task
     constraints = posed.constraints
     interior = posed.interior
-    sent = essential(constraints, objective)
+    sent_constraints = essential(constraints, objective)
     data = objective.least_squares
     best: Fit | None = None
     is_answered = False  # whether the solver itself called one of its points a solution
@@ -414,7 +414,7 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
     smallest_scale = 1e-6 * data.tau_squared
     for share, fine in ATTEMPTS:
         centre = interior if best is None else best.theta
-        inside = centre + share * (interior - centre)
+        scaling_point = centre + share * (interior - centre)
         # Without noise, or with as many rows as parameters, the unconstrained residual
         # vanishes and says nothing of the optimum: a problem scaled by it looks
         # infeasible to a solver. Nor may the unit fall at once to a loss that is
@@ -423,16 +423,16 @@ def _solved(posed: PosedSdp, objective: Objective, accuracy: float) -> Fit:
             smallest_scale = max(data.loss(best.theta), 1e-3 * smallest_scale)
         problem = least_squares_sdp(
             objective,
-            sent,
-            inside,
-            task.bound,
-            centre,
-            fine,
-            smallest_scale,
+            constraints=sent_constraints,
+            reference=scaling_point,
+            bound=task.bound,
+            centre=centre,
+            fine=fine,
+            least_loss=smallest_scale,
         )
         try:
-            chosen = solver(posed.solver)
-            solution = chosen.solve_for_user(problem.conic, accuracy)
+            conic_solver = solver(posed.solver)
+            solution = conic_solver.solve_for_user(problem.conic, accuracy)
         except NotApplicableError as error:
             raise InputError(
                 f"solver {posed.solver} cannot pose this method's problem ({error})",
@@ -486,9 +486,11 @@ def essential(constraints: ConstraintSet, objective: Objective) -> list[Constrai
     list of Constraint
         Constraints for a solver.
 
-    Notes ----- The range of a parameter is implied if reaching its end makes more
-    torque than was measured, whatever the other parameters do. Redundant rows leave the
-    dual undetermined, which costs a solver digits; feasibility and certificate use all
+    Notes
+    -----
+    The range of a parameter is implied if reaching its end makes more torque than was
+    measured, whatever the other parameters do. Redundant rows leave the dual
+    undetermined, which costs a solver digits; feasibility and certificate use all
     constraints.
     """
     torque = objective.least_squares.own_torque

@@ -77,10 +77,12 @@ def standard_deviations(task: Task, oversampling: float) -> tuple[Array, Array]:
     deviations : (b,) array
         Standard deviations; infinite where not excited.
 
-    Notes ----- C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019,
-    eq. 14), N the number of independent rows: rows / oversampling, while W^T W counts
-    all rows. The residual is taken as white within the filters' band; where a model
-    error dominates it, the true error is larger.
+    Notes
+    -----
+    C = sigma^2 (W^T W)^-1 with sigma^2 = loss / (N - b) (Gaz et al. 2019, eq. 14), N
+    the number of independent rows: rows / oversampling, while W^T W counts all rows.
+    The residual is taken as white within the filters' band; where a model error
+    dominates it, the true error is larger.
     """
     w = task.data.R @ np.linalg.pinv(task.base)
     rank = column_space(w)[0].shape[1]

@@ -337,10 +337,10 @@ class ShiftedPenalty:
         list of arrays
             New shifts of each part.
         """
-        moved = []
+        new_shifts = []
         for part, shift in zip(self.parts, shifts, strict=True):
-            moved.append(project(part.cone, shift - weight * part.values(x)))
-        return moved
+            new_shifts.append(project(part.cone, shift - weight * part.values(x)))
+        return new_shifts
 
     def rows(
         self,
@@ -519,17 +519,17 @@ def minimise(
     # Weight of the pull to the last stage's x, in the same units; as x settles the pull
     # vanishes.
     pull = 1e-6
-    near = np.sqrt(pull) * np.eye(len(x))
+    pull_rows = np.sqrt(pull) * np.eye(len(x))
     residual = np.inf
     n_stages = 0
     for _ in range(_STEPS):
         n_stages += 1
         last = x
-        x = _Stage(penalty, shifts, weight, last, near).solve()
-        moved = penalty.shifted(x, shifts, weight)
+        x = _Stage(penalty, shifts, weight, centre=last, near=pull_rows).solve()
+        new_shifts = penalty.shifted(x, shifts, weight)
         previous = residual
-        residual = largest_change(moved, shifts) / weight
-        shifts = moved
+        residual = largest_change(new_shifts, shifts) / weight
+        shifts = new_shifts
         if max(residual, pull * largest_change([x], [last])) <= tolerance:
             break
         if residual > 0.25 * previous and weight * tolerance < 1.0:
@@ -538,7 +538,7 @@ def minimise(
 
 
 def largest_change(new: Sequence[Array], old: Sequence[Array]) -> float:
-    """Largest absolute difference between two lists of arrays.
+    """Return the largest absolute difference between two lists of arrays.
 
     Parameters
     ----------
@@ -606,9 +606,9 @@ class Penalty(Estimator):
         return fit_penalty(
             task,
             task.data,
-            self.demands(task),
-            self.starts,
-            self.tolerance,
+            constraints=self.demands(task),
+            starts=self.starts,
+            tolerance=self.tolerance,
         )
 
 
@@ -630,10 +630,10 @@ class PenaltyTwoStep(Penalty):
         """Minimise the distance to the OLS base parameters with exact penalties."""
         return fit_penalty(
             task,
-            task.base_distance,
-            self.demands(task),
-            self.starts,
-            self.tolerance,
+            data=task.base_distance,
+            constraints=self.demands(task),
+            starts=self.starts,
+            tolerance=self.tolerance,
         )
 
 
@@ -844,8 +844,8 @@ class BarycentricBox:
             np.sqrt(task.data.tau_squared),
             0.0,
         )
-        alone = torque / nonzero_or_one(norms)
-        return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, alone), task.bound)
+        largest_alone = torque / nonzero_or_one(norms)
+        return np.minimum(np.maximum(JOINT_PARAMETER_RANGE, largest_alone), task.bound)
 
     def theta(self, p: Array) -> Array:
         """Return standard parameters: h = m c, J = I + m (c.c 1 - c c^T).
@@ -882,14 +882,14 @@ class BarycentricBox:
         masses = self.links[:, :1]
         centres = self.links[:, 1:4]
         c = p[centres]
-        of_links = gradient[self.links]
-        of_moments = of_links[:, 4:]
+        by_links = gradient[self.links]
+        by_moments = by_links[:, 4:]
         # Half of d J / d(m c).
-        across = np.einsum("ne,eij,nj->ni", of_moments, inertia.STEINER_FORMS, c)
-        of_first_moments = of_links[:, 1:4]
+        half_slopes = np.einsum("ne,eij,nj->ni", by_moments, inertia.STEINER_FORMS, c)
+        by_first_moments = by_links[:, 1:4]
         out = gradient.copy()
-        out[masses[:, 0]] += np.sum(c * (of_first_moments + across), axis=1)
-        out[centres] = p[masses] * (of_first_moments + 2.0 * across)
+        out[masses[:, 0]] += np.sum(c * (by_first_moments + half_slopes), axis=1)
+        out[centres] = p[masses] * (by_first_moments + 2.0 * half_slopes)
         return out
 
     def p(self, theta: Array) -> Array:

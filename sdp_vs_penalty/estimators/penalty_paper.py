@@ -214,7 +214,7 @@ def retrieve(
 
 
 def start_of_run(seed: int, number: int, size: int) -> Array:
-    """Random start of a run in the unit box, independent of which runs were made before.
+    """Return the random start of a run in the unit box; other runs do not influence it.
 
     Parameters
     ----------
@@ -238,7 +238,8 @@ def random_numbers_of_step(
     number: int,
     step: int,
 ) -> np.random.Generator:
-    """Random numbers of one step of one run, so that a stopped run can go on.
+    """Return the random generator of one step of one run, so that a stopped run can go
+    on.
 
     Parameters
     ----------
@@ -307,9 +308,11 @@ def anneal_and_search(
     n_evaluations : int
         Number of evaluations.
 
-    Notes ----- The local search is SLSQP, the nearest in SciPy to the authors' fmincon;
-    of L-BFGS-B, TNC and SLSQP it reached the lowest penalised losses on the Panda
-    within equal evaluations.
+    Notes
+    -----
+    The local search is SLSQP, the nearest in SciPy to the authors' fmincon; of
+    L-BFGS-B, TNC and SLSQP it reached the lowest penalised losses on the Panda within
+    equal evaluations.
     """
     if not len(u):
         return u, 0
@@ -333,7 +336,7 @@ def search_locally(
     u: Array,
     budget: int,
 ) -> tuple[Array, int]:
-    """Local search by SLSQP, restarted while that helps.
+    """Minimise by SLSQP from a start, and restart it as long as that helps.
 
     SLSQP stops at kinks of the penalty, and its tolerances suit values of size 1: each
     restart rescales the objective.
@@ -410,7 +413,7 @@ class Demand(ABC):
 
     @abstractmethod
     def margins(self, p: Array) -> Array:
-        """Margins of the demand; not negative where it holds.
+        """Return the margins of the demand, nonnegative where it holds.
 
         Parameters
         ----------
@@ -425,7 +428,7 @@ class Demand(ABC):
 
     @abstractmethod
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
-        """Margins of the demand, and their derivatives.
+        """Return the margins of the demand, and their derivatives.
 
         Parameters
         ----------
@@ -439,7 +442,7 @@ class Demand(ABC):
         """
 
     def violation(self, p: Array) -> float:
-        """Largest violation of the demand.
+        """Return the largest violation of the demand.
 
         Parameters
         ----------
@@ -484,7 +487,7 @@ class TriangleInequality(Demand):
         """Return (n,) tr(I) / 2 - lambda_max(I) of each link [kg m^2]; p (p,) is
         barycentric.
         """
-        moments = np.linalg.eigvalsh(p[self.matrices])
+        moments = np.linalg.eigvalsh(p[self.matrices])  # (n, 3), ascending
         return 0.5 * moments.sum(axis=1) - moments[:, 2]
 
     def margins_and_slopes(self, p: Array) -> tuple[Array, Array]:
@@ -493,13 +496,14 @@ class TriangleInequality(Demand):
         The derivative of lambda_max by I is v v^T, with v its unit eigenvector.
         """
         moments, vectors = np.linalg.eigh(p[self.matrices])
-        axes = vectors[:, :, 2]
-        outer = axes[:, :, None] * axes[:, None, :]
-        dyads = 0.5 * np.eye(3) - outer
+        v = vectors[:, :, 2]  # of the largest moment
+        slopes = 0.5 * np.eye(3) - v[:, :, None] * v[:, None, :]
         rows = np.zeros((len(self.entries), self.size))
         links = np.arange(len(self.entries))[:, None]
-        rows[links, self.entries] = inertia.inertia_entries(dyads) * self._multiplicity
-        return 0.5 * moments.sum(axis=1) - moments[:, 2], rows
+        # Products of inertia stand twice in the matrix.
+        rows[links, self.entries] = inertia.inertia_entries(slopes) * self._multiplicity
+        margins = 0.5 * moments.sum(axis=1) - moments[:, 2]
+        return margins, rows
 
 
 class TotalMass(Demand):
@@ -547,10 +551,11 @@ class CentreCones(Demand):
         values = self._values(p)
         norms = np.linalg.norm(values[:, 1:], axis=1)
         units = values[:, 1:] / nonzero_or_one(norms)[:, None]
-        rows = self.group.matrix.reshape(*values.shape, -1)
-        out = rows[:, 0] - np.einsum("gi,gip->gp", units, rows[:, 1:])
-        is_mass = np.isin(np.arange(out.shape[1]), self.masses)
-        return values[:, 0] - norms, np.where(is_mass, 0.0, out)
+        rows = self.group.matrix.reshape(*values.shape, -1)  # (g, 3, p')
+        # Of each cone g: the axis less the radial rows i along the unit vector.
+        slopes = rows[:, 0] - np.einsum("gi,gip->gp", units, rows[:, 1:])
+        is_mass = np.isin(np.arange(slopes.shape[1]), self.masses)
+        return values[:, 0] - norms, np.where(is_mass, 0.0, slopes)
 
     def _values(self, p: Array) -> Array:
         """Return the cones' values (g, 3) with all masses set to one.
@@ -643,7 +648,7 @@ class PenalisedLoss:
         return loss + weight * self.penalty(p)
 
     def gradient(self, u: Array, weight: float) -> Array:
-        """Gradient of the penalised objective.
+        """Return the gradient of the penalised objective.
 
         Parameters
         ----------
@@ -664,7 +669,7 @@ class PenalisedLoss:
         return slope[self.free] * self.width
 
     def penalty(self, p: Array) -> float:
-        """The penalty g: the sum of the violations of all demands.
+        """Return the penalty g, the sum of the violations of all demands.
 
         Parameters
         ----------
@@ -683,7 +688,7 @@ class PenalisedLoss:
         return total
 
     def penalty_slope(self, p: Array) -> Array:
-        """A subgradient of the penalty g.
+        """Return a subgradient of the penalty g.
 
         Parameters
         ----------
@@ -702,7 +707,7 @@ class PenalisedLoss:
         return slope
 
     def violations(self, p: Array) -> dict[str, float]:
-        """Largest violation of each external demand.
+        """Return the largest violation of each demand.
 
         Parameters
         ----------
@@ -716,8 +721,8 @@ class PenalisedLoss:
         """
         out = {TriangleInequality.family: 0.0}
         for demand in self.demands:
-            before = out.get(demand.family, 0.0)
-            out[demand.family] = max(before, demand.violation(p))
+            so_far = out.get(demand.family, 0.0)
+            out[demand.family] = max(so_far, demand.violation(p))
         return out
 
 

@@ -182,26 +182,26 @@ class ChangeDetector:
         -inf if less than CHANGE_SHORTEST seconds came after it.
         """
         window = self._window
-        before = self._matrices[place]
+        matrix_before = self._matrices[place]
         window.seconds = self.total.seconds - self._seconds[place]
         if window.seconds < c.CHANGE_SHORTEST:
             return -np.inf
-        np.subtract(self.total.matrix, before, out=window.matrix)
+        np.subtract(self.total.matrix, matrix_before, out=window.matrix)
         weight = window.weight(self._correlation)
         posterior = self._posterior
         posterior.clear()
         posterior.add(window.matrix, weight)
-        after = posterior.solve()
+        evidence_after = posterior.solve()
         if not self.is_carrying:
-            return after
+            return evidence_after
         # A payload was carried: the same one would go on to explain the window.
         posterior.clear()
         weight_before = 1.0 / max(self._seconds[place], 1e-9) + 1.0 / self._correlation
-        posterior.add(before, weight_before)
+        posterior.add(matrix_before, weight_before)
         evidence_before = posterior.solve()
         posterior.add(window.matrix, weight)
         evidence_of_both = posterior.solve()
-        return max(after, 0.0) - (evidence_of_both - evidence_before)
+        return max(evidence_after, 0.0) - (evidence_of_both - evidence_before)
 
     def _locate(self, place: int) -> Change | None:
         """Return the change near the snapshot in slot ``place``, with its instant and
@@ -214,17 +214,17 @@ class ChangeDetector:
         newest_first = (self._next_slot - 1 - np.arange(self._count)) % self._n_slots
         slots = newest_first[::-1]  # the oldest snapshot first
         # (x, -1) with the payload's parameters x: Y x - e is [Y, e] times it.
-        before = np.zeros(WIDTH)
-        before[SIZE] = -1.0
-        after = before.copy()
+        vector_before = np.zeros(WIDTH)
+        vector_before[SIZE] = -1.0
+        vector_after = vector_before.copy()
         for _ in range(2):
             is_carrying = self._after(place) > 0.0
-            after[:SIZE] = self._posterior.mean if is_carrying else 0.0
+            vector_after[:SIZE] = self._posterior.mean if is_carrying else 0.0
             if self.is_carrying:
                 self._before(place)
-                before[:SIZE] = self._posterior.mean
-            np.outer(after, after, out=self._outer)
-            self._outer -= np.outer(before, before)
+                vector_before[:SIZE] = self._posterior.mean
+            np.outer(vector_after, vector_after, out=self._outer)
+            self._outer -= np.outer(vector_before, vector_before)
             # ln likelihood of a change at each snapshot, up to a constant: what came
             # before it is explained by the old payload.
             score = np.tensordot(self._matrices[slots], self._outer, 2)

@@ -150,17 +150,17 @@ class PayloadEstimator:
         drift: float = c.DRIFT,
     ) -> None:
         """Check the parameters of the class and allocate all arrays of an update."""
-        known = as_estimate(estimate, "PayloadEstimator(estimate=...)")
+        arm_estimate = as_estimate(estimate, "PayloadEstimator(estimate=...)")
         if not 0.0 < rate < np.inf:
             raise InputError(f"a rate of {rate:g} Hz", "give the samples a second")
-        n = known.robot.n
+        n = arm_estimate.robot.n
         if noise.std.shape != (n,):
             raise InputError(
                 f"noise of {len(noise.std)} joints, a robot of {n}",
                 "calibrate on runs of this robot",
             )
         self.period = 1.0 / rate
-        self.arm = ArmModel(known.model, known.theta)
+        self.arm = ArmModel(arm_estimate.model, arm_estimate.theta)
         self._prior = PayloadPrior() if prior is None else prior
         self._filter = SmoothingFilter(2 * n, self.period, delay)
         self.delay = self._filter.delay
@@ -175,7 +175,7 @@ class PayloadEstimator:
         self._projection = ConeProjection()
         self._steps_per_update = max(1, round(10.0 * self.period / c.PROJECTION_PERIOD))
         self.noise = noise
-        self._gain_errors = known.uncertainty.gain_errors
+        self._gain_errors = arm_estimate.uncertainty.gain_errors
         self._learning = self.period / drift if drift else 0.0
         self.drift_offset = np.zeros(n)
         self.drift_friction = np.zeros(n)
@@ -244,17 +244,19 @@ class PayloadEstimator:
             For runs of another robot, runs that are too short, or joints that hardly
             move.
         """
-        known = as_estimate(estimate, "PayloadEstimator.calibrated(estimate=...)")
+        arm_estimate = as_estimate(
+            estimate, "PayloadEstimator.calibrated(estimate=...)"
+        )
         runs = as_measurements(
             without_payload,
-            known.robot.n,
-            known.robot.joint_names,
+            arm_estimate.robot.n,
+            arm_estimate.robot.joint_names,
             "PayloadEstimator.calibrated(without_payload=...)",
         )
         prior = PayloadPrior() if prior is None else prior
-        noise = ResidualNoise.of(known, runs, delay, prior)
+        noise = ResidualNoise.of(arm_estimate, runs, delay, prior)
         return cls(
-            known,
+            arm_estimate,
             noise,
             rate,
             delay=delay,
@@ -474,7 +476,7 @@ class PayloadEstimator:
         zero.
         """
         was_carrying = self.is_carrying
-        before = self.payload
+        payload_before = self.payload
         self._detector.posterior_after(found, self._posterior)
         mean, std = self._mass(self._posterior)
         if found.is_carrying and mean - NORMAL_95 * std <= 0.0:
@@ -486,8 +488,8 @@ class PayloadEstimator:
         kind = "changed to" if was_carrying else "picked up"
         if not found.is_carrying:
             kind = "put down"
-            mean = np.nan if before is None else before.mass
-            std = np.nan if before is None else before.mass_std
+            mean = np.nan if payload_before is None else payload_before.mass
+            std = np.nan if payload_before is None else payload_before.mass_std
         return PayloadChange(
             kind=kind,
             time=found.time,

@@ -81,7 +81,7 @@ def check_fields(
             )
     for key, like in fields.items():
         many = isinstance(like, list)
-        one = like[0] if isinstance(like, list) else like
+        example = like[0] if isinstance(like, list) else like
         if key == "kinematics" and key not in data:
             raise InputError(
                 "the section [kinematics] is missing",
@@ -90,7 +90,7 @@ def check_fields(
         if key not in data:
             if key in _NEEDED and "urdf" not in data:
                 raise InputError(f"the field {key!r} is missing in {where}", "add it")
-        elif isinstance(one, dict):
+        elif isinstance(example, dict):
             head = f"[[{key}]]" if many else f"[{key}]"
             parts = data[key] if many else [data[key]]
             if not (
@@ -99,7 +99,7 @@ def check_fields(
                 what = f"{key} is no {'list of sections' if many else 'section'}"
                 raise InputError(what, f"write {head} above its fields")
             for part in parts:
-                check_fields(part, one, head)
+                check_fields(part, example, head)
         else:
             _check(f"{section} {key}".lstrip(), data[key], key, like, data)
 
@@ -219,12 +219,12 @@ def _robot_of(
     ]
     robot = Robot.from_dh(
         folder.name,
-        kinematics["a"],
-        [np.pi * x for x in kinematics["alpha_over_pi"]],
-        kinematics["d"],
-        kinematics["convention"],
-        gravity,
-        limits,
+        a=kinematics["a"],
+        alpha=[np.pi * x for x in kinematics["alpha_over_pi"]],
+        d=kinematics["d"],
+        convention=kinematics["convention"],
+        gravity=gravity,
+        limits=limits,
     )
     return _RobotParts(robot)
 
@@ -392,7 +392,7 @@ def problem_names() -> list[str]:
 
 
 def as_problem(source: str | Path | Problem, what: str = "problem") -> Problem:
-    """Resolve a problem: a Problem, a built-in name, a folder or a robot's file.
+    """Return a Problem from a Problem, a built-in name, a folder or a robot's file.
 
     Parameters
     ----------
@@ -508,7 +508,8 @@ def _from_robot_file(
 
 
 def lowest_masses(nominal: Array) -> Array:
-    """Lower bounds of the links' masses: a third of the nominal masses, and at most 10 g.
+    """Return lower bounds of the links' masses: a third of the nominal ones, at most 10
+    g.
 
     Parameters
     ----------
@@ -520,11 +521,11 @@ def lowest_masses(nominal: Array) -> Array:
     (links,) array
         Masses [kg]; 10 g where no nominal mass is known.
     """
-    least = c.DEFAULT_LINK_MASS[0]
+    largest_bound = c.DEFAULT_LINK_MASS[0]
     return np.where(
         nominal > 0.0,
-        np.minimum(least, nominal / c.FAR_MASS),
-        least,
+        np.minimum(largest_bound, nominal / c.FAR_MASS),
+        largest_bound,
     )
 
 
@@ -551,7 +552,7 @@ def with_filters(problem: Problem, cutoffs: str | None) -> Problem:
 
 
 def with_bounds(problem: Problem, text: str | None) -> Problem:
-    """The same problem with other bounds of parameters.
+    """Return the problem with other bounds of parameters.
 
     A nominal link outside of its new bound of mass is moved to the middle of the bounds.
 
@@ -661,7 +662,9 @@ def convert(
             " q1,30 q2"
         )
         raise InputError("no transmission is known", remedy, "convert(motors=True)")
-    run = read_run(source, None, joints, topic, rename, rate)
+    run = read_run(
+        source, joints=None, names=joints, topic=topic, rename=rename, rate=rate
+    )
     if scale:
         run = scaled(run, scale)
     if transmission is not None:

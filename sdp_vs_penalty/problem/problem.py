@@ -84,10 +84,10 @@ class CentreOfMassCone(JsonRecord):
         return build.linear(
             "centre of mass cone",
             name,
-            indices[:4],
-            coefficients,
-            np.zeros(3),
-            "soc",
+            indices=indices[:4],
+            coefficients=coefficients,
+            constant=np.zeros(3),
+            cone="soc",
         )
 
 
@@ -342,8 +342,8 @@ class Problem(Shown):
             The changed problem.
         """
         robot = replace(self.robot, gravity=tuple(map(float, gravity)))
-        turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
-        independent = None if turned else self.independent
+        is_turned = not np.allclose(np.cross(robot.gravity, self.robot.gravity), 0.0)
+        independent = None if is_turned else self.independent
         return replace(self, robot=robot, independent=independent)
 
     def constraints(self, model: Model) -> ConstraintSet:
@@ -374,7 +374,15 @@ class Problem(Shown):
         ):
             signs, ends = _interval(*self.total_mass)
             rows = np.tile(signs, (len(masses), 1))
-            convex.append(build.linear("total mass", "robot", masses, rows, ends))
+            convex.append(
+                build.linear(
+                    "total mass",
+                    name="robot",
+                    indices=masses,
+                    coefficients=rows,
+                    constant=ends,
+                )
+            )
         for effect, indices in model.parts:
             convex += effect.constraints(indices, model.parameters)
         return ConstraintSet(tuple(convex), tuple(nonconvex))
@@ -448,11 +456,13 @@ class Problem(Shown):
         com = np.abs(self.box[:, 1:4]).max(axis=2)
         for cone in self.cones:
             link = cone.link - 1
-            across = ~cone.along
-            (along,) = self.box[link, 1:4][cone.along]
-            if np.all(np.isfinite(along)) or cone.slope == 0.0:
-                widest = cone.radius + max(cone.slope * x for x in np.nan_to_num(along))
-                com[link, across] = np.minimum(com[link, across], widest)
+            is_across = ~cone.along
+            (ends_along,) = self.box[link, 1:4][cone.along]
+            if np.all(np.isfinite(ends_along)) or cone.slope == 0.0:
+                widest = cone.radius + max(
+                    cone.slope * x for x in np.nan_to_num(ends_along)
+                )
+                com[link, is_across] = np.minimum(com[link, is_across], widest)
         return np.asarray(com)
 
     @cached_property
@@ -482,17 +492,17 @@ class Problem(Shown):
             mass,
         )
         mass = np.minimum(mass, self.total_mass[1])
-        full = self._boxed[:, None]
-        square = np.where(full, self._centres, 0.0) ** 2
+        is_boxed = self._boxed[:, None]
+        squared_com = np.where(is_boxed, self._centres, 0.0) ** 2
         moments = self.box[:, [4, 6, 9], 1] + mass * (
-            square.sum(axis=1, keepdims=True) - square
+            squared_com.sum(axis=1, keepdims=True) - squared_com
         )
         com = np.where(
-            full,
+            is_boxed,
             self._centres,
             np.minimum(self._centres, radius),
         )
-        return mass[:, 0], com, np.where(full, moments, mass * radius**2)
+        return mass[:, 0], com, np.where(is_boxed, moments, mass * radius**2)
 
     def _link_constraints(
         self,
@@ -518,9 +528,9 @@ class Problem(Shown):
             build.linear(
                 "mass",
                 name,
-                indices[:1],
-                rows[None, :],
-                constant,
+                indices=indices[:1],
+                coefficients=rows[None, :],
+                constant=constant,
             )
         )
         # sign (m c_axis - m end) >= 0 for each finite end of the centre of mass's box.
@@ -535,9 +545,9 @@ class Problem(Shown):
                 build.linear(
                     "centre of mass",
                     name,
-                    indices[:4],
-                    coefficients,
-                    np.zeros(k),
+                    indices=indices[:4],
+                    coefficients=coefficients,
+                    constant=np.zeros(k),
                 )
             )
         out += [
@@ -555,9 +565,9 @@ class Problem(Shown):
                 build.linear(
                     "trace",
                     name,
-                    indices[[0, 4, 6, 9]],
-                    coefficients,
-                    upper,
+                    indices=indices[[0, 4, 6, 9]],
+                    coefficients=coefficients,
+                    constant=upper,
                 )
             )
         else:
@@ -565,13 +575,15 @@ class Problem(Shown):
             radius = self.link_defaults[link, 1]
             ball = np.diag([*np.full(3, -1.0 / radius**2), 1.0])
             out.append(
-                build.density_in_ellipsoid("bounding ellipsoid", name, indices, ball)
+                build.density_in_ellipsoid(
+                    "bounding ellipsoid", name, indices, quadric=ball
+                )
             )
         return out
 
 
 def open_box(links: int, mass: float | Array = 0.0) -> Array:
-    """Bounds of the links' parameters that bound the masses from below only.
+    """Return bounds of the links' parameters that bound the masses from below only.
 
     Parameters
     ----------
@@ -617,7 +629,7 @@ _BARYCENTRIC = (
 
 
 def barycentric_names(link: int) -> tuple[str, ...]:
-    """Names of a link's mass, centre of mass and inertia about it, in the order of the box.
+    """Return the names of a link's barycentric parameters, in the order of the box.
 
     Parameters
     ----------

@@ -107,7 +107,8 @@ def published_cell(
 
 
 def box_tables(problem: Problem) -> list[str]:
-    """Published tables that list bounds and values of the links' parameters.
+    """Return the names of the published tables with bounds and values of links'
+    parameters.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ def published_values(
     column: str,
     corrected: bool = True,
 ) -> dict[str, float]:
-    """Published barycentric values by their printed names.
+    """Return published barycentric values by their printed names.
 
     Parameters
     ----------
@@ -151,7 +152,9 @@ def published_values(
     for name in box_tables(problem):
         for row in problem.published[name]:
             text = (
-                published_cell(problem, name, row, column, corrected)
+                published_cell(
+                    problem, table=name, row=row, column=column, corrected=corrected
+                )
                 if column in row
                 else ""
             )
@@ -164,7 +167,7 @@ def published_links(
     column: str,
     corrected: bool = True,
 ) -> Array:
-    """Standard parameters of a published column.
+    """Return the standard parameters of a published column.
 
     A cell that the paper leaves empty, as its value does not matter, becomes the middle of
     its bounds.
@@ -202,7 +205,7 @@ def published_links(
 
 
 def published_friction(problem: Problem, table: str) -> Array:
-    """Published friction constants.
+    """Return the published friction constants of each joint.
 
     Parameters
     ----------
@@ -226,7 +229,7 @@ def published_friction(problem: Problem, table: str) -> Array:
 def published_trajectory(
     problem: Problem, settings: Mapping[str, Any]
 ) -> FourierTrajectory:
-    """Exciting trajectory of a published table with rows a_1.., b_1.., q_0 and a column a joint.
+    """Return the exciting trajectory of a published table (rows a_1.., b_1.., q_0).
 
     Parameters
     ----------
@@ -255,10 +258,10 @@ def published_trajectory(
     return FourierTrajectory(
         a,
         b,
-        np.array(values("q_0")),
-        np.pi * frequency,
-        blend,
-        duration,
+        q_0=np.array(values("q_0")),
+        frequency=np.pi * frequency,
+        blend=blend,
+        duration=duration,
     )
 
 
@@ -308,7 +311,7 @@ def real_file(problem: str, name: str) -> Path | None:
 
 
 def measured_runs(problem: str) -> dict[str, Measurements]:
-    """Published runs of a robot.
+    """Return the published runs of a robot.
 
     Parameters
     ----------

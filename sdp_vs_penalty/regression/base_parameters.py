@@ -20,7 +20,7 @@ from sdp_vs_penalty.robot.inertia import parameter_names
 def base_parameters(
     model: Model, independent: Sequence[str] | None = None
 ) -> tuple[Array, tuple[int, ...]]:
-    """Structural base parameters of a robot with rigid links: pi = B theta.
+    """Return the structural base parameters of rigid links, pi = B theta.
 
     The regressor of pi is the independent columns of theta's: with Y_d = Y_b K for the
     dependent columns, pi = theta_b + K theta_d.

@@ -48,7 +48,7 @@ class BlackBox:
 
     @property
     def samples(self) -> int:
-        """Number of poses."""
+        """Number of configurations."""
         return len(self.q)
 
     @cached_property
@@ -179,7 +179,7 @@ def _check_shapes(arrays: Mapping[str, Array], path: Path) -> None:
 
 
 def compress_black_box(box: BlackBox, model: Model) -> Regression:
-    """Gravity rows and upper-triangle entries of M(q), reduced to one factor a joint.
+    """Compress gravity torques and inertia matrices to one factor a joint.
 
     Row i of M(q) (its entries j >= i) and of g(q) belong to joint i: M(q)_ij is the
     torque on joint i from a unit acceleration of joint j, without gravity.
@@ -229,17 +229,17 @@ def compress_black_box(box: BlackBox, model: Model) -> Regression:
         factors.append(
             Factor(
                 joint,
-                0,
-                columns,
-                triangular(stack),
-                n_rows,
+                block=0,
+                indices=columns,
+                triangle=triangular(stack),
+                rows=n_rows,
             )
         )
     block = (0, 0.0, 0.0)
     return Regression(
         model.parameters,
-        n,
-        (block,),
-        tuple(factors),
+        joints=n,
+        blocks=(block,),
+        factors=tuple(factors),
         oversampling=1.0,
     )

@@ -43,7 +43,8 @@ Instrumented = tuple[int, NDArray[np.intp], Array, Array]
 
 
 def commanded_motion(measured: Measurements) -> Measurements:
-    """The same log with its command as the motion "qsim" of the instruments.
+    """Return a log whose command is the motion "qsim", on which instruments are
+    computed.
 
     Parameters
     ----------
@@ -92,10 +93,10 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
     p = len(model.parameters)
     measured = run.rows(model)
     simulated = run.simulated.rows(model)
-    for rows, other in zip(measured, simulated, strict=True):
-        both = []
+    for rows, simulated_rows in zip(measured, simulated, strict=True):
+        columns_of_joints = []
         for j, x in enumerate(rows.columns):
-            z = other.columns[j]
+            z = simulated_rows.columns[j]
             indices = np.concatenate(
                 [
                     z.indices + p,
@@ -106,12 +107,12 @@ def instrumented_rows(run: FilteredRun, model: Model) -> Iterator[Rows]:
             columns = np.column_stack(
                 [
                     z.columns,
-                    other.torque[:, j],
+                    simulated_rows.torque[:, j],
                     x.columns,
                 ]
             )
-            both.append(JointColumns(indices, columns))
-        yield replace(rows, columns=both)
+            columns_of_joints.append(JointColumns(indices, columns))
+        yield replace(rows, columns=columns_of_joints)
 
 
 def instrumented(
@@ -231,9 +232,9 @@ def _solution(
     right = np.zeros(p)
     for (joint, indices, _, X), Z in zip(parts, instruments, strict=True):
         weighted = weights[joint] * Z.T
-        at = np.ix_(indices, indices)
-        zz[at] += weighted @ Z
-        zx[at] += weighted @ X[:, :-1]
+        place = np.ix_(indices, indices)
+        zz[place] += weighted @ Z
+        zx[place] += weighted @ X[:, :-1]
         right[indices] += weighted @ X[:, -1]
     size = np.sqrt(np.diag(zz))
     used = np.flatnonzero(size > 1e-10 * size.max(initial=0.0))

@@ -255,13 +255,13 @@ def least_squares(
         Jacobian at x.
     """
 
-    both = InTurn(at)
+    function = InTurn(at)
     # SciPy's reflected step, which it discards, and its step along a gradient of 0.
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         solution = scipy.optimize.least_squares(
-            both.residual,
+            function.residual,
             np.clip(start, *ends),
-            both.jacobian,
+            function.jacobian,
             bounds=ends,
             xtol=xtol,
             ftol=ftol,

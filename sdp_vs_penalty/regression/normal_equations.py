@@ -141,8 +141,8 @@ class NormalEquations:
             Right side.
         """
         s = self.gram.shape[-1]
-        before = self.gram.shape[:-2]
-        flat = self.gram.reshape(*before, s * s)
+        leading_shape = self.gram.shape[:-2]
+        flat = self.gram.reshape(*leading_shape, s * s)
         gram = weights[..., None, :] @ flat
         cross = np.einsum("...j,...js->...s", weights, self.cross)
         return gram.reshape(*gram.shape[:-2], s, s), cross
@@ -162,15 +162,15 @@ class NormalEquations:
         left : (..., n) array
             Squared residuals, at least FLOOR of the squared torque.
         """
-        left = self.total
+        residuals = self.total
         for _ in range(ROUNDS):
-            gram, cross = self.normal(chosen / left)
+            gram, cross = self.normal(chosen / residuals)
             theta = solve(gram, cross[..., None])[..., 0]
             column = theta[..., None, :, None]
             image = (self.gram @ column)[..., 0]
             fall = np.einsum("...js,...s->...j", image - 2.0 * self.cross, theta)
-            left = np.maximum(self.energy + fall, FLOOR * self.total)
-        return theta, left
+            residuals = np.maximum(self.energy + fall, FLOOR * self.total)
+        return theta, residuals
 
 
 def solve(gram: Array, right: Array) -> Array:
@@ -191,12 +191,13 @@ def solve(gram: Array, right: Array) -> Array:
     squares = np.diagonal(gram, axis1=-2, axis2=-1)
     norms = np.sqrt(np.maximum(squares, 0.0))
     largest = norms.max(axis=-1, keepdims=True, initial=0.0)
-    is_there = norms > 1e-9 * largest
-    safe_norms = np.where(is_there, norms, 1.0)
-    scale = np.where(is_there, 1.0 / safe_norms, 0.0)[..., None]
+    is_nonzero = norms > 1e-9 * largest
+    safe_norms = np.where(is_nonzero, norms, 1.0)
+    scale = np.where(is_nonzero, 1.0 / safe_norms, 0.0)[..., None]
     unit = scale * gram * np.swapaxes(scale, -1, -2)
-    diagonal = np.einsum("...ii->...i", unit)  # a view
-    diagonal += np.where(is_there, RIDGE, 1.0)
+    diagonal = np.einsum("...ii->...i", unit)  # a writable view
+    # Zero columns get a one, so that their solution is zero.
+    diagonal += np.where(is_nonzero, RIDGE, 1.0)
     solution = np.linalg.solve(unit, scale * right)
     return np.asarray(scale * solution)
 

@@ -291,8 +291,8 @@ class Regression:
         Regression
             With these blocks, renumbered in ascending order.
         """
-        asked = np.fromiter(blocks, np.intp)
-        numbers, counts = np.unique(asked, return_counts=True)
+        requested = np.fromiter(blocks, np.intp)
+        numbers, counts = np.unique(requested, return_counts=True)
         new_number = {int(old): new for new, old in enumerate(numbers)}
         factors = []
         for factor in self.factors:
@@ -369,10 +369,10 @@ class Regression:
         merged = []
         empty = Factor(
             0,
-            0,
-            np.arange(0),
-            np.zeros((0, 1)),
-            0,
+            block=0,
+            indices=np.arange(0),
+            triangle=np.zeros((0, 1)),
+            rows=0,
         )
         for joint in range(self.joints):
             parts = [factor for factor in self.factors if factor.joint == joint]
@@ -384,7 +384,15 @@ class Regression:
                 continue
             triangle = triangular([part.triangle for part in parts])
             n_rows = sum(part.rows for part in parts)
-            merged.append(Factor(joint, 0, first.indices, triangle, n_rows))
+            merged.append(
+                Factor(
+                    joint,
+                    block=0,
+                    indices=first.indices,
+                    triangle=triangle,
+                    rows=n_rows,
+                )
+            )
         return tuple(merged)
 
     def least_squares(self, weights: ArrayLike | None = None) -> LeastSquares:
@@ -619,8 +627,8 @@ def compress_cells(
     Regression
         One factor for each joint and cell.
     """
-    one = partial(_cells_of_run, model=model, folds=folds)
-    by_run = workers.map(one, list(enumerate(runs.runs)))
+    compress_run = partial(_cells_of_run, model=model, folds=folds)
+    by_run = workers.map(compress_run, list(enumerate(runs.runs)))
     factors = [factor for of_run, _ in by_run for factor in of_run]
     n_rows = sum(f.rows for f in factors if f.joint == 0)
     n_samples = sum(samples for _, samples in by_run)
@@ -688,23 +696,23 @@ def _take(
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
-        both = np.column_stack(
+        rows_and_torque = np.column_stack(
             [
                 columns.columns,
                 rows.torque[:, joint],
             ]
         )
-        both = both.take(order, axis=0)
-        pieces = np.split(both, begin[1:])
+        rows_and_torque = rows_and_torque.take(order, axis=0)
+        pieces = np.split(rows_and_torque, begin[1:])
         for block, piece in zip(blocks.tolist(), pieces, strict=True):
             empty = Factor(
                 joint,
                 block,
                 columns.indices,
-                both[:0],
-                0,
+                triangle=rows_and_torque[:0],
+                rows=0,
             )
-            old = cells.get((block, joint), empty)
-            folded = _folded(np.vstack([old.triangle, piece]))
-            n_rows = old.rows + len(piece)
-            cells[block, joint] = replace(old, triangle=folded, rows=n_rows)
+            factor = cells.get((block, joint), empty)
+            folded = _folded(np.vstack([factor.triangle, piece]))
+            n_rows = factor.rows + len(piece)
+            cells[block, joint] = replace(factor, triangle=folded, rows=n_rows)

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def nonzero_or_one(size: ArrayLike) -> Any:
-    """A scale to divide by: zeros are replaced by one.
+    """Return scales to divide by, with zeros replaced by one.
 
     Parameters
     ----------
@@ -48,7 +48,8 @@ def check_finite(
     value: Array,
     shape: tuple[int, ...],
 ) -> None:
-    """Refuse an array of another shape, or with entries that are not finite.
+    """Raise InputError for an array of another shape, or with entries that are not
+    finite.
 
     Parameters
     ----------

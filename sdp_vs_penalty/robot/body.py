@@ -94,9 +94,11 @@ def around(
     Body
         Contains all points.
 
-    Notes ----- Khachiyan's ascent on the weights of the lifted points (Todd,
-    Minimum-Volume Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then
-    enlarged until all points are inside.
+    Notes
+    -----
+    Khachiyan's ascent on the weights of the lifted points (Todd, Minimum-Volume
+    Ellipsoids, SIAM 2016, ch. 3) over the extremes of the cloud, then enlarged until
+    all points are inside.
     """
     cloud = np.asarray(points, float)
     chunks = np.array_split(directions(), 20)  # a cloud may have many points
@@ -107,13 +109,13 @@ def around(
     size, axes = np.linalg.eigh(3.0 * second)
     half_axes = np.sqrt(np.maximum(size, 0.0))
     half_axes = np.maximum(half_axes, 1e-3 * half_axes.max())
-    outside = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
+    largest_distance = np.linalg.norm((cloud - centre) @ axes / half_axes, axis=1).max()
     return Body(
         centre,
-        margin * max(outside, 1.0) * half_axes + layer,
-        axes,
-        source,
-        volume,
+        half_axes=margin * max(largest_distance, 1.0) * half_axes + layer,
+        axes=axes,
+        source=source,
+        volume=volume,
     )
 
 
@@ -156,7 +158,8 @@ def _weights_of_least_ellipsoid(point_bytes: bytes) -> Array:
 
 
 def balls(centres: ArrayLike, radius: float) -> Array:
-    """Extreme points of balls along the coordinate axes, which stand for the balls.
+    """Return the extreme points of balls along the coordinate axes, in place of the
+    balls.
 
     Parameters
     ----------
@@ -170,12 +173,14 @@ def balls(centres: ArrayLike, radius: float) -> Array:
     (6 k, 3) array
         Points [m].
     """
-    ends = radius * np.concatenate([np.eye(3), -np.eye(3)])
-    return np.concatenate([np.asarray(c, float) + ends for c in np.atleast_2d(centres)])
+    axes = np.eye(3)
+    ends = radius * np.concatenate([axes, -axes])
+    points = [np.asarray(centre, float) + ends for centre in np.atleast_2d(centres)]
+    return np.concatenate(points)
 
 
 def directions(count: int = 400) -> Array:
-    """Unit vectors spread evenly over the sphere, by the golden angle.
+    """Return unit vectors spread evenly over the sphere, by the golden angle.
 
     Parameters
     ----------
@@ -189,12 +194,12 @@ def directions(count: int = 400) -> Array:
     """
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
-    turn = np.pi * (1.0 + 5.0**0.5) * k
-    across = np.sqrt(1.0 - z**2)
+    angle = np.pi * (1.0 + 5.0**0.5) * k
+    radius = np.sqrt(1.0 - z**2)
     return np.column_stack(
         [
-            across * np.cos(turn),
-            across * np.sin(turn),
+            radius * np.cos(angle),
+            radius * np.sin(angle),
             z,
         ]
     )

@@ -23,7 +23,7 @@ from sdp_vs_penalty.robot.arrays import Array, nonzero_or_one
 
 
 def cone_margin(cone: str, values: Array) -> Array:
-    """Margin of a point in a cone: positive inside, zero on the boundary, negative outside.
+    """Return the margin of a point in a cone: positive inside, zero on the boundary.
 
     The margin is the smallest eigenvalue (psd), s - |u| for the point (s, u) (soc), or the
     smallest entry (nonnegative).
@@ -53,7 +53,7 @@ def cone_margin(cone: str, values: Array) -> Array:
 
 
 def cone_depths(cone: str, values: Array, terms: Array) -> Array:
-    """Margins of points in cones relative to the terms that were summed: free of units.
+    """Return margins of points in cones relative to the summed terms, free of units.
 
     A matrix F is judged as D F D with D = diag(terms)^-1/2. Rounding errors in F are then of
     the size of eps, whatever cancelled in the sum. A depth above :func:`safe_depth` is a
@@ -75,16 +75,15 @@ def cone_depths(cone: str, values: Array, terms: Array) -> Array:
     """
     if cone == "psd":
         size = np.sqrt(nonzero_or_one(np.diagonal(terms, axis1=1, axis2=2)))
-        return np.asarray(
-            np.linalg.eigvalsh(values / (size[:, :, None] * size[:, None, :]))[:, 0]
-        )
+        scaled = values / (size[:, :, None] * size[:, None, :])  # D F D
+        return np.asarray(np.linalg.eigvalsh(scaled)[:, 0])
     if cone == "soc":
         return cone_margin(cone, values) / nonzero_or_one(terms.sum(axis=1))
     return cone_margin(cone, values / nonzero_or_one(terms))
 
 
 def safe_depth(size: int) -> float:
-    """Largest depth that rounding errors can make of a violated cone.
+    """Return the largest depth that rounding can make of a violated cone.
 
     Parameters
     ----------
@@ -100,7 +99,8 @@ def safe_depth(size: int) -> float:
 
 
 def smallest_eigenvalue(values: Array) -> Array:
-    """Smallest eigenvalue of symmetric matrices, with the right sign in any system of units.
+    """Return the smallest eigenvalue of symmetric matrices, its sign right in any
+    units.
 
     A link's matrix holds its mass in one corner and, in kilometres, moments of 1e-9 in the
     others: rounding errors of the size of the corner would decide on the sign. The sign is
@@ -140,7 +140,7 @@ def smallest_eigenvalue(values: Array) -> Array:
 
 
 def project(cone: str, value: Array) -> Array:
-    """Project onto a cone: its nearest point. All three cones are their own duals.
+    """Return the nearest points in a cone. All three cones are their own duals.
 
     Parameters
     ----------
@@ -182,22 +182,27 @@ def projected_rows(
     values: Array,
     directions: Array,
 ) -> tuple[Array, Array]:
-    """The projections Pi(M) as rows, and their derivative.
+    """Return the projections Pi(M) onto a cone as rows, and their derivative.
 
     For M + A x they are the gradient and an element of the generalised Hessian of
     1/2 sum |Pi(M + A x)|^2: Gauss-Newton steps on the rows are semismooth Newton steps.
 
     Parameters
     ----------
-    cone : "psd", "soc" or "nonnegative"
-    values : M (g, ...)
-    directions : A (g, entries, p)
+    cone : str
+        "psd", "soc" or "nonnegative".
+    values : (g, ...) array
+        M, the points of g equal cones.
+    directions : (g, entries, p) array
+        A.
 
     Returns
     -------
-    rows : r (m,) with |r|^2 = sum |Pi(M)|^2
-    derivative : J (m, p) with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an
-        element of the generalised derivative
+    rows : (m,) array
+        r with |r|^2 = sum |Pi(M)|^2.
+    derivative : (m, p) array
+        J with J^T r = sum A^T Pi(M) and J^T J = sum A^T dPi(M) A, dPi an element of the
+        generalised derivative.
 
     References
     ----------
@@ -268,27 +273,27 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     norm = np.linalg.norm(values[:, 1:], axis=1)
     on_axis = norm <= 1e-14 * np.abs(s)
     ray = values[:, 1:] / np.where(on_axis, 1.0, norm)[:, None]
-    along = np.array(
+    on_diagonals = np.array(
         [
             np.where(on_axis, s, s + norm),
             s - norm,
         ]
     )
-    ends = np.maximum(along, 0.0) / np.sqrt(2.0)
+    ends = np.maximum(on_diagonals, 0.0) / np.sqrt(2.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.clip(
+        clipped = np.clip(
             0.5 * (1.0 + s / norm),
             0.0,
             1.0,
         )
-    across = np.where(on_axis, s > 0.0, share)
+    slope_across = np.where(on_axis, s > 0.0, clipped)
     on_ray = np.einsum("gi,gip->gp", ray, directions[:, 1:])
     sum_and_difference = np.array(
         [directions[:, 0] + on_ray, directions[:, 0] - on_ray]
     )
-    both = sum_and_difference / np.sqrt(2.0)
-    beside_ray = directions[:, 1:] - ray[:, :, None] * on_ray[:, None]
-    tail = np.sqrt(across)[:, None, None] * beside_ray
+    unit_combinations = sum_and_difference / np.sqrt(2.0)
+    across_ray = directions[:, 1:] - ray[:, :, None] * on_ray[:, None]
+    tail = np.sqrt(slope_across)[:, None, None] * across_ray
     rows = np.concatenate(
         [
             ends.ravel(),
@@ -297,7 +302,7 @@ def _projected_vectors(values: Array, directions: Array) -> tuple[Array, Array]:
     )
     derivative = np.concatenate(
         [
-            (both * (ends > 0.0)[:, :, None]).reshape(-1, width),
+            (unit_combinations * (ends > 0.0)[:, :, None]).reshape(-1, width),
             tail.reshape(-1, width),
         ]
     )
@@ -322,7 +327,7 @@ class Constraint:
     coefficients: Array
 
     def value(self, theta: ArrayLike) -> Array:
-        """The constrained quantity F(theta) = F_0 + sum theta_i F_i.
+        """Return the constrained quantity F(theta) = F_0 + sum theta_i F_i.
 
         Parameters
         ----------
@@ -338,7 +343,8 @@ class Constraint:
         return self.constant + np.tensordot(part, self.coefficients, axes=(0, 0))
 
     def margin(self, theta: ArrayLike) -> float:
-        """Margin of F(theta) in the cone; negative exactly where the constraint is violated.
+        """Return the margin of F(theta) in the cone; negative if the constraint is
+        violated.
 
         Parameters
         ----------
@@ -382,7 +388,7 @@ class BarycentricBound:
     family: str = "barycentric inertia"
 
     def margin(self, theta: ArrayLike) -> float:
-        """Margin of a link's barycentric inertia to its bounds.
+        """Return the margin of a link's barycentric inertia to its bounds.
 
         Parameters
         ----------
@@ -409,7 +415,7 @@ class ConstraintSet:
     nonconvex: tuple[BarycentricBound, ...] = ()
 
     def worst(self, theta: ArrayLike) -> dict[str, float]:
-        """Largest violation of each family of constraints.
+        """Return the largest violation of each family of constraints.
 
         Parameters
         ----------
@@ -432,7 +438,8 @@ class ConstraintSet:
         return out
 
     def margin(self, theta: ArrayLike) -> float:
-        """Smallest margin of the convex constraints; not negative exactly where all are met.
+        """Return the smallest margin of the convex constraints; nonnegative if all
+        hold.
 
         Parameters
         ----------
@@ -447,7 +454,7 @@ class ConstraintSet:
         return float(self.entries.margins(theta)[0].min(initial=np.inf))
 
     def depths(self, theta: ArrayLike) -> list[float]:
-        """Depth of theta in each group of constraints, free of units.
+        """Return the depth of theta in each group of constraints, free of units.
 
         Parameters
         ----------
@@ -472,7 +479,8 @@ class ConstraintSet:
         ]
 
     def depth(self, theta: ArrayLike) -> float:
-        """Depth of theta in the feasible set: the smallest of :meth:`depths`.
+        """Return the depth of theta in the feasible set, the smallest of
+        :meth:`depths`.
 
         Parameters
         ----------
@@ -594,7 +602,7 @@ class ConeGroup:
         return out.reshape(-1, out.shape[2])
 
     def values(self, theta: Array) -> Array:
-        """Points F(theta) of all constraints of the group.
+        """Return the points F(theta) of all constraints of the group.
 
         Parameters
         ----------
@@ -667,12 +675,13 @@ class StackedCones:
         StackedCones
             The stack.
         """
-        start = 0
-        none = np.zeros(0, np.intp)
-        rows = [none]
-        columns = [none]
+        start = 0  # number of the group's first entry
+        no_places = np.zeros(0, np.intp)
+        rows = [no_places]
+        columns = [no_places]
         values = [np.zeros(0)]
         for group in groups:
+            # (cones, parameters of a cone, entries of a cone)
             flat = group.coefficients.reshape(*group.indices.shape, -1)
             member, position, entry = np.nonzero(flat)
             rows.append(start + member * flat.shape[2] + entry)
@@ -705,8 +714,10 @@ class StackedCones:
 
         Returns
         -------
-        tuple of (e,) arrays
-            F(theta), and |F_0| + sum |theta_i F_i|: the size of the terms that were summed.
+        (e,) array
+            F(theta), the entries of all constraints.
+        (e,) array
+            |F_0| + sum |theta_i F_i|: the size of the terms that were summed.
         """
         terms = self.value * theta[self.column]
         count = len(self.constant)
@@ -715,7 +726,7 @@ class StackedCones:
         return np.asarray(values), np.asarray(size)
 
     def margins(self, theta: ArrayLike) -> tuple[Array, Array]:
-        """Margins of all constraints at a point.
+        """Return the margins of all constraints at a point.
 
         Parameters
         ----------
@@ -724,8 +735,10 @@ class StackedCones:
 
         Returns
         -------
-        tuple of (m,) arrays
-            The margin of each constraint, and the size of its largest summed term.
+        (m,) array
+            Margin of each constraint.
+        (m,) array
+            Size of its largest summed term, with which rounding is compared.
         """
         margin, size = np.zeros((2, sum(len(group.places) for group in self.groups)))
         all_values, all_terms = self.at(np.asarray(theta, float))
@@ -741,7 +754,8 @@ class StackedCones:
         return margin, size
 
     def adjoint(self, flat: Array, p: int) -> Array:
-        """Adjoint of the linear part of F: inner products of multipliers with dF / dtheta_k.
+        """Return the adjoint of F's linear part: products of multipliers with dF /
+        dtheta_k.
 
         Parameters
         ----------
@@ -764,12 +778,12 @@ class StackedCones:
         )
 
     def split(self, flat: Any) -> list[Any]:
-        """Split a stacked vector by groups.
+        """Split a stacked vector into one array a group; the arrays are views.
 
         Parameters
         ----------
         flat : (e,) array
-            A vector over all entries.
+            Vector over all entries.
 
         Returns
         -------
@@ -785,17 +799,18 @@ class StackedCones:
         return out
 
     def each(self, flat: Array) -> list[Array]:
-        """Split a stacked vector by constraints.
+        """Split a stacked vector into one array a constraint, in the order of the
+        constraints.
 
         Parameters
         ----------
         flat : (e,) array
-            A vector over all entries.
+            Vector over all entries.
 
         Returns
         -------
         list of arrays
-            One array a constraint.
+            One array a constraint, with its shape.
         """
         by_place: dict[int, Array] = {}
         for group, part in zip(self.groups, self.split(flat), strict=True):
@@ -808,7 +823,8 @@ def pseudo_inertia(
     indices: ArrayLike,
     radius: float = 0.0,
 ) -> Constraint:
-    """Physical consistency of a link: its pseudo-inertia matrix P(theta) is positive definite.
+    """Return the constraint that a link's pseudo-inertia P(theta) is positive
+    semidefinite.
 
     P >= 0 contains m >= 0, positive definiteness of the inertia and the triangle
     inequalities. With a radius r, Sigma_c >= m r^2 1 is demanded as well, as
@@ -842,8 +858,8 @@ def pseudo_inertia(
         name,
         indices,
         coefficients,
-        np.zeros((4, 4)),
-        "psd",
+        constant=np.zeros((4, 4)),
+        cone="psd",
     )
 
 
@@ -853,7 +869,7 @@ def density_in_ellipsoid(
     indices: ArrayLike,
     quadric: ArrayLike,
 ) -> Constraint:
-    """The link's mass lies inside an ellipsoid: tr(P Q) >= 0.
+    """Return the constraint tr(P Q) >= 0: the link's mass lies inside an ellipsoid.
 
     (x, 1)^T Q (x, 1) is 1 at the centre of the ellipsoid and 0 on its surface. Its mean over
     the density is not negative, and it is linear in theta. With P >= 0 the constraint holds
@@ -887,8 +903,8 @@ def density_in_ellipsoid(
         family,
         name,
         indices,
-        row[:, None],
-        [0.0],
+        coefficients=row[:, None],
+        constant=[0.0],
     )
 
 
@@ -900,7 +916,7 @@ def linear(
     constant: ArrayLike,
     cone: str = "nonnegative",
 ) -> Constraint:
-    """Linear constraint: constant + coefficients^T theta lies in a cone.
+    """Return the constraint that constant + coefficients^T theta lies in a cone.
 
     Parameters
     ----------
@@ -926,7 +942,7 @@ def linear(
         family,
         name,
         cone,
-        places,
-        np.asarray(constant, float),
-        np.asarray(coefficients, float),
+        indices=places,
+        constant=np.asarray(constant, float),
+        coefficients=np.asarray(coefficients, float),
     )

@@ -45,7 +45,7 @@ class Geometry:
 def link_geometry(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Geometry | None]:
-    """Shapes of the moving links of a URDF, each with what is fixed to it.
+    """Return the shapes of a URDF's moving links, each with what is fixed to it.
 
     Parameters
     ----------
@@ -82,9 +82,9 @@ def link_geometry(
                 *(shape.points for shape in shapes),
             ]
         )
-        known = len(cloud) and None not in shapes_of_parts
+        is_known = len(cloud) and None not in shapes_of_parts
         out.append(
-            Geometry(cloud, sum(shape.volume for shape in shapes)) if known else None
+            Geometry(cloud, sum(shape.volume for shape in shapes)) if is_known else None
         )
     return out
 
@@ -379,11 +379,12 @@ def _cylinder(shape: Any) -> Geometry:
     (radius,) = _lengths(shape, "radius", 1)
     (length,) = _lengths(shape, "length", 1)
     end = 0.5 * length + (radius if shape.tag == "capsule" else 0.0)
-    angles = np.pi / 8.0 * np.arange(16)
-    outer = radius / np.cos(np.pi / 16.0)
-    x = outer * np.cos(angles)
-    y = outer * np.sin(angles)
-    rings = [np.column_stack([x, y, np.full(16, z)]) for z in (end, -end)]
+    n_sides = 16
+    angles = 2.0 * np.pi / n_sides * np.arange(n_sides)
+    outer_radius = radius / np.cos(np.pi / n_sides)  # so that sides touch the cylinder
+    x = outer_radius * np.cos(angles)
+    y = outer_radius * np.sin(angles)
+    rings = [np.column_stack([x, y, np.full(n_sides, z)]) for z in (end, -end)]
     return Geometry(np.concatenate(rings), np.pi * radius**2 * length)
 
 
@@ -431,8 +432,11 @@ def _mesh(
 
 def _mesh_file(path: Path, filename: str) -> Path | None:
     """Return the path of a mesh file, None if there is none."""
-    # A name that is too long, or holds a zero byte, is no file's.
-    return next((p for p in _places(path, filename) if os.path.isfile(p)), None)
+    for place in _places(path, filename):
+        # os.path.isfile: False also for a name that is too long or holds a zero byte.
+        if os.path.isfile(place):
+            return place
+    return None
 
 
 def _places(path: Path, filename: str) -> Iterator[Path]:

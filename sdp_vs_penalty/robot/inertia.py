@@ -74,32 +74,34 @@ _STEINER_OF_PRODUCTS = np.where(_ROWS == _COLUMNS, 1.0, 2.0)[:, None] * (
 
 
 def parameter_names(link: int) -> tuple[str, ...]:
-    """Names of a link's ten parameters: m3, mx3, ..., Izz3 of link 3.
+    """Return the names of a link's ten parameters: m3, mx3, ..., Izz3 of link 3.
 
     Parameters
     ----------
-    link : counted from 1
+    link : int
+        Number of the link, from 1.
 
     Returns
     -------
     tuple of str
-        (10,) in our order.
+        Ten names in our order.
     """
     return tuple(f"{name}{link}" for name in PARAMETERS)
 
 
 def pseudo_inertia(theta: ArrayLike) -> Array:
-    """Pseudo-inertia matrices of standard parameters.
+    """Return the pseudo-inertia matrices of standard parameters.
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame [kg, kg m, kg
+        m^2].
 
     Returns
     -------
-    Array
-        (..., 4, 4) second moments of homogeneous coordinates.
+    (..., 4, 4) array
+        Second moments of the homogeneous coordinates (x, y, z, 1).
     """
     return np.tensordot(
         np.asarray(theta, float),
@@ -109,16 +111,17 @@ def pseudo_inertia(theta: ArrayLike) -> Array:
 
 
 def from_pseudo_inertia(matrix: ArrayLike) -> Array:
-    """Standard parameters of pseudo-inertia matrices.
+    """Return the standard parameters of pseudo-inertia matrices.
 
     Parameters
     ----------
-    matrix : (..., 4, 4) symmetric
+    matrix : (..., 4, 4) array
+        Symmetric pseudo-inertias.
 
     Returns
     -------
-    Array
-        (..., 10) about the same frame.
+    (..., 10) array
+        Standard parameters about the same frame.
     """
     p = np.asarray(matrix, float)
     trace = np.trace(
@@ -131,16 +134,17 @@ def from_pseudo_inertia(matrix: ArrayLike) -> Array:
 
 
 def inertia_matrix(entries: ArrayLike) -> Array:
-    """The symmetric inertia of six entries.
+    """Return the symmetric inertia matrices of six entries.
 
     Parameters
     ----------
-    entries : (..., 6) Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2]
+    entries : (..., 6) array
+        Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
 
     Returns
     -------
-    Array
-        (..., 3, 3) [kg m^2].
+    (..., 3, 3) array
+        Inertia matrices [kg m^2].
     """
     e = np.asarray(entries, float)
     out = np.empty((*e.shape[:-1], 3, 3))
@@ -150,23 +154,24 @@ def inertia_matrix(entries: ArrayLike) -> Array:
 
 
 def inertia_entries(matrix: ArrayLike) -> Array:
-    """The six entries of a symmetric inertia.
+    """Return the six entries of symmetric inertia matrices.
 
     Parameters
     ----------
-    matrix : (..., 3, 3) [kg m^2]
+    matrix : (..., 3, 3) array
+        Inertia matrices [kg m^2].
 
     Returns
     -------
-    Array
-        (..., 6) Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
+    (..., 6) array
+        Ixx, Ixy, Iyy, Ixz, Iyz, Izz [kg m^2].
     """
     m = np.asarray(matrix, float)
     return np.stack([m[..., i, j] for i, j in _ENTRIES], axis=-1)
 
 
 def standard_from_barycentric(p: ArrayLike) -> Array:
-    """Standard parameters of parameters about the centre of mass.
+    """Convert parameters about the centre of mass to standard parameters.
 
     The convention of Gaz et al. (RA-L 2019), with the inertia entries in our order.
 
@@ -196,7 +201,7 @@ def standard_from_barycentric(p: ArrayLike) -> Array:
 
 
 def barycentric_from_standard(theta: ArrayLike) -> Array:
-    """Parameters about the centre of mass of standard parameters.
+    """Convert standard parameters to parameters about the centre of mass.
 
     Parameters
     ----------
@@ -221,96 +226,97 @@ def barycentric_from_standard(theta: ArrayLike) -> Array:
 
 
 def transform(placement: ArrayLike) -> Array:
-    """The map of standard parameters from a frame B to a frame A.
+    """Return the matrix that maps standard parameters from a frame B to a frame A.
 
-    The pseudo-inertia is a second moment of homogeneous coordinates, hence
-    P_A = X P_B X^T.
+    The pseudo-inertia is a second moment of homogeneous coordinates, hence P_A = X P_B
+    X^T.
 
     Parameters
     ----------
-    placement : (4, 4) A_X_B, the pose of B in A
+    placement : (4, 4) array
+        X = A_X_B, the pose of B in A.
 
     Returns
     -------
-    Array
-        (10, 10).
+    (10, 10) array
+        The linear map.
     """
     x = np.asarray(placement, float)
     return from_pseudo_inertia(x @ PSEUDO_INERTIA_BASIS @ x.T).T
 
 
 def consistency_margin(theta: ArrayLike) -> Array:
-    """The smallest eigenvalue of the pseudo-inertia: positive or zero exactly if a body
-    can have these parameters.
+    """Return the smallest eigenvalue of the pseudo-inertia; nonnegative if a body can
+    exist.
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (...).
+    (...) array
+        Smallest eigenvalues.
     """
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(theta))[..., 0], float)
 
 
 def thickness(theta: ArrayLike) -> Array:
-    """The smallest radius r with Sigma_c >= m r^2 1: zero for a rod, negative if
-    inconsistent.
+    """Return the largest radius r with Sigma_c >= m r^2 1; negative if inconsistent.
 
     Sigma_c is the second moment about the centre of mass: a link whose mass lies on a
     line or in a plane has r = 0, a uniform ball of radius R has r = R / sqrt(5).
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (...) [m].
+    (...) array
+        r [m].
     """
     smallest = np.linalg.eigvalsh(second_moment(theta))[..., 0]
     return np.sign(smallest) * np.sqrt(np.abs(smallest))
 
 
 def gyration(theta: ArrayLike) -> Array:
-    """The radius of gyration sqrt(tr(Sigma_c) / m): how far from its centre a link's mass
-    lies.
+    """Return the radius of gyration sqrt(tr(Sigma_c) / m) about the centre of mass.
 
-    Of a point mass and of no mass zero, of two equal masses half their distance, of a
-    uniform ball of radius R sqrt(3/5) R.
+    It is zero for a point mass and for no mass, half the distance of two equal masses,
+    and sqrt(3/5) R for a uniform ball of radius R.
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (...) [m].
+    (...) array
+        Radius [m].
     """
-    return np.sqrt(np.maximum(np.trace(second_moment(theta), axis1=-2, axis2=-1), 0.0))
+    squared = np.trace(second_moment(theta), axis1=-2, axis2=-1)
+    return np.sqrt(np.maximum(squared, 0.0))
 
 
 def second_moment(theta: ArrayLike) -> Array:
-    """The second moment about the centre of mass, over the mass.
+    """Return the second moment about the centre of mass, over the mass.
 
-    It is the mean of x x^T, a uniform ellipsoid's half axes squared over 5.
+    It is the mean of x x^T; its eigenvalues are a fifth of a uniform ellipsoid's
+    squared half axes.
 
     Parameters
     ----------
-    theta : (..., 10) m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the link frame
-        [kg, kg m, kg m^2]
+    theta : (..., 10) array
+        Standard parameters about the link frame [kg, kg m, kg m^2].
 
     Returns
     -------
-    Array
-        (..., 3, 3) Sigma_c / m [m^2]; zeros for no mass.
+    (..., 3, 3) array
+        Sigma_c / m [m^2]; zeros for no mass.
     """
     p = pseudo_inertia(theta)
     mass = p[..., 3, 3, None, None]

@@ -276,6 +276,15 @@ def _limit(cpu_seconds: int) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (cpu_seconds, cpu_seconds + 1))
         resource.setrlimit(resource.RLIMIT_NOFILE, (_LIMITS.open_files,) * 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    _forbid_sockets_and_programs()
+
+
+def _forbid_sockets_and_programs() -> None:
+    """Install a seccomp filter in this process: such calls of the kernel fail (EPERM).
+
+    Only on Linux, on architectures whose numbers are known. The process also ends with
+    its parent.
+    """
     # The kernel's number of the architecture, and of its calls socket, connect, bind,
     # execve, execveat, ptrace and io_uring_setup.
     forbidden = {
@@ -285,21 +294,25 @@ def _limit(cpu_seconds: int) -> None:
     architecture, calls = forbidden.get(platform.machine(), (0, ()))
     if sys.platform != "linux" or not calls:
         return
-    # A filter of the kernel (seccomp): load the architecture, load the call's number,
-    # compare; what is forbidden fails with EPERM.
+    # A program of the kernel's packet filter: an instruction has a code, the steps to
+    # jump if true or false, and a value. It loads the architecture, then the call's
+    # number, and compares.
     code = struct.Struct("HBBI")
     load = 0x20
     jump_equal = 0x15
     jump_above = 0x35
     answer = 0x06
     allow = 0x7FFF0000
-    deny = 0x00050001
+    deny = 0x00050001  # with EPERM
+    place_of_call = 0
+    place_of_architecture = 4
+    first_x32_call = 0x40000000  # the same calls under other numbers
     program = [
-        code.pack(load, 0, 0, 4),
+        code.pack(load, 0, 0, place_of_architecture),
         code.pack(jump_equal, 1, 0, architecture),
         code.pack(answer, 0, 0, deny),
-        code.pack(load, 0, 0, 0),
-        code.pack(jump_above, len(calls) + 1, 0, 0x40000000),
+        code.pack(load, 0, 0, place_of_call),
+        code.pack(jump_above, len(calls) + 1, 0, first_x32_call),
     ]
     for k, call in enumerate(calls):
         program.append(
@@ -321,6 +334,7 @@ def _limit(cpu_seconds: int) -> None:
         ctypes.addressof(text),
     )
     kernel = ctypes.CDLL(None)
+    # Options of prctl.
     end_with_parent = 1
     no_new_rights = 38
     set_filter = 22

@@ -46,30 +46,30 @@ class Joint(JsonRecordSkippingNone):
         """Raise InputError for frames, axis, kind or limits that no joint can have."""
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
-        who = f"joint {self.name}"
+        place = f"joint {self.name}"
         for name, shape in (
             ("placement", (4, 4)),
             ("axis", (3,)),
             ("link_frame", (4, 4)),
         ):
-            check_finite(f"{who}: {name}", getattr(self, name), shape)
+            check_finite(f"{place}: {name}", getattr(self, name), shape)
         for name in ("placement", "link_frame"):
-            check_pose(f"{who}: {name}", getattr(self, name))
+            check_pose(f"{place}: {name}", getattr(self, name))
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(
-                f"{who}: the axis is no unit vector", "divide it by its length"
+                f"{place}: the axis is no unit vector", "divide it by its length"
             )
         if self.kind not in ("revolute", "prismatic"):
             raise InputError(
-                f"{who}: kind {self.kind!r} is unknown", "write revolute or prismatic"
+                f"{place}: kind {self.kind!r} is unknown", "write revolute or prismatic"
             )
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
-            raise InputError(f"{who}: {what}", "swap them")
+            raise InputError(f"{place}: {what}", "swap them")
 
 
 def check_pose(where: str, pose: Array) -> None:
-    """Refuse a matrix that is no pose: a rotation and a translation within a robot's size.
+    """Raise InputError for a matrix that is no pose, or lies beyond a robot's size.
 
     Parameters
     ----------
@@ -83,14 +83,16 @@ def check_pose(where: str, pose: Array) -> None:
     InputError
         Where it is no pose.
     """
-    turn = pose[:3, :3]
+    rotation = pose[:3, :3]
     tolerance = 1e-6
-    far = 1e9
-    if np.any(np.abs(pose[:3]) > far):
-        raise InputError(f"{where} holds numbers beyond {far:g}", "write it in metres")
+    largest = 1e9
+    if np.any(np.abs(pose[:3]) > largest):
+        raise InputError(
+            f"{where} holds numbers beyond {largest:g}", "write it in metres"
+        )
     is_rotation = (
-        np.allclose(turn @ turn.T, np.eye(3), atol=tolerance)
-        and np.linalg.det(turn) > 0.0
+        np.allclose(rotation @ rotation.T, np.eye(3), atol=tolerance)
+        and np.linalg.det(rotation) > 0.0
         and np.allclose(pose[3], [0.0, 0.0, 0.0, 1.0], atol=tolerance)
     )
     if not is_rotation:
@@ -221,14 +223,14 @@ def resolve_mimic_joints(
         tuple(tree),
         matrix,
         offset,
-        tuple(massless),
+        massless=tuple(massless),
     )
 
 
 def hold_followers(
     held: Mapping[str, float], followers: Mapping[str, Follower]
 ) -> dict[str, float]:
-    """Positions of held joints and of all mimic joints that follow them.
+    """Return the positions of held joints and of all mimic joints that follow them.
 
     Parameters
     ----------
@@ -330,9 +332,9 @@ def parse_mechanism(
     places = tuple(sorted({k - 1 for k in massless}))
     return tuple(tree[k] for k in first_same), Mechanism(
         tuple(tree),
-        rows[:, :n],
-        rows[:, -1],
-        places,
+        matrix=rows[:, :n],
+        offset=rows[:, -1],
+        massless=places,
     )
 
 
@@ -397,7 +399,7 @@ class Transmission(JsonRecord):
         )
 
     def joint_positions(self, channels: ArrayLike, rates: bool = False) -> Array:
-        """Joint positions from logged motor or joint channels.
+        """Return joint positions from logged motor or joint channels.
 
         Parameters
         ----------
@@ -418,7 +420,7 @@ class Transmission(JsonRecord):
         )
 
     def joint_torques(self, channels: ArrayLike) -> Array:
-        """Joint torques from logged motor or joint torques.
+        """Return joint torques from logged motor or joint torques.
 
         Parameters
         ----------
@@ -466,6 +468,7 @@ def parse_transmission(
     """
     n = len(motors)
     rows = [parse_formula(text, n) for text in motors]
+    # One word stands for all channels.
     sides = [tuple(s) * n if len(s) == 1 else tuple(s) for s in (positions, torques)]
     matrix = np.array([row[:n] for row in rows]).reshape(n, n)
     return Transmission(

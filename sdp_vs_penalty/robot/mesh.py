@@ -79,9 +79,9 @@ def read_mesh(
         TypeError,
         ValueError,
     ) as error:
-        why = error.what if isinstance(error, InputError) else error
-        why = "too much memory" if isinstance(error, MemoryError) else why
-        what = f"{path}: this mesh is left out ({str(why)[:200]})"
+        reason = error.what if isinstance(error, InputError) else error
+        reason = "too much memory" if isinstance(error, MemoryError) else reason
+        what = f"{path}: this mesh is left out ({str(reason)[:200]})"
         warnings.warn(what, Remark, stacklevel=2)
         return None
     return Mesh(
@@ -145,10 +145,10 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
     Raises LookupError, TypeError or ValueError for another content, and InputError for
     a buffer that cannot be read or lies outside of the mesh's folder.
     """
-    inside = b""
+    embedded = b""
     if content[:4] == b"glTF":
         n_json = struct.unpack_from("<I", content, 12)[0]
-        inside = content[20 + n_json + 8 :]
+        embedded = content[20 + n_json + 8 :]
         content = content[20 : 20 + n_json]
     document = json.loads(content)
     if not isinstance(document, dict):
@@ -163,7 +163,7 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
         _buffer(
             path,
             buffer.get("uri"),
-            inside,
+            embedded,
         )
         for buffer in document["buffers"]
     ]

@@ -121,26 +121,36 @@ def load_mjcf(
     gravity: Sequence[float] | None = None,
     held: Mapping[str, float] | None = None,
 ) -> tuple[Robot, Array, dict[str, float]]:
-    """The robot of an MJCF file, its nominal links, and nominal values of its joints.
+    """Read the robot of an MJCF file, its nominal links, and nominal values of its
+    joints.
+
+    A body without joints belongs to its parent; what is fixed to the world is dropped.
+    Joints of an equality follow one another.
 
     Parameters
     ----------
-    path : of the file; what it includes lies beside it
-    gravity : in the base frame [m/s^2]; None: the file's
-    held : joints that stand still at these positions [rad, m]
+    path : str or Path
+        The file; files that it includes lie beside it.
+    gravity : (3,) sequence of float, optional
+        Gravity in the base frame [m/s^2]; default: the file's.
+    held : mapping of str to float, optional
+        Joints that stand still, and their positions [rad, m].
 
     Returns
     -------
-    robot : joints depth first; a body without joints belongs to its parent, what is
-        fixed to the world is dropped; joints of an equality follow
-    links : (links, 10) standard parameters about the link frames
-    values : of parameters by name: armature I_a1 [kg m^2], damping f_v1 [N m s/rad],
-        friction loss f_c1 [N m], gains of position actuators kp1, kd1
+    robot : Robot
+        Joints depth first.
+    links : (links, 10) array
+        Standard parameters about the link frames.
+    values : dict
+        Parameters by name: armature I_a1 [kg m^2], damping f_v1 [N m s/rad], friction
+        loss f_c1 [N m], gains of position actuators kp1 [N m/rad], kd1 [N m s/rad].
 
     Raises
     ------
     InputError
-        A file that MuJoCo does not read, a free or ball joint, a loop, no joint at all.
+        For a file that MuJoCo does not read, a free or ball joint, a loop, or no joint
+        at all.
     """
     model = _compiled(Path(path))
     still = dict(held or {})
@@ -182,14 +192,16 @@ def _robot_of(
         x, y, z = map(float, gravity)
         down = (x, y, z)
     name = model.name or model.path.stem
-    robot = Robot(name, joints, down, None, mechanism, held)
+    robot = Robot(
+        name, joints, gravity=down, transmission=None, mechanism=mechanism, held=held
+    )
     return robot, np.array([x for k, x in enumerate(links) if k not in massless])
 
 
 def _compiled(path: Path) -> MujocoModel:
     """Compile a file by MuJoCo in a process of its own."""
     try:
-        first, *named = parse_isolated(
+        first, *named_arrays = parse_isolated(
             model_arrays,
             path,
             prepare=load_mujoco,
@@ -202,18 +214,18 @@ def _compiled(path: Path) -> MujocoModel:
         raise InputError(what, "correct it", path) from error
     arrays = dict(first)
     x, y, z = arrays.pop("gravity").tolist()
-    names = [name for part in named for name in part]
+    names = [name for part in named_arrays for name in part]
     model_name, *joint_names = names
-    called = tuple(
+    names_of_joints = tuple(
         text.partition(":")[2] or f"joint{k}"
         for k, text in enumerate(joint_names, start=1)
     )
     return MujocoModel(
         path,
-        model_name.partition(":")[2],
-        (x, y, z),
-        called,
-        arrays,
+        name=model_name.partition(":")[2],
+        gravity=(x, y, z),
+        joint_names=names_of_joints,
+        arrays=arrays,
     )
 
 
@@ -268,7 +280,7 @@ def model_arrays(path: str) -> Iterator[Arrays]:
 
 
 def _name_of_model(model: object) -> str:
-    """The model's name, at the beginning of all names."""
+    """Return the model's name, the first in MuJoCo's zero-terminated list of names."""
     names: bytes = model.names  # type: ignore[attr-defined]
     return names.partition(b"\0")[0].decode(errors="replace")
 
@@ -322,23 +334,25 @@ def _tree(
     poses = [np.eye(4)]
     for body in range(1, len(model.arrays["body_parentid"])):
         parent = model.integer("body_parentid", body)
-        at = _pose(model.row("body_pos", body), model.row("body_quat", body))
+        pose_in_parent = _pose(
+            model.row("body_pos", body), model.row("body_quat", body)
+        )
         carrier = carriers[parent]
-        pose = poses[parent] @ at
+        pose = poses[parent] @ pose_in_parent
         for j in _joints_of_body(model, body):
             kind = _kind_of(model, j)
-            anchor, back = _to_anchor(model, j)
+            anchor, from_anchor = _to_anchor(model, j)
             joint = _joint(model, j, kind, carrier, pose @ anchor)
             start = -model.start(j)
             if joint.name in still:
-                moved = joint_motion(joint, still[joint.name] + start)
-                pose = pose @ anchor @ moved @ back
+                motion = joint_motion(joint, still[joint.name] + start)
+                pose = pose @ anchor @ motion @ from_anchor
                 continue
             placement = joint.placement @ joint_motion(joint, start)
             joints.append(_joint(model, j, kind, carrier, placement))
             links.append(np.zeros(10))
             carrier = len(joints) - 1
-            pose = back
+            pose = from_anchor
         carriers.append(carrier)
         poses.append(pose)
         if carrier >= 0:
@@ -370,11 +384,11 @@ def _kind_of(model: MujocoModel, j: int) -> str:
 
 def _to_anchor(model: MujocoModel, j: int) -> tuple[Array, Array]:
     """Return poses (4, 4) from a body's frame to joint j's anchor, and back."""
-    anchor = np.eye(4)
-    back = np.eye(4)
-    anchor[:3, 3] = model.row("jnt_pos", j)
-    back[:3, 3] = -model.row("jnt_pos", j)
-    return anchor, back
+    to_anchor = np.eye(4)
+    from_anchor = np.eye(4)
+    to_anchor[:3, 3] = model.row("jnt_pos", j)
+    from_anchor[:3, 3] = -model.row("jnt_pos", j)
+    return to_anchor, from_anchor
 
 
 def _joint(
@@ -400,8 +414,8 @@ def _joint(
         kind,
         parent,
         placement,
-        axis / np.linalg.norm(axis),
-        np.eye(4),
+        axis=axis / np.linalg.norm(axis),
+        link_frame=np.eye(4),
         lower=lower,
         upper=upper,
         velocity=np.inf,
@@ -415,8 +429,8 @@ def _inertial(model: MujocoModel, body: int) -> Array:
     link[0] = model.number("body_mass", body)
     about_com = np.diag(model.row("body_inertia", body))
     link[4:] = inertia.inertia_entries(about_com)
-    at = _pose(model.row("body_ipos", body), model.row("body_iquat", body))
-    return inertia.transform(at) @ link
+    pose = _pose(model.row("body_ipos", body), model.row("body_iquat", body))
+    return inertia.transform(pose) @ link
 
 
 def _pose(position: Array, quaternion: Array) -> Array:

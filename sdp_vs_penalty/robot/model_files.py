@@ -14,7 +14,7 @@ from sdp_vs_penalty.files import read_bytes
 
 
 def is_mjcf(path: str | Path) -> bool:
-    """Whether a file is a MuJoCo model, by its outermost element.
+    """Return whether a file is a MuJoCo model, by its outermost element.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def expanded_robot(path: Path) -> Iterator[Path]:
 
 
 def described_robot(name: str) -> Path:
-    """URDF of a robot of the package robot_descriptions, downloaded once.
+    """Return the file of a robot of the package robot_descriptions, downloaded once.
 
     Parameters
     ----------

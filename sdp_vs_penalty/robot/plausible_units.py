@@ -67,14 +67,20 @@ def odd_units(links: Sequence[LinkSizes], longest: float) -> Iterator[OddUnit]:
     scale = 1.0
     if longest > _LONGEST:
         scale = 1e-3
-        yield _odd("lengths", 1e3, (), f"joints are {longest:.4g} m apart", "mm")
+        yield _odd(
+            "lengths",
+            factor=1e3,
+            links=(),
+            how=f"joints are {longest:.4g} m apart",
+            unit="mm",
+        )
     size = max(longest * scale, 0.05)
     are_all_in_grams = _looks_like_grams(known)
     in_grams = [x for x in known if x.mass > _HEAVIEST or are_all_in_grams]
     if in_grams:
         heaviest = max(x.mass for x in in_grams)
         how = f"a link weighs {heaviest:.4g} kg"
-        yield _odd("masses", 1e3, _names(in_grams), how, "g")
+        yield _odd("masses", factor=1e3, links=_names(in_grams), how=how, unit="g")
     yield from _odd_centres(known, size)
     yield from _odd_inertias(known, size, bool(in_grams))
     yield from _odd_total(known)
@@ -93,7 +99,7 @@ def _odd_centres(links: Sequence[LinkSizes], size: float) -> Iterator[OddUnit]:
     if far:
         farthest = max(x.com for x in far)
         how = f"a centre of mass is {farthest:.4g} m from its link's frame"
-        yield _odd("centres of mass", 1e3, _names(far), how, "mm")
+        yield _odd("centres of mass", factor=1e3, links=_names(far), how=how, unit="mm")
 
 
 def _odd_inertias(
@@ -111,7 +117,7 @@ def _odd_inertias(
     factor *= 1e3 if are_masses_in_grams else 1.0
     unit = _INERTIA_UNITS.get(factor, "another unit")
     how = f"the mass of a link is spread over {max(radii):.4g} m (radius of gyration)"
-    yield _odd("inertias", factor, _names(wide), how, unit)
+    yield _odd("inertias", factor, links=_names(wide), how=how, unit=unit)
 
 
 def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
@@ -120,7 +126,9 @@ def _odd_total(links: Sequence[LinkSizes]) -> Iterator[OddUnit]:
     if links and total < _LIGHTEST:
         how = f"all links together weigh {total:.3g} kg: no drive shows such masses."
         remedy = "check the unit of the masses (kg)"
-        yield OddUnit("masses", total, _names(links), how, remedy)
+        yield OddUnit(
+            "masses", factor=total, links=_names(links), what=how, remedy=remedy
+        )
 
 
 def _looks_like_grams(links: Sequence[LinkSizes]) -> bool:
@@ -156,5 +164,5 @@ def _odd(
         factor,
         links,
         what,
-        f"divide the {quantity} by {factor:g}",
+        remedy=f"divide the {quantity} by {factor:g}",
     )

@@ -116,7 +116,7 @@ class Robot(JsonRecordSkippingNone):
         return tuple(couplings)
 
     def with_constant_joints(self, held: Mapping[str, float]) -> "Robot":
-        """The same robot with driven joints that stand still.
+        """Return the robot with some driven joints standing still.
 
         Their links stay links of their own, so that bounds keep their numbers. Where a URDF is
         read, held links are merged into their parents instead.
@@ -142,12 +142,14 @@ class Robot(JsonRecordSkippingNone):
         stays = [k for k in range(self.n) if k not in places]
         value = np.zeros(self.n)
         value[list(places)] = [held[self.joint_names[k]] for k in places]
-        m = self.mechanism or Mechanism(self.tree, np.eye(self.n), np.zeros(self.n), ())
+        m = self.mechanism or Mechanism(
+            self.tree, matrix=np.eye(self.n), offset=np.zeros(self.n), massless=()
+        )
         mechanism = Mechanism(
             m.tree,
-            m.matrix[:, stays],
-            m.offset + m.matrix @ value,
-            m.massless,
+            matrix=m.matrix[:, stays],
+            offset=m.offset + m.matrix @ value,
+            massless=m.massless,
         )
         still = [
             HeldJoint(
@@ -166,7 +168,7 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def leader(self, place: int) -> tuple[str, float, float]:
-        """The joint that a joint of the tree follows.
+        """Return the joint that a joint of the tree follows.
 
         Parameters
         ----------
@@ -210,7 +212,7 @@ class Robot(JsonRecordSkippingNone):
         ]
 
     def poses(self, state: Array) -> Array:
-        """Poses of all joint frames in the base frame.
+        """Return the poses of all joint frames in the base frame.
 
         Parameters
         ----------
@@ -277,7 +279,7 @@ class Robot(JsonRecordSkippingNone):
         return tuple(links_by_driven_joint)
 
     def random_configurations(self, count: int, seed: int) -> Array:
-        """Random configurations, uniform inside the range of :func:`joint_limits`.
+        """Return random configurations, uniform in the range of :func:`joint_limits`.
 
         Parameters
         ----------
@@ -316,7 +318,7 @@ class Robot(JsonRecordSkippingNone):
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
     def link_reach(self) -> Array:
-        """Compute how far each link bears the next joints.
+        """Return how far each link reaches to the next joints.
 
         Returns
         -------
@@ -357,7 +359,8 @@ class Robot(JsonRecordSkippingNone):
         gravity: Sequence[float] = STANDARD_GRAVITY,
         limits: Sequence[Mapping[str, float]] = (),
     ) -> Self:
-        """Chain of revolute joints from a Denavit-Hartenberg table without joint offsets.
+        """Build a chain of revolute joints from a Denavit-Hartenberg table without
+        offsets.
 
         Parameters
         ----------
@@ -479,7 +482,7 @@ class Robot(JsonRecordSkippingNone):
         dq: ArrayLike,
         ddq: ArrayLike,
     ) -> Array:
-        """Regressor Y of rigid-body dynamics: tau = Y theta.
+        """Return the regressor Y of rigid-body dynamics, tau = Y theta.
 
         Parameters
         ----------
@@ -542,7 +545,7 @@ class Robot(JsonRecordSkippingNone):
         damping: ArrayLike,
         friction: ArrayLike,
     ) -> Any:
-        """Pinocchio model of this robot.
+        """Return the Pinocchio model of this robot.
 
         Parameters
         ----------
@@ -577,7 +580,7 @@ class Robot(JsonRecordSkippingNone):
         dq: ArrayLike,
         ddq: ArrayLike,
     ) -> Array:
-        """Joint torques of rigid links, by recursive Newton-Euler.
+        """Return the joint torques of rigid links, by recursive Newton-Euler.
 
         Parameters
         ----------
@@ -615,7 +618,8 @@ class Robot(JsonRecordSkippingNone):
         dq: ArrayLike,
         ddq: ArrayLike,
     ) -> tuple[Array, Array, Array]:
-        """Partial derivatives of the joint torques by position, velocity and acceleration.
+        """Return derivatives of the joint torques by position, velocity and
+        acceleration.
 
         Parameters
         ----------
@@ -655,7 +659,7 @@ class Robot(JsonRecordSkippingNone):
         dq: ArrayLike,
         ddq: ArrayLike,
     ) -> Array:
-        """Derivatives of the joint torques by the placement of each joint.
+        """Return derivatives of the joint torques by the placement of each joint.
 
         Six virtual joints at rest stand before each joint; Pinocchio derives by their positions.
 
@@ -687,8 +691,8 @@ class Robot(JsonRecordSkippingNone):
         for sign, inertias in self._signed(theta):
             model = pin.Model()
             model.gravity = self._model.gravity
-            for i, one in enumerate(self.tree):
-                parent = 0 if one.parent == -1 else int(rows[one.parent]) + 1
+            for i, joint in enumerate(self.tree):
+                parent = 0 if joint.parent == -1 else int(rows[joint.parent]) + 1
                 pose = inertias.jointPlacements[i + 1]
                 for k in range(6):
                     kind = (
@@ -700,14 +704,14 @@ class Robot(JsonRecordSkippingNone):
                         parent,
                         kind(np.eye(3)[k % 3]),
                         pose,
-                        f"{one.name} {k}",
+                        f"{joint.name} {k}",
                     )
                     pose = pin.SE3.Identity()
                 place = model.addJoint(
                     parent,
                     inertias.joints[i + 1],
                     pose,
-                    one.name,
+                    joint.name,
                 )
                 model.inertias[place] = inertias.inertias[i + 1]
             data = model.createData()
@@ -722,7 +726,7 @@ class Robot(JsonRecordSkippingNone):
         )
 
     def jacobians(self, q: ArrayLike, link: int) -> Array:
-        """Jacobians of a joint frame, in world axes.
+        """Return the Jacobians of a joint frame, in world axes.
 
         Parameters
         ----------
@@ -751,7 +755,7 @@ class Robot(JsonRecordSkippingNone):
         return out if self.mechanism is None else out @ self.mechanism.matrix
 
     def mass_matrices(self, theta: ArrayLike, q: ArrayLike) -> Array:
-        """Joint-space inertia matrices M(q).
+        """Return the joint-space inertia matrices M(q).
 
         Parameters
         ----------
@@ -771,7 +775,7 @@ class Robot(JsonRecordSkippingNone):
     def mass_and_bias(
         self, theta: ArrayLike
     ) -> Callable[[Array, Array], tuple[Array, Array]]:
-        """Function that evaluates M(q) and C(q, dq) dq + g(q) of given links.
+        """Return a function that evaluates M(q) and C(q, dq) dq + g(q) of given links.
 
         Computed by the composite rigid body and the recursive Newton-Euler algorithm.
 
@@ -825,7 +829,7 @@ class Robot(JsonRecordSkippingNone):
 
 
 def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ...]:
-    """Indices of held joints among the driven joints.
+    """Return the indices of held joints among the driven joints.
 
     Parameters
     ----------
@@ -853,7 +857,7 @@ def check_held(names: Sequence[str], held: Mapping[str, float]) -> tuple[int, ..
 
 
 def joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
-    """Limits of position and velocity of each joint.
+    """Return the limits of position and velocity of each joint.
 
     Where a robot states none: half a turn or half a metre to each side, and 2 rad/s or
     0.5 m/s.

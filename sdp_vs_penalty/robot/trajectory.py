@@ -60,7 +60,8 @@ class FourierTrajectory:
             )
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given instants; at rest outside the duration.
+        """Return positions, velocities and accelerations; at rest outside of the
+        duration.
 
         The acceleration jumps where a blend meets the series, as in the authors' generator.
 
@@ -77,7 +78,7 @@ class FourierTrajectory:
         t = np.asarray(t, float)[:, None]
         end = self.duration - self.blend
         w = np.pi / self.blend
-        inside = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
+        in_series = self._series(np.clip(t[:, 0], self.blend, end) - self.blend)
         q1, v1, _ = self._series(np.array([0.0]))
         q2, v2, _ = self._series(np.array([end - self.blend]))
         rising = np.clip(t, 0.0, self.blend)
@@ -92,19 +93,19 @@ class FourierTrajectory:
             0.5 * v2 * (1.0 + np.cos(w * falling)),
             -0.5 * v2 * w * np.sin(w * falling),
         )
-        when = [t < self.blend, t > end]
-        parts = zip(first, last, inside, strict=True)
+        conditions = [t < self.blend, t > end]
+        parts = zip(first, last, in_series, strict=True)
         states = [
             np.select(
-                when,
+                conditions,
                 [begin, finish],
                 middle,
             )
             for begin, finish, middle in parts
         ]
         q, dq, ddq = states
-        moving = (t > 0.0) & (t < self.duration)
-        return q, np.where(moving, dq, 0.0), np.where(moving, ddq, 0.0)
+        is_moving = (t > 0.0) & (t < self.duration)
+        return q, np.where(is_moving, dq, 0.0), np.where(is_moving, ddq, 0.0)
 
     def _series(self, s: Array) -> tuple[Array, Array, Array]:
         """Return q, dq, ddq (K, n) of the Fourier series at instants s (K,) [s] after
@@ -129,7 +130,7 @@ def random_trajectory(
     frequency: float = 0.15 * np.pi,
     blend: float = 0.5,
 ) -> FourierTrajectory:
-    """Random Fourier trajectory within the limits of a robot.
+    """Return a random Fourier trajectory within the limits of a robot.
 
     Amplitudes are uniform in [-1, 1] and then scaled joint by joint to fill at most 80 % of
     the range and 60 % of the velocity limit. The centre is random where the motion fits.
@@ -164,10 +165,10 @@ def random_trajectory(
     unit = FourierTrajectory(
         a,
         b,
-        np.zeros(robot.n),
-        frequency,
-        blend,
-        duration,
+        q_0=np.zeros(robot.n),
+        frequency=frequency,
+        blend=blend,
+        duration=duration,
     )
     q, dq, _ = unit.states(
         np.linspace(
@@ -185,11 +186,11 @@ def random_trajectory(
     q_0 = rng.uniform(lower - low, upper - high)
     return FourierTrajectory(
         a * scale[:, None],
-        b * scale[:, None],
-        q_0,
-        frequency,
-        blend,
-        duration,
+        b=b * scale[:, None],
+        q_0=q_0,
+        frequency=frequency,
+        blend=blend,
+        duration=duration,
     )
 
 
@@ -205,7 +206,8 @@ class PointTrajectory:
     @cached_property
     def _starts(self) -> Array:
         """(W - 1,) instants at which the moves begin [s]."""
-        return np.cumsum(self.pauses[:-1] + np.concatenate([[0.0], self.moves[:-1]]))
+        previous_moves = np.concatenate([[0.0], self.moves[:-1]])
+        return np.cumsum(self.pauses[:-1] + previous_moves)
 
     @property
     def duration(self) -> float:
@@ -213,7 +215,7 @@ class PointTrajectory:
         return float(self.moves.sum() + self.pauses.sum())
 
     def states(self, t: ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at given instants.
+        """Return positions, velocities and accelerations at given instants.
 
         Parameters
         ----------
@@ -225,20 +227,20 @@ class PointTrajectory:
         tuple of (N, n) arrays
             q, dq, ddq.
         """
-        at = np.asarray(t, float)
-        k = np.clip(
-            np.searchsorted(self._starts, at, side="right") - 1,
+        instants = np.asarray(t, float)
+        move = np.clip(
+            np.searchsorted(self._starts, instants, side="right") - 1,
             0,
             len(self.moves) - 1,
         )
-        T = self.moves[k][:, None]
+        T = self.moves[move][:, None]
         x = np.clip(
-            (at - self._starts[k])[:, None] / T,
+            (instants - self._starts[move])[:, None] / T,
             0.0,
             1.0,
         )
-        d = self.points[k + 1] - self.points[k]
-        q = self.points[k] + d * (35 * x**4 - 84 * x**5 + 70 * x**6 - 20 * x**7)
+        d = self.points[move + 1] - self.points[move]
+        q = self.points[move] + d * (35 * x**4 - 84 * x**5 + 70 * x**6 - 20 * x**7)
         dq = d / T * 140 * x**3 * (1 - x) ** 3
         return q, dq, d / T**2 * 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x)
 
@@ -249,7 +251,7 @@ def shortest_moves(
     acceleration: Array,
     jerk: Array,
 ) -> Array:
-    """Shortest durations of moves between points, within limits.
+    """Return the shortest durations of moves between points, within limits.
 
     Parameters
     ----------
@@ -273,7 +275,7 @@ def shortest_moves(
 
 
 def joint_trajectory(names: Sequence[str], trajectory: PointTrajectory) -> str:
-    """ROS message trajectory_msgs/JointTrajectory as text, in JSON, which is YAML too.
+    """Return a ROS message trajectory_msgs/JointTrajectory as JSON (which is YAML too).
 
     Parameters
     ----------

@@ -105,7 +105,9 @@ def _numbers(
 
 
 def pose_of(element: Any) -> Array:
-    """Pose of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll); without one, the identity.
+    """Return the pose of an element's <origin>, R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Without an <origin> it is the identity.
 
     Parameters
     ----------
@@ -152,7 +154,7 @@ def pose_of(element: Any) -> Array:
 
 
 def read_inertial(link: Any) -> Array:
-    """Standard parameters of a <link> element, about the link frame.
+    """Read the standard parameters of a <link> element, about the link frame.
 
     Parameters
     ----------
@@ -253,7 +255,14 @@ def load_urdf(
     name = root.get("name") or Path(path).stem
     gravity_vector = tuple(map(float, gravity))
     nominal_with_mass = [x for k, x in enumerate(nominal) if k not in massless]
-    robot = Robot(name, joints, gravity_vector, transmission, mechanism, still)
+    robot = Robot(
+        name,
+        joints,
+        gravity=gravity_vector,
+        transmission=transmission,
+        mechanism=mechanism,
+        held=still,
+    )
     return robot, np.array(nominal_with_mass)
 
 
@@ -271,7 +280,7 @@ def _followers(root: Any) -> dict[str, Follower]:
 def placed_links(
     path: str | Path, held: Mapping[str, float] | None = None
 ) -> list[Parts]:
-    """Inertials that make up each moving link with a mass.
+    """Return the inertials that make up each moving link with a mass.
 
     Parameters
     ----------
@@ -302,20 +311,22 @@ def _weighed(parts: Sequence[Parts]) -> tuple[list[Array], tuple[int, ...]]:
     Inertials of links that are fixed to it are added. A link counts as massless if its
     inertial says so, and others have mass.
     """
-    moved = [
+    parameters = [
         [inertia.transform(at) @ read_inertial(e) for e, at in elements]
         for elements in parts
     ]
-    nominal = [np.sum(elements, axis=0) for elements in moved]
+    nominal = [np.sum(elements, axis=0) for elements in parameters]
     has_inertial = [
         any(e.find("inertial") is not None for e, _ in elements) for elements in parts
     ]
-    none = tuple(k for k, x in enumerate(nominal) if has_inertial[k] and not x.any())
-    return nominal, none if any(x.any() for x in nominal) else ()
+    massless = tuple(
+        k for k, x in enumerate(nominal) if has_inertial[k] and not x.any()
+    )
+    return nominal, massless if any(x.any() for x in nominal) else ()
 
 
 def parse_urdf(path: str | Path) -> Any:
-    """Outermost element of an XML file. Entities are not expanded, no other file is read.
+    """Parse an XML file safely: no entities are expanded, no other file is read.
 
     Parameters
     ----------
@@ -487,16 +498,18 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         )
     limit = element.find("limit")
     limits = []
-    for key, none in (
+    for key, no_limit in (
         ("lower", -np.inf),
         ("upper", np.inf),
         ("velocity", np.inf),
         ("effort", np.inf),
     ):
-        span = None if kind == "continuous" and key in ("lower", "upper") else limit
-        (value,) = _numbers(span, key, none, largest=np.inf)
+        element_of_limit = (
+            None if kind == "continuous" and key in ("lower", "upper") else limit
+        )
+        (value,) = _numbers(element_of_limit, key, no_limit, largest=np.inf)
         # How files write "no limit" where the format asks for a number [rad or m].
-        limits.append(none if abs(value) > 1e6 else value)
+        limits.append(no_limit if abs(value) > 1e6 else value)
     return Joint(
         name,
         _MOVING[kind],
@@ -509,7 +522,7 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
 
 
 def joint_motion(joint: Joint, value: float) -> Array:
-    """Pose of a link relative to its joint frame at a joint position.
+    """Return the pose of a link relative to its joint frame at a joint position.
 
     Parameters
     ----------
@@ -555,7 +568,9 @@ def _transmission(root: Any, names: Sequence[str]) -> Transmission | None:
     if not has_transmission:
         return None
     sides = ("joint",) * len(names)
-    return Transmission(matrix, np.zeros(len(names)), sides, sides)
+    return Transmission(
+        matrix, offset=np.zeros(len(names)), positions=sides, torques=sides
+    )
 
 
 def _transmission_kind(element: Any) -> str:

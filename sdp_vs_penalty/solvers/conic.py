@@ -141,7 +141,7 @@ def svec(matrix: Array) -> Array:
 
 
 def unsvec(vector: Array, d: int) -> Array:
-    """Inverse of :func:`svec`.
+    """Return the symmetric matrices of svec vectors, the inverse of :func:`svec`.
 
     Parameters
     ----------
@@ -246,20 +246,19 @@ def cbf_text(problem: ConicProblem) -> str:
     if cones:
         lines += ["CON", f"{len(order)} {len(cones)}", *cones, ""]
     block, i, j, factor = svec_entries(problem.cones)
-    number = np.cumsum(psd) - 1
+    number = np.cumsum(psd) - 1  # of each psd cone
     matrix = scipy.sparse.csr_matrix(-problem.A)
-    matrices = np.flatnonzero(psd[block])
-    part = matrix[matrices].tocoo()
-    at = matrices[part.row]
-    values = part.data * factor[matrices[part.row]]
+    psd_rows = np.flatnonzero(psd[block])
+    nonzero = matrix[psd_rows].tocoo()
+    row = psd_rows[nonzero.row]
     lines += _section("OBJACOORD", *_nonzero(problem.q))
     lines += _section(
         "HCOORD",
-        number[block[at]],
-        part.col,
-        j[at],
-        i[at],
-        values,
+        number[block[row]],
+        nonzero.col,
+        j[row],
+        i[row],
+        nonzero.data * factor[row],
     )
     entries = matrix[order].tocoo()
     lines += _section(
@@ -269,14 +268,13 @@ def cbf_text(problem: ConicProblem) -> str:
         entries.data,
     )
     lines += _section("BCOORD", *_nonzero(problem.b[order]))
-    at = matrices[problem.b[matrices] != 0.0]
-    constants = problem.b[at] * factor[at]
+    row = psd_rows[problem.b[psd_rows] != 0.0]
     lines += _section(
         "DCOORD",
-        number[block[at]],
-        j[at],
-        i[at],
-        constants,
+        number[block[row]],
+        j[row],
+        i[row],
+        problem.b[row] * factor[row],
     )
     return "\n".join(lines) + "\n"
 

@@ -118,17 +118,17 @@ class Slice:
         """
         g = self.basis.T @ slope
         size = float(np.linalg.norm(g))
-        middle = float(slope @ self.interior)
+        value_at_interior = float(slope @ self.interior)
         terms = slope * (np.abs(self.interior) + 1e-12)
         if size <= 1e-12 * float(np.linalg.norm(terms)):
             # The function is constant on the slice up to rounding, which this bound
             # contains.
             spread = float(np.abs(g) @ self.limit)
-            return Extreme(middle, middle - spread, self.interior)
+            return Extreme(value_at_interior, value_at_interior - spread, self.interior)
         x, lower = self._solve(g / size)
-        near = self.interior + self.basis @ x
-        theta = repair(self.constraints, near, self.interior)
-        return Extreme(float(slope @ theta), middle + size * lower, theta)
+        optimum = self.interior + self.basis @ x
+        theta = repair(self.constraints, optimum, self.interior)
+        return Extreme(float(slope @ theta), value_at_interior + size * lower, theta)
 
     def maximum(self, slope: Array) -> Extreme:
         """Return the largest value of a linear function over the slice.
@@ -161,8 +161,8 @@ class Slice:
         fit = Fit(
             solution.x,
             objective,
-            self.reduced,
-            multipliers,
+            constraints=self.reduced,
+            multipliers=multipliers,
             bound=self.limit,
         )
         evidence = dual_evidence(fit)
@@ -233,8 +233,8 @@ def _posed(reduced: Sequence[Constraint]) -> SdpProblem:
     )
     return SdpProblem(
         conic_problem(groups, None, np.zeros(k)),
-        np.zeros(k),
-        np.ones(k),
-        1.0,
-        placed,
+        centre=np.zeros(k),
+        theta_scale=np.ones(k),
+        loss_scale=1.0,
+        placed=placed,
     )

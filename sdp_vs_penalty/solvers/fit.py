@@ -287,8 +287,8 @@ def _inverse(group: ConeGroup, t: Array) -> Array:
         4,
         4,
     )
-    last = {int(first): k for k, first in enumerate(group.indices[:, 0])}
-    others = np.setdiff1d(np.arange(len(out)), list(last.values()))
+    last_of_link = {int(first): k for k, first in enumerate(group.indices[:, 0])}
+    others = np.setdiff1d(np.arange(len(out)), list(last_of_link.values()))
     out[others] = 0.0
     return np.asarray(out)
 

@@ -233,19 +233,19 @@ def least_squares_sdp(
     start = 0
     if entropy is not None:
         start = sum(group.constant.size for group in groups)
-        more, logs, links = _log_det(
+        log_det_cones, logs, links = _log_det(
             entropy,
             centre,
             scale,
             p + r,
         )
-        groups += more
+        groups += log_det_cones
         inverse, log_det = entropy.nominal_terms
         weight = entropy.weight / loss_scale**2
         linear[:p] = weight * scale * entropy.entries.adjoint(inverse.ravel(), p)
-        n_more = logs.size + 10 * len(inverse)
-        quadratic = np.pad(quadratic, (0, n_more))
-        linear = np.pad(linear, (0, n_more))
+        n_new = logs.size + 10 * len(inverse)
+        quadratic = np.pad(quadratic, (0, n_new))
+        linear = np.pad(linear, (0, n_new))
         linear[logs] = -weight
         # Constants of the divergence: the trace at the centre, log det P0 - 4, and the
         # scaling of P to a diagonal of ones.
@@ -264,12 +264,12 @@ def least_squares_sdp(
     return SdpProblem(
         conic,
         centre,
-        scale,
-        loss_scale,
-        placed,
-        offset,
-        entropy,
-        start,
+        theta_scale=scale,
+        loss_scale=loss_scale,
+        placed=placed,
+        offset=offset,
+        entropy=entropy,
+        entropy_row=start,
     )
 
 
@@ -311,10 +311,10 @@ def largest_margin(
     )
     return SdpProblem(
         conic,
-        np.zeros(p),
-        scale,
-        1.0,
-        placed,
+        centre=np.zeros(p),
+        theta_scale=scale,
+        loss_scale=1.0,
+        placed=placed,
     )
 
 
@@ -354,10 +354,10 @@ def conic_problem(
     P = scipy.sparse.csc_matrix((m, m)) if quadratic is None else quadratic
     return ConicProblem(
         P,
-        linear,
-        A,
-        stacked.constant,
-        tuple(cones),
+        q=linear,
+        A=A,
+        b=stacked.constant,
+        cones=tuple(cones),
     )
 
 
@@ -380,10 +380,10 @@ def plain_rows(kind: str, matrix: Array, constant: Array) -> ConeGroup:
     """
     return ConeGroup(
         kind,
-        np.arange(1),
-        np.arange(matrix.shape[1])[None],
-        constant[None],
-        matrix.T[None],
+        places=np.arange(1),
+        indices=np.arange(matrix.shape[1])[None],
+        constant=constant[None],
+        coefficients=matrix.T[None],
     )
 
 
@@ -455,7 +455,7 @@ def scaled(
                 group.places,
                 indices,
                 constant,
-                columns,
+                coefficients=columns,
             )
         )
         for place, member_scale in zip(group.places.tolist(), scale, strict=True):
@@ -530,30 +530,30 @@ def _log_det(
     blocks[:, z, i, 4 + j] = 1.0
     blocks[:, z, 4 + j, i] = 1.0
     diagonal = np.flatnonzero(i == j)
-    last = 4 + np.arange(4)
-    blocks[:, z[diagonal], last, last] = 1.0
+    lower_diagonal = 4 + np.arange(4)
+    blocks[:, z[diagonal], lower_diagonal, lower_diagonal] = 1.0
     constant[:, :4, :4] = links.values(centre) * factors
     # Places in x: ten entries of Z and four t of each link.
-    new = width + np.arange(14 * n).reshape(n, 14)
+    places = width + np.arange(14 * n).reshape(n, 14)
     indices = np.column_stack(
         [
             links.indices,
-            new[:, :10],
+            places[:, :10],
         ]
     )
-    logs = new[:, 10:].ravel()
+    logs = places[:, 10:].ravel()
     matrices = ConeGroup(
         "psd",
         links.places,
         indices,
-        svec(constant),
-        svec(blocks),
+        constant=svec(constant),
+        coefficients=svec(blocks),
     )
     # exp(t) <= Z_kk: the exponential cone holds (t, 1, Z_kk).
     pairs = np.column_stack(
         [
             logs,
-            new[:, diagonal].ravel(),
+            places[:, diagonal].ravel(),
         ]
     )
     first, second, third = np.eye(3)

@@ -122,10 +122,10 @@ class Objective:
         return cls(
             LeastSquares(
                 np.zeros((0, p)),
-                np.zeros(0),
-                0.0,
-                0.0,
-                0,
+                rho=np.zeros(0),
+                residual_norm=0.0,
+                tau_squared=0.0,
+                rows=0,
             ),
             linear=linear,
         )

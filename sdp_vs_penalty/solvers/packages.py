@@ -193,10 +193,10 @@ class Qics(Solver):
         self.solve(
             ConicProblem(
                 empty,
-                np.ones(2),
-                A,
-                b,
-                cones,
+                q=np.ones(2),
+                A=A,
+                b=b,
+                cones=cones,
             ),
             1e-4,
         )

@@ -123,14 +123,16 @@ class _InteriorPoint:
         self.weight = cones.weight[:, None, None]
         self.degree = max(cones.rows + ORDER * len(cones.weight), 1)
         self.logs = float(cones.weight @ np.log(nonzero_or_one(cones.weight)))
+        # z / s of the rows, then a view of the blocks' Kronecker products.
         self.products = np.empty(cones.curvature.shape[1])
         self.kronecker = self.products[cones.rows :].reshape(-1, *(ORDER,) * 4)
         self.both[0] = cones.constant + cones.slack_map @ self.theta
-        np.linalg.cholesky(self.mats[0])
+        np.linalg.cholesky(self.mats[0])  # raises unless positive definite
         if isinstance(start, Iterate):
             self.both[1] = start.multipliers
         else:
             self.evaluate()
+            # Complementarity of each cone: a small share of the objective.
             mu = _COLD * abs(self.value) / self.degree or 1.0
             self.rows[1] = mu / self.rows[0]
             inverse = np.linalg.inv(self.mats[0])
@@ -183,9 +185,9 @@ class _InteriorPoint:
                 best = Optimum(
                     final.theta,
                     final.multipliers,
-                    k,
-                    error,
-                    central,
+                    iterations=k,
+                    error=error,
+                    central=central,
                 )
             if error <= accuracy or not self.advance():
                 break
@@ -328,6 +330,7 @@ class _InteriorPoint:
         ``both`` (2, rows + 16 blocks) holds S and Z.
         """
         rows, mats = self._views(both)
+        # <S, Z> of each block b; on the central path of w log det it is 4 w.
         products = np.einsum("bij,bij->b", mats[0], mats[1])
         by_block = products - ORDER * self.cones.weight
         return float(rows[0] @ rows[1] + np.abs(by_block).sum())

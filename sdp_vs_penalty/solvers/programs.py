@@ -109,11 +109,12 @@ class Program(Solver):
             strict=True,
         )
         row_by_place = {place: row for row, place in enumerate(places)}
-        for matrix, number, first, second, value in entries.reshape(-1, 5):
-            if int(matrix) != 2:
+        for matrix, block_number, first, second, value in entries.reshape(-1, 5):
+            is_dual = int(matrix) == 2
+            if not is_dual:
                 continue
             low, high = sorted((int(first) - 1, int(second) - 1))
-            row = row_by_place[int(number) - 1, low, high]
+            row = row_by_place[int(block_number) - 1, low, high]
             z[row] = value / factor[row]
         return x, z
 
@@ -361,12 +362,15 @@ class SdpaProgram(Program):
         x = _numbers(text.split("xVec =")[1].split("xMat =")[0])
         values = _numbers(text.split("yMat =")[1].split("main loop time")[0])
         z = list[Array]()
-        at = 0
+        start = 0
         for cone in problem.cones:
             d = cone.size
-            entries = values[at : at + (d * d if cone.kind == "psd" else d)]
-            z.append(svec(entries.reshape(d, d)) if cone.kind == "psd" else entries)
-            at += len(entries)
+            n_entries = d * d if cone.kind == "psd" else d
+            entries = values[start : start + n_entries]
+            if cone.kind == "psd":
+                entries = svec(entries.reshape(d, d))
+            z.append(entries)
+            start += n_entries
         return x, np.concatenate(z)
 
 

@@ -126,9 +126,9 @@ def infeasibility_proof(
     evidence = dual_evidence(
         Fit(
             np.zeros(len(bound)),
-            nothing,
-            constraints,
-            multipliers,
+            objective=nothing,
+            constraints=constraints,
+            multipliers=multipliers,
             bound=bound,
         )
     )

@@ -110,17 +110,21 @@ def suited(
     """
     form = unchanged(problem)
     if "quadratic" not in kinds:
-        # Ten rows share one matrix where only these are left: many small ones are
-        # cheaper.
-        form = form.then(lambda p: linear_objective(p, None if "soc" in kinds else 10))
+        # One cone for the whole objective; if cones become matrices, one for each ten
+        # rows, since many small matrices are cheaper.
+        rows_a_cone = None if "soc" in kinds else 10
+        form = form.then(lambda p: linear_objective(p, rows_a_cone))
     if "zero" not in kinds:
         form = form.then(without_equalities)
     if "soc" not in kinds:
         form = form.then(arrows)
-    kinds_left = {cone.kind for cone in form.problem.cones}
-    if lacking := sorted(kinds_left - set(kinds)):
+    remaining_kinds = {cone.kind for cone in form.problem.cones}
+    lacking = sorted(remaining_kinds - set(kinds))
+    if lacking:
         raise NotApplicableError(f"the solver has no {', '.join(lacking)} cone")
-    return form.then(lambda p: reorder(p, order)) if order else form
+    if order:
+        form = form.then(lambda p: reorder(p, order))
+    return form
 
 
 def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
@@ -144,8 +148,8 @@ def quadratic_factor(problem: ConicProblem) -> scipy.sparse.csr_matrix:
         shape = (len(nonzero), P.shape[0])
         entries = (np.sqrt(diagonal[nonzero]), (ones, nonzero))
         return scipy.sparse.csr_matrix(entries, shape)
-    full = P.toarray()
-    values, vectors = np.linalg.eigh(full + np.triu(full, 1).T)
+    dense = P.toarray()
+    values, vectors = np.linalg.eigh(dense + np.triu(dense, 1).T)
     significant = values > 1e-15 * values[-1]
     roots = np.sqrt(values[significant])
     return scipy.sparse.csr_matrix(roots[:, None] * vectors[:, significant].T)
@@ -181,20 +185,20 @@ def linear_objective(problem: ConicProblem, group: int | None = None) -> Rewritt
     for k, start in enumerate(starts):
         part = factor[start : start + size]
         size_of_part = part.shape[0]
-        place = ([0], [k])
-        top = scipy.sparse.csr_matrix(([-1.0], place), (1, columns))
-        blocks.append([None, top])
-        blocks.append([None, top])
+        # b - A x is (t_k + 1, t_k - 1, sqrt(2) G x).
+        minus_t = scipy.sparse.csr_matrix(([-1.0], ([0], [k])), (1, columns))
+        blocks.append([None, minus_t])
+        blocks.append([None, minus_t])
         blocks.append([-np.sqrt(2.0) * part, None])
         constants.append(np.array([1.0, -1.0]))
         constants.append(np.zeros(size_of_part))
         cones.append(Cone("soc", 2 + size_of_part))
     rewritten = ConicProblem(
         scipy.sparse.csc_matrix((m + columns, m + columns)),
-        np.concatenate([problem.q, np.ones(columns)]),
-        scipy.sparse.csc_matrix(scipy.sparse.bmat(blocks)),
-        np.concatenate(constants),
-        tuple(cones),
+        q=np.concatenate([problem.q, np.ones(columns)]),
+        A=scipy.sparse.csc_matrix(scipy.sparse.bmat(blocks)),
+        b=np.concatenate(constants),
+        cones=tuple(cones),
     )
 
     def back(x: Array, z: Array) -> tuple[Array, Array]:
@@ -253,10 +257,10 @@ def without_equalities(problem: ConicProblem) -> Rewritten:
     of_pivots = inequalities[:, pivots]
     rewritten = ConicProblem(
         scipy.sparse.csc_matrix((len(free_columns), len(free_columns))),
-        problem.q[free_columns] - slope.T @ problem.q[pivots],
-        scipy.sparse.csc_matrix(inequalities[:, free_columns] - of_pivots @ slope),
-        problem.b[~equal] - of_pivots @ offset,
-        tuple(c for c in problem.cones if c.kind != "zero"),
+        q=problem.q[free_columns] - slope.T @ problem.q[pivots],
+        A=scipy.sparse.csc_matrix(inequalities[:, free_columns] - of_pivots @ slope),
+        b=problem.b[~equal] - of_pivots @ offset,
+        cones=tuple(c for c in problem.cones if c.kind != "zero"),
     )
 
     def back(x: Array, z: Array) -> tuple[Array, Array]:

@@ -365,12 +365,14 @@ def certainly_feasible(constraints: Sequence[Constraint], theta: Array) -> bool:
     cones = StackedCones.from_groups(group_cones(constraints))
     margin, size = cones.margins(theta)
     is_well_inside = margin > _WELL_INSIDE * size
-    used = {int(k) for constraint in constraints for k in constraint.indices}
-    exact = {k: Fraction(float(theta[k])) for k in used}
-    close = [
+    used_parameters = {int(k) for constraint in constraints for k in constraint.indices}
+    exact = {k: Fraction(float(theta[k])) for k in used_parameters}
+    near_boundary = [
         c for c, is_well in zip(constraints, is_well_inside, strict=True) if not is_well
     ]
-    return all(verify_proof.inside(c.cone, _exact_value(c, exact)) for c in close)
+    return all(
+        verify_proof.inside(c.cone, _exact_value(c, exact)) for c in near_boundary
+    )
 
 
 def violations(constraints: ConstraintSet, theta: Array) -> dict[str, float]:

@@ -74,22 +74,20 @@ class SmallCones:
         Raises NotApplicableError for a matrix or second-order cone of an order above
         four.
         """
-        has_entropy = entropy is not None and entropy.weight > 0.0
-        links = entropy.links if entropy is not None and has_entropy else ()
+        links: tuple[Constraint, ...] = ()
+        if entropy is not None and entropy.weight > 0.0:
+            links = entropy.links
         groups = (*constraints.groups, *group_cones(links))
         parts = _parts(constraints, links, groups)
         cones = StackedCones.from_groups(groups)
         n_entries = sum(group.constant.size for group in groups)
+        # Slacks = image (cones' entries) + ones on the diagonals of padded matrices.
         image = _image_of_parts(parts, n_entries)
         self.rows = sum(part.n_slacks for part in parts if part.turn == 0)
+        ones = [np.tile(part.ones, len(part.begins)) for part in parts]
         self.constant = image @ cones.constant
-        added = [np.tile(part.ones, len(part.begins)) for part in parts]
-        self.constant += np.concatenate(
-            [
-                np.zeros(0),
-                *added,
-            ]
-        )
+        self.constant += np.concatenate([np.zeros(0), *ones])
+        # The constraints' entries come before those of the prior's links.
         self.home = image[:, : len(constraints.entries.constant)].T.tocsr()
         n_blocks = (image.shape[0] - self.rows) // ORDER**2
         self.weight = np.zeros(n_blocks)
@@ -100,6 +98,7 @@ class SmallCones:
         places = (cones.row, cones.column)
         entries = scipy.sparse.csr_matrix((cones.value, places), (n_entries, p))
         slack_map = image @ entries
+        # Of the Hessian's p^2 entries only those that some cone fills.
         curvature = _curvature(slack_map, self.rows)
         self.places = np.flatnonzero(np.diff(curvature.indptr))
         self.curvature = curvature[self.places]
@@ -177,6 +176,7 @@ def _parts(
 
     Constraints that others imply, or that a link's log det implies, are left out.
     """
+    # -log det P keeps P positive definite by itself.
     kept_by_log_det = {("pseudo-inertia", *link.indices.tolist()) for link in links}
     needed = {
         constraint
@@ -240,16 +240,16 @@ def _image(cone: str, d: int) -> tuple[Array, Array]:
         return np.eye(d), np.zeros(d)
     if d > ORDER:
         raise NotApplicableError(f"no matrices and cones of order {d}")
-    at = np.arange(ORDER**2).reshape(ORDER, ORDER)
+    slack = np.arange(ORDER**2).reshape(ORDER, ORDER)  # number of each matrix entry
     n_entries = d * d if cone == "psd" else d
     entry = np.arange(n_entries)
     image = np.zeros((ORDER**2, n_entries))
     if cone == "psd":
-        image[at[:d, :d].ravel(), entry] = 1.0
+        image[slack[:d, :d].ravel(), entry] = 1.0
     else:
-        image[at[0, :d], entry] = 1.0
-        image[at[:d, 0], entry] = 1.0
-        image[np.diagonal(at)[:d], 0] = 1.0
+        image[slack[0, :d], entry] = 1.0
+        image[slack[:d, 0], entry] = 1.0
+        image[np.diagonal(slack)[:d], 0] = 1.0
     is_padding = np.arange(ORDER) >= d
     return image, np.asarray(np.diag(is_padding).ravel(), float)
 
@@ -265,27 +265,29 @@ def _curvature(
     >= j at the place (j, i). For a row the product is z / s. slack_map is (rows + 16
     blocks, p).
     """
-    part = slack_map.tocoo()
+    nonzero = slack_map.tocoo()
     p = slack_map.shape[1]
-    is_row = part.row < rows
-    block, entry = np.divmod(part.row - rows, ORDER**2)
-    block = np.where(is_row, part.row, rows + block)
+    # Block of each nonzero entry (a row is a block of its own), and its place in it.
+    is_row = nonzero.row < rows
+    block, entry = np.divmod(nonzero.row - rows, ORDER**2)
+    block = np.where(is_row, nonzero.row, rows + block)
     entry = np.where(is_row, 0, entry)
-    # Each entry with every other one of its block.
+    # All pairs (first, second) of entries of one block.
     count = np.bincount(block)[block]
     begins = np.searchsorted(block, block)
-    one = np.repeat(np.arange(len(block)), count)
+    first = np.repeat(np.arange(len(block)), count)
     first_pair = np.cumsum(count) - count
-    other = np.arange(len(one)) - np.repeat(first_pair - begins, count)
-    is_lower = part.col[one] >= part.col[other]
-    one = one[is_lower]
-    other = other[is_lower]
-    a, b = np.divmod(entry[one], ORDER)
-    c, d = np.divmod(entry[other], ORDER)
-    block_number = np.maximum(block[one] - rows, 0)
-    product = block[one] + (ORDER**4 - 1) * block_number
+    second = np.arange(len(first)) - np.repeat(first_pair - begins, count)
+    is_lower = nonzero.col[first] >= nonzero.col[second]
+    first = first[is_lower]
+    second = second[is_lower]
+    # Place of (S^-1)[a, c] Z[d, b] among the products: rows have one, blocks 4^4 each.
+    a, b = np.divmod(entry[first], ORDER)
+    c, d = np.divmod(entry[second], ORDER)
+    block_number = np.maximum(block[first] - rows, 0)
+    product = block[first] + (ORDER**4 - 1) * block_number
     product = product + ((a * ORDER + c) * ORDER + d) * ORDER + b
     n_products = rows + (slack_map.shape[0] - rows) * ORDER**2
-    value = part.data[one] * part.data[other]
-    places = (part.col[other] * p + part.col[one], product)
+    value = nonzero.data[first] * nonzero.data[second]
+    places = (nonzero.col[second] * p + nonzero.col[first], product)
     return scipy.sparse.csr_matrix((value, places), (p * p, n_products))

@@ -63,7 +63,9 @@ def flat(values: Any, size: int) -> Array:
     (size,)
         NaN if the solver returned none.
     """
-    return np.full(size, np.nan) if values is None else np.array(values, float).ravel()
+    if values is None:
+        return np.full(size, np.nan)
+    return np.array(values, float).ravel()
 
 
 class Solver(ABC):
@@ -220,9 +222,9 @@ class Solver(ABC):
         return Solution(
             x,
             z,
-            meaning,
-            f"{status} {more}".rstrip(),
-            int(iterations),
+            claims=meaning,
+            status=f"{status} {more}".rstrip(),
+            iterations=int(iterations),
         )
 
     @property

@@ -147,9 +147,8 @@ def _dual(cone: Cone, constraint: Any) -> Array:
         return np.full(_n_rows(cone), np.nan)
     if cone.kind == "psd":
         return np.ravel(0.5 * (value + value.T))
-    return np.concatenate(
-        [np.ravel(v) for v in (value if isinstance(value, list) else [value])]
-    )
+    parts = value if isinstance(value, list) else [value]  # a list for soc and exp
+    return np.concatenate([np.ravel(part) for part in parts])
 
 
 class Mosek(ThroughCvxpy):

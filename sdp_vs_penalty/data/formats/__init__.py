@@ -1,10 +1,8 @@
 """Files of measurements: one module a format, found by itself.
 
-A module has ``SUFFIXES`` that choose it, ``read(path, choice) -> Measurements`` and,
-where runs can be written, ``write(measurements, path)``; ``FOLDER``, a pattern of the
-files by which a folder is such a run, and ``SAMPLE`` where its samples are called
-otherwise. Readers return a run as it is in the file: clock and numbers are checked
-afterwards, or mended by the data check.
+A module that offers the names of :class:`~interface.MeasurementFormat` is a format; there
+too stands what else it can offer. Readers return a run as it is in the file: clock and
+numbers are checked afterwards, or mended by the data check.
 """
 
 from functools import cache
@@ -21,7 +19,8 @@ FILE_SEPARATOR = "+"
 
 @cache
 def formats() -> tuple[ModuleType, ...]:
-    """Every module of this folder that reads measurements."""
+    """Import all modules of this folder that read measurements; they have
+    ``SUFFIXES``."""
     return tuple(modules(__name__, __path__, "SUFFIXES"))
 
 
@@ -38,32 +37,31 @@ def suffixes(ability: str = "read") -> tuple[str, ...]:
     tuple[str, ...]
         Suffixes with their point.
     """
-    return tuple(
-        s for home in formats() if hasattr(home, ability) for s in home.SUFFIXES
-    )
+    able = [module for module in formats() if hasattr(module, ability)]
+    return tuple(suffix for module in able for suffix in module.SUFFIXES)
 
 
 def format_of(path: Path) -> ModuleType | None:
-    """Find the format of a file by its suffix, or of a folder by its files.
+    """Find the format of a file by its suffix, or of a folder by the files in it.
 
     Parameters
     ----------
     path : Path
-        Of the file or folder.
+        Path of the file or folder.
 
     Returns
     -------
     ModuleType | None
-        The module that reads it; None where nothing claims it.
+        The module that reads it; None where no format claims it.
     """
     if path.is_dir():
-        of_folders = [home for home in formats() if hasattr(home, "FOLDER")]
-        return next((home for home in of_folders if any(path.glob(home.FOLDER))), None)
+        readers_of_folders = [x for x in formats() if hasattr(x, "FOLDER")]
+        return next((x for x in readers_of_folders if any(path.glob(x.FOLDER))), None)
     suffix = path.suffix.lower()
-    called_so = _format_called(suffix.removeprefix("."))
-    if called_so is not None and suffix in called_so.SUFFIXES:
-        return called_so  # csv.py reads .csv: no other format is imported for it
-    return next((home for home in formats() if suffix in home.SUFFIXES), None)
+    same_name = _format_called(suffix.removeprefix("."))
+    if same_name is not None and suffix in same_name.SUFFIXES:
+        return same_name  # csv.py reads .csv: no other format is imported for it
+    return next((x for x in formats() if suffix in x.SUFFIXES), None)
 
 
 @cache

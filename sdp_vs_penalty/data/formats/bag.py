@@ -87,8 +87,11 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 @cache
 def message_types() -> Any:
-    """The messages of ROS 2, whose definitions take a tenth of a second to read, with
-    the decoder of joint states, which takes a hundredth to make."""
+    """Load the message definitions of ROS 2, with the decoder of JointState messages.
+
+    Cached: reading the definitions takes a tenth of a second, making the decoder a
+    hundredth.
+    """
     import rosbags.highlevel  # noqa: F401
     from rosbags.typesys import Stores, get_typestore
 
@@ -102,7 +105,11 @@ def run_in_parts(
     joints: list[str] | None,
     topic: str | None,
 ) -> Iterator[dict[str, Array]]:
-    """The run of a bag in consecutive parts, by the names of its channels."""
+    """Read the run of a bag in consecutive parts; to be called in a process of its own.
+
+    The first part holds "places": the place, from 0, of each joint of the bag among the
+    robot's joints. The others hold the channels, t (N,) and q, dq, tau (N, n).
+    """
     from rosbags.highlevel import AnyReader
 
     place = Path(path)
@@ -119,7 +126,8 @@ def run_in_parts(
 
 
 def _use_prepared_decoder(reader: Any) -> None:
-    """Decode joint states by :func:`message_types` where the bag defines them alike."""
+    """Use the cached decoder of :func:`message_types` where the bag defines its
+    messages as ROS 2 does."""
     prepared = message_types()
     defined = reader.typestore.fielddefs
     if all(defined.get(part) == prepared.fielddefs[part] for part in _PARTS):
@@ -127,7 +135,8 @@ def _use_prepared_decoder(reader: Any) -> None:
 
 
 def _stay_inside(path: Path) -> None:
-    """A bag's metadata names its files; they have to lie in its folder."""
+    """Raise InputError where a bag's metadata names a file outside of the bag's
+    folder."""
     if not path.is_dir():
         return
     from ruamel.yaml import YAML
@@ -145,10 +154,17 @@ def _stay_inside(path: Path) -> None:
 
 @dataclass
 class _Stream:
-    """Messages of one topic with the same joints and the same fields filled.
+    """Messages of one topic that have the same joints and the same fields filled.
 
-    names : of the joints; fields : which of position, velocity and effort have a value
-    for each joint; table : (N, 2 + 3 n) clocks [s] and values, NaN where there are none.
+    Parameters
+    ----------
+    topic : name of the topic
+    names : names of the joints
+    fields : those of position, velocity and effort that have a value for each joint
+    table : appendable table on the disk, to which full parts of rows go
+    rows : rows that are not in the table yet
+    values : (N, 2 + 3 n) all rows: two clocks [s], then position, velocity and effort
+        of each joint, NaN where there is none
     """
 
     topic: str
@@ -159,32 +175,38 @@ class _Stream:
     values: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def add(self, row: list[float]) -> None:
-        """Add a message's clocks and values."""
+        """Append the row of one message: two clocks [s] and 3 n values."""
         self.rows.append(row)
         if len(self.rows) == PART:
             self.finish_part()
 
     def finish_part(self) -> None:
-        """Hand the rows so far to the table."""
+        """Move the collected rows to the table."""
         self.table.append(np.array(self.rows, float).reshape(len(self.rows), -1))
         self.rows.clear()
 
     def column(self, field_name: str, joint: str) -> Array:
-        """(N,) one field of one joint."""
-        at = _FIELDS.index(field_name) * len(self.names) + self.names.index(joint)
-        return np.asarray(self.values[:, 2 + at])
+        """Return (N,) values of one field ("position", "velocity" or "effort") of one
+        joint."""
+        n_clocks = 2
+        first_of_field = n_clocks + _FIELDS.index(field_name) * len(self.names)
+        place = first_of_field + self.names.index(joint)
+        return np.asarray(self.values[:, place])
 
 
 def _read(path: Path, reader: Any, choice: Choice) -> Measurements:
+    """Read the run of an open bag: collect its messages, choose the joints, and merge
+    the streams."""
     connections = [c for c in reader.connections if c.msgtype == _TYPE]
-    topics = sorted({c.topic for c in connections})
-    if not connections or (choice.topic is not None and choice.topic not in topics):
+    topics = sorted({connection.topic for connection in connections})
+    is_missing = choice.topic is not None and choice.topic not in topics
+    if not connections or is_missing:
         raise _which_topic(path, choice.topic, topics)
     streams, first = _streams(path, reader, connections)
-    names, leading = _choose_joints(path, streams, choice)
-    run = _merged(path, streams, leading, list(names), first)
-    called = tuple(names.values()) if choice.joints is not None else ()
-    return replace(run, joint_names=called)
+    robot_names, leading = _choose_joints(path, streams, choice)
+    run = _merged(path, streams, leading, list(robot_names), first)
+    joint_names = tuple(robot_names.values()) if choice.joints is not None else ()
+    return replace(run, joint_names=joint_names)
 
 
 def _which_topic(
@@ -192,7 +214,8 @@ def _which_topic(
     topic: str | None,
     topics: Sequence[str],
 ) -> InputError:
-    """The error of a topic that is not there, or several that hold all joints."""
+    """Return the error of a topic that is missing, or of several topics that each hold
+    all joints."""
     subject = f"topic {topic!r}" if topic else "one topic"
     what = f"{subject} with {_TYPE} is needed"
     there = ", ".join(topics) or "none"
@@ -204,7 +227,11 @@ def _streams(
     reader: Any,
     connections: Sequence[Any],
 ) -> tuple[list[_Stream], Array]:
-    """The messages by topic, joints and fields, and the clocks of the first one [ns]."""
+    """Collect the JointState messages into streams: by topic, joints and filled fields.
+
+    Returns the streams, and (2,) the clocks [ns] of the first message (header stamp,
+    recording time), from which all others are counted.
+    """
     streams = dict[tuple[Any, ...], _Stream]()
     first = np.zeros(0)
     for connection, recorded, raw in reader.messages(connections=connections):
@@ -227,14 +254,19 @@ def _streams(
 
 
 def _filled_fields(message: Any, n_joints: int) -> tuple[str, ...]:
-    """The fields of a message that have a value for each of its joints."""
+    """List the fields of a message (position, velocity, effort) that have one value for
+    each joint."""
     lengths = {name: len(getattr(message, name)) for name in _FIELDS}
     return tuple(name for name, n in lengths.items() if n == n_joints > 0)
 
 
 def _clocks_of(message: Any, recorded: int) -> Array:
-    """(2,) the header's stamp and the recorder's, whole [ns]: they are taken apart
-    before they become floating-point numbers of seconds."""
+    """Return (2,) the header's stamp and the recording time of a message, in whole
+    nanoseconds.
+
+    Floating-point seconds since 1970 would lose the last digits, so differences are
+    taken first.
+    """
     stamp = message.header.stamp
     return np.array(
         [
@@ -249,26 +281,33 @@ def _choose_joints(
     streams: Sequence[_Stream],
     choice: Choice,
 ) -> tuple[dict[str, str], _Stream]:
-    """The joints to take, as the bag calls them and as the robot does, and the stream
-    whose rows are kept.
+    """Choose the joints to read, and the stream whose messages become the run's rows.
 
-    Those of the robot behind one prefix; without a robot those of the first message
-    with a position, in its order. A robot's joints of which the bag says nothing are
-    left to be held.
+    The robot's joints are looked for in the bag, perhaps behind one prefix
+    ("panda_joint1"). More than half have to be there; the others are left to be held.
+    Without a robot, all joints of the largest stream are taken in its order.
+
+    Returns
+    -------
+    names : dict of str to str
+        The robot's joint names by the bag's.
+    leading : _Stream
+        The stream that gives the rows.
     """
     usable = [s for s in streams if choice.topic in (None, s.topic)]
     placed = [s for s in usable if "position" in s.fields]
     if not placed:
         raise _weightless(path, streams, "position")
-    called = list(choice.joints or max(placed, key=lambda s: len(s.names)).names)
+    largest = max(placed, key=lambda s: len(s.names))
+    robot_joints = list(choice.joints or largest.names)
     in_bag = list(dict.fromkeys(name for s in placed for name in s.names))
-    names = _with_prefix(called, in_bag)
-    pairs = zip(names, called, strict=True)
-    robot_name = {name: robots for name, robots in pairs if name in in_bag}
-    if 2 * len(robot_name) <= len(names):
+    bag_names = _with_prefix(robot_joints, in_bag)
+    pairs = zip(bag_names, robot_joints, strict=True)
+    robot_name = {name: joint for name, joint in pairs if name in in_bag}
+    if 2 * len(robot_name) <= len(bag_names):
         there = ", ".join(sorted(in_bag)) or "none"
-        asked_for = ", ".join(names) or "(none)"
-        what = f"no message has all joints {asked_for} (there are: {there})"
+        expected = ", ".join(bag_names) or "(none)"
+        what = f"no message has all joints {expected} (there are: {there})"
         raise InputError(what, "name the joints as the bag does", path)
     return robot_name, _leading_stream(path, placed, set(robot_name), choice.topic)
 
@@ -279,10 +318,11 @@ def _leading_stream(
     joints: set[str],
     topic: str | None,
 ) -> _Stream:
-    """The stream whose rows are kept: of the topic that says most of the joints,
-    position and effort, the one with most joints; InputError where two topics say all.
+    """Choose the stream whose messages become the run's rows.
 
-    placed : streams with positions.
+    The topic with most positions and efforts of the joints wins, and in it the stream
+    with most joints, with efforts, and with most messages. ``placed`` are the streams
+    with positions. Raises InputError where two topics each have all channels.
     """
     n_channels = {
         candidate: len(_channels_of(placed, candidate, joints))
@@ -308,7 +348,8 @@ def _channels_of(
     topic: str,
     joints: set[str],
 ) -> set[tuple[str, str]]:
-    """The positions and efforts of these joints that a topic says, as (joint, field)."""
+    """Collect the positions and efforts of some joints that a topic has, as (joint,
+    field) pairs."""
     channels = set[tuple[str, str]]()
     for stream in streams:
         if stream.topic != topic:
@@ -321,12 +362,14 @@ def _channels_of(
 
 @dataclass
 class _Merge:
-    """One row for each message of the leading stream, with what others say at the
-    nearest stamp.
+    """Matching of all streams to the messages of the leading stream, by the nearest
+    stamp.
 
-    sources : the stream that says a field of a joint, None without; rows : of each
-    stream the row that belongs to each of the leading one's; is_kept : rows of which
-    all is known.
+    Parameters
+    ----------
+    sources : by (joint, field) the stream that has it; None where no stream has it
+    rows : by id(stream) the row (N,) that belongs to each row of the leading stream
+    is_kept : (N,) whether all channels of the row are known
     """
 
     sources: dict[tuple[str, str], _Stream | None]
@@ -334,22 +377,16 @@ class _Merge:
     is_kept: NDArray[np.bool_]
 
     def block(self, joints: Sequence[str], field_name: str) -> Array:
-        """(N, n) one field of all joints in the kept rows, part by part: a long bag's
-        lies on the disk."""
+        """Return (N, n) values of one field of all joints in the kept rows.
+
+        It is built in pieces: that of a long bag lies on the disk.
+        """
         rows = np.flatnonzero(self.is_kept)
-        return concatenate_chunks(
-            np.column_stack(
-                [
-                    self._column(
-                        joint,
-                        field_name,
-                        part,
-                    )
-                    for joint in joints
-                ]
-            )
+        pieces = (
+            np.column_stack([self._column(x, field_name, part) for x in joints])
             for _, part in iter_chunks(rows)
         )
+        return concatenate_chunks(pieces)
 
     def _column(
         self,
@@ -357,7 +394,8 @@ class _Merge:
         field_name: str,
         part: NDArray[np.intp],
     ) -> Array:
-        """One field of one joint in some of the leading stream's rows."""
+        """Return one field of one joint in some rows of the leading stream; NaN where
+        no stream has it."""
         source = self.sources[joint, field_name]
         if source is None:
             return np.full(len(part), np.nan)
@@ -370,8 +408,12 @@ def _merge(
     joints: Sequence[str],
     clock: int,
 ) -> _Merge:
-    """What belongs to each message of the leading stream: within half a period, but for
-    a joint that never moves, which says it at any time; clock : the stamp's column."""
+    """Match the messages of all streams to those of the leading stream.
+
+    A match lies within half a period of the leading clock. Two exceptions keep the row:
+    a joint that never moves has its value at any time, and velocities may be missing.
+    ``clock`` is 0 for the header's stamps, 1 for the recording time.
+    """
     t = leading.values[:, clock]
     within = half_period(t)
     sources = {
@@ -381,8 +423,8 @@ def _merge(
     }
     merge = _Merge(
         sources,
-        {id(leading): np.arange(len(t))},
-        np.ones(len(t), bool),
+        rows={id(leading): np.arange(len(t))},
+        is_kept=np.ones(len(t), bool),
     )
     for (joint, field_name), source in sources.items():
         if source is None or source is leading:
@@ -402,8 +444,12 @@ def _merged(
     names: Sequence[str],
     first: Array,
 ) -> Measurements:
-    """The run of all streams, a row for each message of the leading one; first : its
-    clocks [ns]."""
+    """Build the run: one row for each message of the leading stream that has all
+    channels.
+
+    The header's stamps are the clock where some are set, else the recording time.
+    ``first`` holds both clocks of the bag's first message [ns].
+    """
     is_stamped = bool(first[0]) or any(s.values[:, 0].any() for s in streams)
     clock = 0 if is_stamped else 1
     merge = _merge(streams, leading, names, clock)
@@ -434,14 +480,18 @@ def _source_of(
     joint: str,
     what: str,
 ) -> _Stream | None:
-    """The stream that says this of the joint: the leading one, one of its topic, another
-    one; None where none does."""
-    having = [s for s in streams if what in s.fields and joint in s.names]
-    if not having:
+    """Choose the stream from which a joint's field is taken: the leading one, else one
+    of its topic, else the longest; None where no stream has it."""
+    candidates = [s for s in streams if what in s.fields and joint in s.names]
+    if not candidates:
         return None
-    return max(
-        having, key=lambda s: (s is leading, s.topic == leading.topic, len(s.values))
-    )
+
+    def preference(stream: _Stream) -> tuple[bool, bool, int]:
+        """Sort key; the largest wins."""
+        has_same_topic = stream.topic == leading.topic
+        return stream is leading, has_same_topic, len(stream.values)
+
+    return max(candidates, key=preference)
 
 
 def _say_what_is_skipped(
@@ -451,7 +501,7 @@ def _say_what_is_skipped(
     names: Sequence[str],
     unmatched: int,
 ) -> None:
-    """How many messages are left out, and why."""
+    """Warn of messages that were left out: with empty fields, or without a partner."""
     empty = sum(
         len(s.values)
         for s in streams
@@ -475,20 +525,26 @@ def _weightless(
     streams: Sequence[_Stream],
     what: str,
 ) -> InputError:
-    """The error of a bag in which nobody says positions, or efforts."""
+    """Return the error of a bag in which no message has positions, or efforts, of every
+    joint."""
     topics = ", ".join(sorted({s.topic for s in streams}))
     problem = f"no message of {topics} has {what} of every joint"
     return InputError(problem, "record position and effort of every joint", path)
 
 
 def _with_prefix(names: Sequence[str], names_in_bag: Sequence[str]) -> list[str]:
-    """The bag's names where they are the robot's behind one prefix: panda_joint1 for
-    joint1. The prefix that fits most joints; the names themselves where two fit."""
-    prefixes = {""} | {
-        o.removesuffix(n) for n in names for o in names_in_bag if o.endswith(n)
-    }
-    fits = {p: sum(p + name in names_in_bag for name in names) for p in prefixes}
-    largest = max(fits.values())
-    best = sorted(p for p, count in fits.items() if count == largest)
-    prefix = best[0] if len(best) == 1 or "" in best else ""
+    """Return the robot's joint names as the bag writes them, perhaps behind one prefix:
+    "panda_joint1" for "joint1".
+
+    The prefix that fits most joints is taken; no prefix where several fit equally well.
+    """
+    prefixes = {""}
+    for name in names:
+        for longer in names_in_bag:
+            if longer.endswith(name):
+                prefixes.add(longer.removesuffix(name))
+    n_fitting = {p: sum(p + name in names_in_bag for name in names) for p in prefixes}
+    most_fitting = max(n_fitting.values())
+    best = [p for p, count in n_fitting.items() if count == most_fitting]
+    prefix = best[0] if len(best) == 1 else ""
     return [prefix + name for name in names]

@@ -17,15 +17,15 @@ _N_CELLS = 5
 
 @dataclass(frozen=True)
 class ColumnRow:
-    """One column of a file.
+    """One column of a file, and what it is taken for.
 
     Parameters
     ----------
-    name : as the file calls it
+    name : the column's name in the file
     meaning : our name (t, q1, tau ...), "" where the column is not used
     kind : "number", "list" (one value a joint), "stamp", "text" or "empty"
-    factor : by which its values become SI
-    unit : a word for the factor, such as "deg"; "" where it is 1
+    factor : factor to SI
+    unit : unit that has this factor, such as "deg"; "" where it is 1
     first_cells : its first five cells as the file writes them
     """
 
@@ -65,8 +65,8 @@ class ColumnReport:
 
     @property
     def rename(self) -> dict[str, str]:
-        """Our names to the file's, as ``convert --rename`` takes them; a stamp in two
-        parts is one pair."""
+        """The file's names by ours, as ``convert --rename`` takes them; "sec+nanosec"
+        for a stamp in two columns."""
         pairs = dict[str, str]()
         for row in self.rows:
             if row.meaning and row.meaning in pairs:
@@ -81,13 +81,17 @@ def describe_columns(
     joints: Sequence[str] | None = None,
     rename: Mapping[str, str] | None = None,
 ) -> ColumnReport | None:
-    """What the columns of a file are taken for: the recogniser's choice, or the user's.
+    """Describe what each column of a file is taken for: the recogniser's guess, or the
+    user's choice.
 
     Parameters
     ----------
-    path : of a text table, .npz, .mat or .parquet file
-    joints : names of the robot's joints in order
-    rename : our names to the file's, in place of a guess
+    path : str or Path
+        Path of a text table, .npz, .mat or .parquet file.
+    joints : sequence of str, optional
+        Names of the robot's joints in order.
+    rename : mapping of str to str, optional
+        The file's names by ours, in place of a guess.
 
     Returns
     -------
@@ -100,11 +104,10 @@ def describe_columns(
         A file that cannot be read, or a name in ``rename`` that it does not have.
     """
     with reading(path) as place:
-        home = format_of(place) or csv
-        inspect = getattr(home, "inspect", None)
-        if inspect is None:
+        file_format = format_of(place) or csv
+        if not hasattr(file_format, "inspect"):
             return None
-        table: CellTable = inspect(place)
+        table: CellTable = file_format.inspect(place)
     names = list(table.kinds)
     problem = ""
     recognition = None
@@ -120,17 +123,10 @@ def describe_columns(
         for our_name, name in pairs.items()
         for their_name in parts_of(name, names)
     }
+    rows = [_row(name, meanings.get(name, ""), table, scale) for name in names]
     report = ColumnReport(
         place,
-        tuple(
-            _row(
-                name,
-                meanings.get(name, ""),
-                table,
-                scale,
-            )
-            for name in names
-        ),
+        tuple(rows),
         missing=_missing(pairs),
         problem=problem,
     )
@@ -152,7 +148,8 @@ def _pairs(
     rename: Mapping[str, str] | None,
     recognition: Recognition | None,
 ) -> dict[str, str]:
-    """Our names to the file's: chosen, recognised, or ours."""
+    """Return the file's names by ours: recognised, chosen by the user, or equal to
+    ours."""
     if recognition is not None:
         return recognition.rename
     groups = ("t", "q", "dq", "tau", "temp", "qcmd")
@@ -168,7 +165,8 @@ def _row(
     table: CellTable,
     scale: Mapping[str, float],
 ) -> ColumnRow:
-    """The row of one column."""
+    """Make the table row of one column; ``meaning`` is our name for it, "" where it is
+    not used."""
     factor = scale.get(meaning, 1.0) if meaning else 1.0
     unit = ""
     if factor != 1.0:
@@ -185,7 +183,10 @@ def _row(
 
 
 def _missing(pairs: Mapping[str, str]) -> tuple[str, ...]:
-    """The groups of a run that no column is."""
+    """List the channel groups (t, q, tau) that a run needs and the columns do not have.
+
+    Commanded positions (qcmd) stand in for torques.
+    """
     groups = {group_of(name) for name in pairs}
     needed = ("t", "q") if "qcmd" in groups else ("t", "q", "tau")
     return tuple(group for group in needed if group not in groups)

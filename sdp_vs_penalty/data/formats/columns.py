@@ -50,6 +50,8 @@ GROUPS = ("q", "dq", "tau", "temp", *COMMANDED)
 _WHOLE = ("temp", "current", "voltage")
 #: Rows that are shown of columns that were guessed.
 _ROWS_SHOWN = 5
+#: No robot measures a larger number, and its square would overflow.
+_LARGEST_SQUARABLE = 1e100
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ def understood(
     kind: str,
     remedy: str,
 ) -> Iterator[None]:
-    """While a library reads a file, turn its failures into InputError.
+    """Turn the failures of a library that reads a file into InputError.
 
     Parameters
     ----------
@@ -85,17 +87,18 @@ def understood(
     kind : str
         How messages call such a file.
     remedy : str
-        What to do about a broken one.
+        What to do about a broken file.
 
     Returns
     -------
     Iterator[None]
-        A context; every layer of a library fails in ways of its own.
+        A context to read the file in. Each library raises exceptions of its own, so all
+        but memory and operating-system errors are turned.
 
     Raises
     ------
     InputError
-        The library fails, but for memory and the system's own errors.
+        The library fails.
     """
     try:
         yield
@@ -104,28 +107,30 @@ def understood(
     except Exception as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise  # the system's: whoever opened the file says so
-        what = (str(error).splitlines() or [type(error).__name__])[0][:200]
-        if "end magic" in what or "Truncated" in what:
+        lines = str(error).splitlines()
+        what = lines[0][:200] if lines else type(error).__name__
+        is_cut_bag = "end magic" in what or "Truncated" in what
+        if is_cut_bag:
             remedy = "save what is left with `mcap recover`"
         raise InputError(f"not a readable {kind} ({what})", remedy, path) from error
 
 
 @dataclass(frozen=True)
 class Header:
-    """Which columns of a file are which channels.
+    """Which columns of a file are which channels, and how they become SI units.
 
     Parameters
     ----------
-    path : of the file
-    groups : the file's columns of each of ours (t, q, dq, tau, ...), one a joint or one
-        block; of t two where a stamp is in two parts, none without a clock
-    factors : by the file's names, where they are not 1
+    path : path of the file
+    groups : the file's columns of each channel group (t, q, dq, tau ...): one a joint,
+        or one block; of t two where a stamp is in two parts, no entry without a clock
+    factors : factors to SI by the file's names, where they are not 1
     what : how messages call the file
-    names : of all its columns
-    order : of the joints of a block, where the robot's is another one
-    rate : samples a second [Hz] in place of a clock
-    episode : the column that counts runs
-    joints : their names, where the file says them
+    names : names of all its columns
+    order : place in a block of each of the robot's joints, where the orders differ
+    rate : sampling rate that replaces a clock [Hz]
+    episode : name of the column that counts runs
+    joints : names of the joints, where the file says them
     recognition : what was guessed; None where names are ours or were chosen
     """
 
@@ -150,23 +155,36 @@ class Header:
         remedy: str = "",
         table: CellTable | None = None,
     ) -> Header:
-        """The header of a file whose columns have these names: our own, those that are
-        chosen, else those recognised.
+        """Find the channels among a file's columns: by the names that the user chose,
+        by the names of RUN.csv, or by recognising a foreign log.
 
         Parameters
         ----------
-        path : of the file
-        names : of its columns
-        choice : what to take
-        what : how messages call the file; its path by default
-        remedy : what to do about missing columns; the `convert` command by default
-        table : what the columns hold
+        path : str or Path
+            Path of the file.
+        names : sequence of str
+            Names of its columns.
+        choice : Choice
+            The robot's joints, the columns chosen by ``--rename``, and the rate.
+        what : str
+            How messages call the file; its path by default.
+        remedy : str
+            What to do about missing columns; by default the `convert` command that
+            names them.
+        table : CellTable, optional
+            Kinds and first cells of the columns, for the recogniser.
+
+        Returns
+        -------
+        Header
+            The columns of each channel group.
 
         Raises
         ------
         InputError
-            q or tau (and qcmd), or one of several joints is missing. Where t is,
-            :meth:`run` raises it.
+            Positions, torques (and commands), or one of several joints is missing. A
+            missing clock is raised by :meth:`run`, which knows the velocities that show
+            the rate.
         """
         path = Path(path)
         what = what or str(path)
@@ -203,41 +221,46 @@ class Header:
 
     @property
     def columns(self) -> list[str]:
-        """The file's columns that are read."""
-        clock = () if self.rate is not None else self.groups.get("t", ())
-        channels = [
-            n for g, columns in self.groups.items() if g != "t" for n in columns
-        ]
-        return [*clock, *channels]
+        """Names of the file's columns that are read; the clock first, unless a rate
+        replaces it."""
+        read = list[str]()
+        if self.rate is None:
+            read += self.groups.get("t", ())
+        for group, columns in self.groups.items():
+            if group != "t":
+                read += columns
+        return read
 
     def run(self, columns: Mapping[str, Array]) -> Measurements:
-        """The run, or a piece of it.
+        """Make measurements of the file's columns, or of a piece of them.
 
         Parameters
         ----------
-        columns : (N,) numbers or (N, n) blocks by the file's names
+        columns : mapping of str to array
+            (N,) numbers or (N, n) blocks, by the file's names.
 
         Returns
         -------
         Measurements
-            In SI units, joints in the robot's order.
+            In SI units, the joints in the robot's order.
 
         Raises
         ------
         InputError
-            Lengths or numbers of joints differ, or no clock is known.
+            Columns of different lengths, groups with different numbers of joints, or no
+            clock.
         """
-        channels = {group: n for group, n in self.groups.items() if group != "t"}
-        groups_read = {
+        columns_in_si = {
             group: [self._in_si(name, columns) for name in names]
-            for group, names in channels.items()
+            for group, names in self.groups.items()
+            if group != "t"
         }
-        t = self._clock(columns, groups_read)
+        t = self._clock(columns, columns_in_si)
         blocks = {
             group: self._block(group, parts, len(t))
-            for group, parts in groups_read.items()
+            for group, parts in columns_in_si.items()
         }
-        # What else a file calls temp is no temperature of its joints.
+        # A column "temp" of another shape is no temperature of the joints.
         for group in _WHOLE:
             if group in blocks and blocks[group].shape != blocks["q"].shape:
                 del blocks[group]
@@ -247,12 +270,12 @@ class Header:
         return Measurements.of(t, blocks, (self.path.name,))
 
     def read(self, columns: Mapping[str, Array]) -> Measurements:
-        """Make a run of whole columns.
+        """Make the run of complete columns.
 
         Parameters
         ----------
         columns : Mapping[str, Array]
-            (N,) numbers or (N, n) blocks by the file's names.
+            (N,) numbers or (N, n) blocks, by the file's names.
 
         Returns
         -------
@@ -262,24 +285,27 @@ class Header:
         Raises
         ------
         InputError
-            As of :meth:`run`.
+            Columns of different lengths, groups with different numbers of joints, or no
+            clock.
         """
         return self.gather([self.run(columns)])
 
     def gather(self, pieces: Iterable[Measurements]) -> Measurements:
-        """Make one run of consecutive pieces; one remark says what was guessed, and
-        shows the first rows.
+        """Join consecutive pieces to one run, and finish it.
+
+        Episodes (runs that begin their clock anew) are put one after the other, a
+        second apart. Jumps by a full turn of angles in degrees are undone. Where
+        columns were recognised, a remark says which, and shows the first rows.
 
         Parameters
         ----------
         pieces : Iterable[Measurements]
-            In the order of the file.
+            Pieces of the run, in the order of the file.
 
         Returns
         -------
         Measurements
-            Episodes come one after the other, a second apart; degrees that were cut at
-            a full turn go on.
+            The run in SI units.
         """
         run = replace(gathered(pieces), joint_names=self.joints)
         if self.episode is not None and len(run.t) > 1:
@@ -298,7 +324,8 @@ class Header:
         return run
 
     def _groups_in_degrees(self) -> list[str]:
-        """The groups of positions that were recognised as angles in degrees."""
+        """List the position groups (q, qcmd, qmot) that were recognised as angles in
+        degrees."""
         scale = self.recognition.scale if self.recognition else {}
         groups = {
             group_of(our_name) for our_name, x in scale.items() if x == UNITS["deg"]
@@ -306,7 +333,8 @@ class Header:
         return [group for group in POSITIONS if group in groups]
 
     def _episodes_in_a_row(self, run: Measurements) -> Measurements:
-        """The run with a clock that goes on where an episode begins anew."""
+        """Make the clock of several episodes ascend: each episode begins one second
+        after the end of the one before."""
         steps = np.diff(run.t)
         is_start = steps <= 0.0
         if not is_start.any():
@@ -323,11 +351,12 @@ class Header:
         name: str,
         columns: Mapping[str, Array],
     ) -> Array:
-        """A column of the file in SI units."""
+        """Return a column of the file, (N,) or (N, n), in SI units."""
         return self.factors.get(name, 1.0) * np.asarray(columns[name], float)
 
     def _require_equal_widths(self, blocks: Mapping[str, Array]) -> None:
-        """InputError where groups have different numbers of joints."""
+        """Raise InputError where the channel groups, (N, n) each, have different
+        numbers of joints."""
         widths = {group: block.shape[1] for group, block in blocks.items()}
         if len(set(widths.values())) == 1:
             return
@@ -340,22 +369,32 @@ class Header:
         columns: Mapping[str, Array],
         groups_read: Mapping[str, Sequence[Array]],
     ) -> Array:
-        """(N,) s: of one column, the sum of a stamp's two parts, or of the rate."""
+        """Return the time stamps (N,) [s] of the samples.
+
+        They come from the rate where one is given, from one column, or from the sum of
+        two columns (seconds and nanoseconds). A file without rows needs no clock.
+        """
         clock = self.groups.get("t", ())
         if clock and self.rate is None:
             parts = [np.ravel(self._in_si(name, columns)) for name in clock]
             return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]
-        first = groups_read["q"][0]
-        count = max(first.shape) if first.ndim == 2 else len(first)
+        positions = groups_read["q"]
+        first = positions[0]
+        # A block can be (N, n) or (n, N): its longer side is that of the samples.
+        n_samples = max(first.shape) if first.ndim == 2 else len(first)
         if self.rate is not None:
-            return np.arange(count) / self.rate
-        if count and not all(part.size == 0 for part in groups_read["q"]):
+            return np.arange(n_samples) / self.rate
+        has_values = any(part.size > 0 for part in positions)
+        if n_samples and has_values:
             raise self._no_clock(groups_read)
-        return np.zeros(count)
+        return np.zeros(n_samples)
 
     def _no_clock(self, groups_read: Mapping[str, Sequence[Array]]) -> InputError:
-        """The error of a file without a clock: the rate is proposed where velocities
-        show it."""
+        """Return the error of a file without a clock.
+
+        It proposes the `convert` command with the rate at which dq is the derivative of
+        q, where the velocities show one.
+        """
         rate = _rate_of(groups_read)
         why = "HZ being its samples a second"
         if rate is not None:
@@ -375,7 +414,11 @@ class Header:
         parts: Sequence[Array],
         count: int,
     ) -> Array:
-        """(N, n) the channels of a group, from columns or one block either way up."""
+        """Return the channels (N, n) of one group, from n columns (N,) or from one
+        block.
+
+        A block (n, N) is turned. ``count`` is N, the number of time stamps.
+        """
         block = parts[0]
         if block.ndim > 2:
             what = f"{group} has {block.ndim} dimensions"
@@ -399,28 +442,28 @@ def recognise_file(
     joints: Sequence[str] | None,
     table: CellTable | None,
 ) -> Recognition | None:
-    """Recognise the columns of a file.
+    """Recognise the columns of a file that does not have our names.
 
     Parameters
     ----------
     path : Path
         Path of the file.
     names : Sequence[str]
-        Of its columns, in order.
+        Names of its columns, in order.
     joints : Sequence[str] | None
-        The robot's joint names.
+        Names of the robot's joints in order.
     table : CellTable | None
-        What the columns hold.
+        Kinds and first cells of the columns.
 
     Returns
     -------
     Recognition | None
-        None where our own names are there, or nothing is recognised.
+        None where the columns have our names (t, q1, tau1 ...), or are not recognised.
 
     Raises
     ------
     InputError
-        Two sets of columns are as good.
+        Two sets of columns are equally good as positions; it says how to choose one.
     """
     if has_our_names(names):
         return None
@@ -433,19 +476,19 @@ def recognise_file(
 
 
 def rows_shown(run: Measurements, recognition: Recognition) -> tuple[str, ...]:
-    """Format the first five rows of a run, a line a channel.
+    """Format the first five rows of a run as text, one line a channel.
 
     Parameters
     ----------
     run : Measurements
-        In SI units.
+        The run in SI units.
     recognition : Recognition
-        Which column each channel is.
+        Which of the file's columns each channel is.
 
     Returns
     -------
     tuple[str, ...]
-        Our name, the values, and the file's name in each line.
+        Lines with our name of the channel, its values, and the file's name.
     """
     first_rows = run.rows(slice(0, _ROWS_SHOWN))
     lines = list[str]()
@@ -462,7 +505,8 @@ def _require_columns(
     names: Sequence[str],
     what: str,
 ) -> None:
-    """InputError for a chosen name that the file does not have."""
+    """Raise InputError for a column that ``--rename`` names and the file does not
+    have."""
     for our_name, their_name in rename.items():
         for name in parts_of(their_name, names):
             if name not in names:
@@ -479,16 +523,23 @@ def _groups(
     is_recognised: bool,
     what: str,
 ) -> dict[str, Sequence[str]]:
-    """The file's columns of each of our groups, the clock's first; those with our own
-    names too, unless columns were recognised."""
+    """List the file's columns of each channel group (t, q, dq, tau, ...), the clock
+    first.
+
+    Columns that have our names count too, unless the columns were recognised: then all
+    of them are in ``rename``, which gives the file's names by ours.
+    """
     our_names = {} if is_recognised else dict(zip(names, names, strict=True))
     named = {**our_names, **rename}
-    columns = {group: _columns(named, group, what) for group in GROUPS}
     groups = dict[str, Sequence[str]]()
     clock = _clock_of(rename, names, choice)
     if clock is not None:
         groups["t"] = list(parts_of(clock, names))
-    return groups | {group: there for group, there in columns.items() if there}
+    for group in GROUPS:
+        columns = _columns(named, group, what)
+        if columns:
+            groups[group] = columns
+    return groups
 
 
 def _clock_of(
@@ -496,7 +547,8 @@ def _clock_of(
     names: Sequence[str],
     choice: Choice,
 ) -> str | None:
-    """The file's clock; None without."""
+    """Return the name of the clock's column: renamed, called "t", or, where the user
+    renamed other columns, recognised by its name. None without a clock."""
     if "t" in rename:
         return rename["t"]
     if choice.rename and "t" not in names:
@@ -505,8 +557,12 @@ def _clock_of(
 
 
 def _missing_groups(groups: Mapping[str, Sequence[str]]) -> list[str]:
-    """The groups that a run needs and the file has not; the clock too where another one
-    is missing."""
+    """List the channel groups that a run needs and the file does not have.
+
+    A run needs q and tau, or q and commanded positions. The clock is listed beside
+    others, so that one message asks for all; alone it is not missing, for a rate can
+    replace it.
+    """
     needed = ["q"] if "qcmd" in groups else ["q", "tau"]
     if all(group in groups for group in needed):
         return []
@@ -521,7 +577,8 @@ def _lacking(
     what: str,
     remedy: str,
 ) -> InputError:
-    """The error of a file without columns, with the command that names them."""
+    """Return the error of a file that lacks columns, with the command that names
+    them."""
     from sdp_vs_penalty.data.catalogue import fetch_remedy
 
     shown = f"{problem} (columns: {brief_names(names)})"
@@ -534,7 +591,8 @@ def _unused_columns(
     names: Sequence[str],
     what: str,
 ) -> list[str]:
-    """The columns that are not read; InputError for one that is and comes twice."""
+    """List the columns that are not read; raise InputError where a column that is read
+    comes twice."""
     count = Counter(names)
     for columns in groups.values():
         for name in columns:
@@ -545,7 +603,7 @@ def _unused_columns(
 
 
 def _say_unused(path: Path, names: Sequence[str]) -> None:
-    """A remark about columns that are not read."""
+    """Warn of columns that are not read; of accelerations it says why."""
     # Accelerations are the one kind of column that people expect to be read.
     is_acceleration = re.compile(r"(ddq|qdd|acc)_?[0-9]*")
     why = ""
@@ -561,11 +619,16 @@ def _factors(
     recognition: Recognition | None,
     clock: Sequence[str],
 ) -> dict[str, float]:
-    """What columns are multiplied by, by the file's names."""
+    """Return the factors to SI by the file's names.
+
+    The second column of a stamp has the unit that its name says, such as nanoseconds.
+    """
     scale = recognition.scale if recognition else {}
     factors = {rename[our_name]: x for our_name, x in scale.items() if our_name != "t"}
-    for k, name in enumerate(clock):
-        factors[name] = second_part_unit(name) if k else scale.get("t", 1.0)
+    if clock:
+        factors[clock[0]] = scale.get("t", 1.0)
+    for name in clock[1:]:
+        factors[name] = second_part_unit(name)
     return factors
 
 
@@ -575,8 +638,12 @@ def _order_of(
     table: CellTable | None,
     names: Sequence[str],
 ) -> tuple[int, ...] | None:
-    """The order of the joints within blocks, where the file says it; also where columns
-    were chosen and the joints were named."""
+    """Return the place in a block's lists of each of the robot's joints; None for the
+    file's order.
+
+    Where the user chose the columns by ``--rename`` and named the joints, the order is
+    still recognised from the joints' names in the file.
+    """
     if recognition is not None:
         return recognition.order
     if not choice.rename or not choice.joints or table is None:
@@ -589,20 +656,20 @@ def _order_of(
 
 
 def _rate_of(groups_read: Mapping[str, Sequence[Array]]) -> float | None:
-    """The rate that velocities show [Hz]; None without."""
+    """Estimate the sampling rate [Hz] at which dq is the derivative of q; None where
+    there are no velocities, or none fits."""
     if "dq" not in groups_read:
         return None
     lengths = {len(x) for group in ("q", "dq") for x in groups_read[group]}
     if len(lengths) != 1:  # whoever reads the channels refuses them
         return None
-    blocks = [
-        np.column_stack([np.reshape(x, (len(x), -1)) for x in groups_read[group]])
-        for group in ("q", "dq")
-    ]
-    positions, velocities = blocks
-    if positions.shape != velocities.shape:
+    blocks = dict[str, Array]()  # (N, n) each
+    for group in ("q", "dq"):
+        columns = [np.reshape(x, (len(x), -1)) for x in groups_read[group]]
+        blocks[group] = np.column_stack(columns)
+    if blocks["q"].shape != blocks["dq"].shape:
         return None
-    return rate_from_velocities(positions, velocities)
+    return rate_from_velocities(blocks["q"], blocks["dq"])
 
 
 def _columns(
@@ -610,8 +677,12 @@ def _columns(
     group: str,
     what: str,
 ) -> list[str]:
-    """The file's columns of a group: one that is called so, or q1, q2, ..., one a
-    joint."""
+    """List the file's columns of one channel group in the joints' order.
+
+    ``named`` gives the file's names by ours: one column called as the group is a block
+    with all joints; q1, q2 ... are one a joint. Raises InputError for a gap in the
+    numbers.
+    """
     if group in named:
         return [named[group]]
     matches = [re.fullmatch(rf"{group}([1-9][0-9]{{0,3}})", name) for name in named]
@@ -630,7 +701,8 @@ def _rename_command(
     names: Sequence[str],
     missing: Sequence[str],
 ) -> str:
-    """What names the columns that are missing, by the file's names where they fit."""
+    """Format the remedy for missing columns: a `convert` command that names them, by
+    the file's names where some fit."""
     pairs = propose_columns(names, missing)
     words = [
         "--rename",
@@ -652,46 +724,51 @@ def _rename_command(
 
 
 def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, str]:
-    """Propose columns for the groups that nobody recognises.
+    """Propose columns for channel groups that the recogniser does not find, for a
+    message.
+
+    A family of numbered columns is proposed for a group by the words in its names.
+    Families without such words are proposed only where exactly as many are left as
+    groups: the first for positions, the next for torques, as most files have them.
 
     Parameters
     ----------
     names : sequence of str
-        Of the file's columns.
+        Names of the file's columns.
     missing : sequence of str
-        Groups among t, q and tau.
+        Missing groups among t, q and tau.
 
     Returns
     -------
     dict of str to str
-        By group the file's name, "NAME" where none fits; by "q*" a pattern of numbered
-        columns. Positions stand before torques in most files.
+        The file's name by the group, "NAME" where no column fits. "q*" has a pattern
+        with a star for the number.
     """
     from sdp_vs_penalty.data.formats.column_names import is_no_measurement
 
-    clock = find_clock(names)
-    families = [
-        (pattern, columns)
+    families = {
+        pattern: columns
         for pattern, columns in _numbered_families(names).items()
         if len(columns) > 1
-    ]
-    quantities = {pattern: _quantity_of(columns[0]) for pattern, columns in families}
+    }
+    quantities = {pattern: _quantity_of(x[0]) for pattern, x in families.items()}
     unknown = [
         pattern
         for pattern, quantity in quantities.items()
         if quantity in (None, "t") and not is_no_measurement(pattern)
     ]
-    is_sure = len({len(columns) for _, columns in families}) == 1
+    # Families without a known word are proposed where nothing else is possible.
     open_groups = set(missing) - {"t"} - set(quantities.values())
-    is_sure = is_sure and len(unknown) == len(open_groups) and len(families) > 1
+    have_equal_sizes = len({len(columns) for columns in families.values()}) == 1
+    is_one_to_one = len(unknown) == len(open_groups) and len(families) > 1
     pairs = dict[str, str]()
     for group in missing:
-        of_group = [p for p, quantity in quantities.items() if quantity == group]
+        patterns = [p for p, quantity in quantities.items() if quantity == group]
         if group == "t":
-            pairs["t"] = clock or "NAME"
-        elif of_group:
-            pairs[f"{group}*"] = of_group[0]
-        elif is_sure:
+            pairs["t"] = find_clock(names) or "NAME"
+        elif patterns:
+            pairs[f"{group}*"] = patterns[0]
+        elif have_equal_sizes and is_one_to_one:
             pairs[f"{group}*"] = unknown.pop(0)
         else:
             pairs[group] = "NAME"
@@ -701,7 +778,8 @@ def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, s
 def _scale_of_proposal(
     pairs: Mapping[str, str], names: Sequence[str]
 ) -> dict[str, float]:
-    """The factors that the names of proposed columns say, by our names."""
+    """Return the factors to SI that the names of proposed columns say, by the channel
+    group."""
     from sdp_vs_penalty.data.formats.column_names import read_name
 
     scale = dict[str, float]()
@@ -714,7 +792,8 @@ def _scale_of_proposal(
 
 
 def _quantity_of(name: str) -> str | None:
-    """The quantity that a name says; None where it says none."""
+    """Return the quantity that a column's name says (t, q, tau ...); None where it says
+    none."""
     from sdp_vs_penalty.data.formats.column_names import read_name
 
     reading = read_name(name)
@@ -722,7 +801,8 @@ def _quantity_of(name: str) -> str | None:
 
 
 def _numbered_families(names: Sequence[str]) -> dict[str, list[str]]:
-    """Columns that differ by their last number, by the pattern with a star for it."""
+    """Collect columns that differ by their last number alone, by their pattern: "pos_*"
+    for pos_0 and pos_1."""
     families = dict[str, list[str]]()
     for name in names:
         pattern = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", name)
@@ -736,21 +816,21 @@ def real_numbers(
     name: str,
     array: Any,
 ) -> Array:
-    """Convert an array to floating-point numbers.
+    """Convert an array of a file to floating-point numbers.
 
     Parameters
     ----------
     path : str | Path
         Path of the file.
     name : str
-        Of the array, for messages.
+        Name of the array, for messages.
     array : Any
-        Of any type and shape.
+        NumPy array of any type and shape.
 
     Returns
     -------
     Array
-        The same shape, at least (1,).
+        Numbers of the same shape, at least (1,).
 
     Raises
     ------
@@ -765,17 +845,17 @@ def real_numbers(
 
 
 def table_of_arrays(arrays: Mapping[str, Array]) -> CellTable:
-    """Describe arrays as the recogniser needs it.
+    """Describe arrays as the recogniser of columns needs it: kinds and first cells.
 
     Parameters
     ----------
     arrays : Mapping[str, Array]
-        (N,) one a column, or (N, n) and (n, N) blocks, by name.
+        (N,) columns, or (N, n) and (n, N) blocks, by name.
 
     Returns
     -------
     CellTable
-        Kinds and first cells.
+        "number" for a column and "list" for a block, with the first five rows as texts.
     """
     kinds = dict[str, str]()
     cells = dict[str, list[str]]()
@@ -788,7 +868,7 @@ def table_of_arrays(arrays: Mapping[str, Array]) -> CellTable:
 
 
 def _cell(row: Array) -> str:
-    """A number, or several, as text."""
+    """Format a number, or the numbers of a row, as the text of one cell."""
     return " ".join(f"{x:.6g}" for x in np.ravel(row))
 
 
@@ -826,7 +906,8 @@ def _brief_family(
     tail: str,
     numbers: Sequence[int],
 ) -> list[str]:
-    """Names that differ by their numbers, as one where these have no gap."""
+    """Format names that differ by their numbers as one, "q_0..6"; each alone where
+    there are fewer than three, or a gap."""
     if not numbers:
         return [f"{head}{tail}"]
     is_range = list(numbers) == list(range(numbers[0], numbers[-1] + 1))
@@ -836,9 +917,11 @@ def _brief_family(
 
 
 def rate_from_velocities(q: Array, dq: Array) -> float | None:
-    """Estimate the sampling rate at which velocities are the derivative of positions,
-    by least squares of the steps of q on the mean velocity between them: step = dq /
-    rate.
+    """Estimate the sampling rate at which the velocities are the derivative of the
+    positions.
+
+    Least squares of the steps of q on the mean velocity between two samples: step = dq
+    / rate.
 
     Parameters
     ----------
@@ -850,26 +933,29 @@ def rate_from_velocities(q: Array, dq: Array) -> float | None:
     Returns
     -------
     float | None
-        Samples a second to three digits [Hz]; None where they are the derivative at no
-        rate.
+        Sampling rate to three digits [Hz]; None where steps and velocities have a
+        squared correlation below 0.9.
     """
     steps = np.diff(q, axis=0)
-    mean = 0.5 * (dq[1:] + dq[:-1])
-    usable = np.isfinite(steps).all(axis=1) & np.isfinite(mean).all(axis=1)
+    mean_velocities = 0.5 * (dq[1:] + dq[:-1])
+    is_finite = np.isfinite(steps) & np.isfinite(mean_velocities)
+    usable = is_finite.all(axis=1)
     steps = steps[usable]
-    mean = mean[usable]
-    if max(np.abs(steps).max(initial=0.0), np.abs(mean).max(initial=0.0)) > 1e100:
-        return None  # no robot measures that, and its square is no number
-    energy = float(np.sum(mean**2))
-    way = float(np.sum(steps**2))
-    common = float(np.sum(steps * mean))
-    if not energy * way > 0.0 or common**2 < 0.9 * energy * way or common <= 0.0:
+    velocities = mean_velocities[usable]
+    largest = max(np.abs(steps).max(initial=0.0), np.abs(velocities).max(initial=0.0))
+    if largest > _LARGEST_SQUARABLE:
         return None
-    return float(f"{energy / common:.3g}")
+    # Sums of squares and products: rate = vv / sv, squared correlation = sv^2 / (ss vv).
+    vv = float(np.sum(velocities**2))
+    ss = float(np.sum(steps**2))
+    sv = float(np.sum(steps * velocities))
+    if not vv * ss > 0.0 or sv <= 0.0 or sv**2 < 0.9 * vv * ss:
+        return None
+    return float(f"{vv / sv:.3g}")
 
 
 def columns_of(measurements: Measurements) -> dict[str, Array]:
-    """List the columns of a run by the names of RUN.csv.
+    """List the columns of a run by their names in RUN.csv.
 
     Parameters
     ----------
@@ -879,7 +965,7 @@ def columns_of(measurements: Measurements) -> dict[str, Array]:
     Returns
     -------
     dict[str, Array]
-        (N,) each: t, q1 ..., in SI units.
+        (N,) numbers in SI units: t, q1 ..., dq1 ..., tau1 ....
     """
     m = measurements
     out = {"t": m.t}

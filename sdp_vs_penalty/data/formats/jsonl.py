@@ -46,44 +46,34 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def inspect(path: Path) -> CellTable:
-    """Describe the fields of JSON lines.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
-    Returns
-    -------
-    CellTable
-        Kinds and first cells, by name.
-    """
+    """Describe the fields of JSON lines by their kinds and first values. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
     return _cell_table(read_columns(path))
 
 
 def _cell_table(columns: Mapping[str, Array]) -> CellTable:
-    """What columns hold, for the recogniser."""
+    """Describe fields by their kinds and first values."""
     return table_of_arrays(columns)
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Read the fields of a file that are numbers in every line.
+    """Read the fields that hold a number, or a list of numbers, in every line.
 
     Parameters
     ----------
     path : Path
-        Of a text with one JSON object a line.
+        Path of a text with one JSON object a line.
 
     Returns
     -------
     dict of str to array
-        (N,) numbers, or (N, n) of lists, by the field's name; those in objects as
-        "header.stamp.sec".
+        (N,) numbers, or (N, n) of lists, by the field's name; "header.stamp.sec" for
+        fields of objects within objects.
 
     Raises
     ------
     InputError
-        A line that is no JSON object, and lists of different lengths.
+        A line that is no JSON object, or lists of different lengths.
     """
     samples = list[dict[str, Any]]()
     for first, lines in iter_rows(path):
@@ -103,7 +93,10 @@ def _parse_line(
     number: int,
     line: str,
 ) -> dict[str, Any]:
-    """The numbers of one line by name; InputError for no JSON object."""
+    """Parse the numbers and lists of numbers of one line, by their names.
+
+    Raises InputError where the line is no JSON object.
+    """
     remedy = "write one JSON object a line"
     try:
         content = json.loads(line)
@@ -116,7 +109,8 @@ def _parse_line(
 
 
 def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The numbers and lists of numbers of an object and those in it, by name."""
+    """Iterate over the numbers, and lists of numbers, of nested objects, named like
+    "header.stamp.sec"."""
     for key, value in content.items():
         if isinstance(value, Mapping):
             yield from _leaves(value, f"{prefix}{key}.")
@@ -127,7 +121,8 @@ def _leaves(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
 
 
 def _is_number(value: Any) -> bool:
-    """Whether a value is a number; true and false are none."""
+    """Return whether a JSON value is a number; true and false, which Python counts as
+    integers, are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
@@ -136,7 +131,10 @@ def _block(
     name: str,
     values: list[Any],
 ) -> Array:
-    """(N,) or (N, n) numbers; InputError for lists of different lengths."""
+    """Convert the values of one field to (N,) numbers, or (N, n) where they are lists.
+
+    Raises InputError where lists have different lengths, or a number is too large.
+    """
     lengths = {len(value) if isinstance(value, list) else -1 for value in values}
     if len(lengths) > 1:
         what = f"field {name} holds lists of different lengths"

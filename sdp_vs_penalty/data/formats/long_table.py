@@ -40,12 +40,14 @@ _MOST_CHANNELS = 1000
 
 @dataclass(frozen=True)
 class LongForm:
-    """Where a table says what a row is of.
+    """Layout of a table with a row for each joint, or each channel, and instant.
 
     Parameters
     ----------
-    joint : the column of the joints' names or numbers, from 0; None without
-    channel : the column of the channels' names; None where each has its own column
+    joint : place, from 0, of the column that names or numbers the row's joint; None
+        without
+    channel : place of the column that names the row's channel; None where each channel
+        has a column of its own
     """
 
     joint: int | None
@@ -53,23 +55,28 @@ class LongForm:
 
 
 def find_long_form(table: TextTable) -> LongForm | None:
-    """Find the columns that say what a row is of.
+    """Find the columns that say to which joint or channel a row belongs.
+
+    A table with one column of positions and one of torques is long where joints repeat
+    in another column. A table without positions is long where one column holds values
+    and another names the channels.
 
     Parameters
     ----------
     table : TextTable
-        Of any text file.
+        Layout of a text file.
 
     Returns
     -------
     LongForm or None
-        None where a row holds all joints.
+        None for the usual layout, in which a row holds all joints.
     """
     joint = _find_joint_column(table)
     quantities = [_quantity_of(name) for name in table.names]
-    if quantities.count("q") == 1 and quantities.count("tau") == 1:
+    has_one_of_each = quantities.count("q") == 1 and quantities.count("tau") == 1
+    if has_one_of_each:
         is_long = joint is not None and _repeats(table, joint, _MOST_JOINTS)
-        return LongForm(joint, None) if is_long else None
+        return LongForm(joint, channel=None) if is_long else None
     if "q" in quantities:
         return None
     channel = _find_channel_column(table)
@@ -79,15 +86,15 @@ def find_long_form(table: TextTable) -> LongForm | None:
 
 
 def _find_joint_column(table: TextTable) -> int | None:
-    """The column that could hold the joints' names, else their numbers; None without."""
+    """Find the column of joint names, else that of joint numbers; None without one."""
     joints = [k for k in range(table.width) if _names_joints(table, k)]
     texts = [k for k in joints if table.kinds[k] == "text"]
     return next(iter(texts or joints), None)
 
 
 def _find_channel_column(table: TextTable) -> int | None:
-    """The last column that could hold the channels' names beside one column of values;
-    None without."""
+    """Find the last text column that could name channels, in a table with exactly one
+    column of values; None without one."""
     values = [name for name in table.names if _has_words(name, _VALUE_WORDS)]
     channels = [
         k
@@ -98,14 +105,14 @@ def _find_channel_column(table: TextTable) -> int | None:
 
 
 def _has_words(name: str, words: set[str]) -> bool:
-    """Whether a name is made of some words alone."""
+    """Return whether a column's name consists of some of these words only."""
     tokens = split_tokens(name)
     return bool(tokens) and set(tokens) <= words
 
 
 def _repeats(table: TextTable, column: int, most: int) -> bool:
-    """Whether a column has several texts, at most so many, each of them in several
-    rows."""
+    """Return whether the texts of a column repeat: 2 to ``most`` different texts, in at
+    least twice as many rows."""
     texts = set[str]()
     n_rows = 0
     for cells in iter_cells(table, column):
@@ -117,13 +124,15 @@ def _repeats(table: TextTable, column: int, most: int) -> bool:
 
 
 def _quantity_of(name: str) -> str | None:
-    """The quantity that a column's name says; None where it says none, or a joint."""
+    """Return the quantity that a column's name says ("q", "tau" ...); None where it
+    says none."""
     reading = read_name(name)
     return None if reading is None else reading.quantity
 
 
 def _names_joints(table: TextTable, column: int) -> bool:
-    """Whether a column could hold the joints' names or numbers."""
+    """Return whether a column could hold joints: its name says so ("joint", "axis id"),
+    and its cells are texts or whole numbers."""
     if not _has_words(table.names[column], _JOINT_WORDS):
         return False
     cells = table.first_cells(column)
@@ -132,22 +141,23 @@ def _names_joints(table: TextTable, column: int) -> bool:
 
 
 def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
-    """Read a run whose rows are of one joint or channel each.
+    """Read a run from a table with a row for each joint, or each channel, and instant.
 
     Parameters
     ----------
     table : TextTable
-        Of the file.
+        Layout of the file.
     form : LongForm
-        Which columns say what a row is of.
+        Columns that say to which joint or channel a row belongs.
     choice : Choice
-        What of the file to take; its columns are called "elbow/position" then.
+        The robot's joints, the rate, and the columns chosen by ``--rename``; here they
+        are called like "elbow/position".
 
     Returns
     -------
     Measurements
-        The instants of the first joint's position, with those of the other channels that
-        are nearest in time, within half a period. In SI units.
+        The instants of the first joint's position. The other channels take their value
+        that is nearest in time, within half a period. In SI units.
 
     Raises
     ------
@@ -158,36 +168,32 @@ def read_long(table: TextTable, form: LongForm, choice: Choice) -> Measurements:
     if clock is None:
         what = "no column t, and a row for each joint"
         raise InputError(what, "write the stamp into each row", table.path)
-    stamps = parts_of(clock, table.names)
+    clock_columns = parts_of(clock, table.names)
     labels, values = _labels_and_values(table, form)
-    parts = [_unit_of(k, name) * values[name] for k, name in enumerate(stamps)]
-    channels = {name: x for name, x in values.items() if name not in stamps}
+    # (N,) stamps of the rows; channels are the other columns, or the one of values.
+    parts = [_unit_of(k, name) * values[name] for k, name in enumerate(clock_columns)]
+    stamps = np.sum(parts, axis=0)
+    channels = {name: x for name, x in values.items() if name not in clock_columns}
     if form.channel is not None:
         channels = {n: x for n, x in channels.items() if _has_words(n, _VALUE_WORDS)}
+    # A column for each joint and channel, merged at the stamps of the first position.
     wide = _columns_of_labels(labels, channels, form)
     positions = [name for name in wide if _quantity_of(name) == "q"]
     leading = positions[0] if positions else next(iter(wide))
-    places, merged = merge_columns(
-        np.sum(parts, axis=0),
-        wide,
-        [leading],
-    )
-    columns = {name: values[name][places] for name in stamps} | merged
+    rows, merged = merge_columns(stamps, wide, [leading])
+    columns = {name: values[name][rows] for name in clock_columns} | merged
+    # The wide table is recognised like any other.
     kinds = dict.fromkeys(columns, "number")
-    shown = {name: [f"{x:.9g}" for x in block[:50]] for name, block in columns.items()}
-    header = Header.of(
-        table.path,
-        list(columns),
-        choice,
-        table=CellTable(kinds, shown),
-    )
+    cells = {name: [f"{x:.9g}" for x in block[:50]] for name, block in columns.items()}
+    table_of_columns = CellTable(kinds, cells)
+    header = Header.of(table.path, list(columns), choice, table=table_of_columns)
     return header.read(columns)
 
 
 def _labels_and_values(
     table: TextTable, form: LongForm
 ) -> tuple[list[list[str]], dict[str, Array]]:
-    """The columns that say what a row is of, and (N,) the numbers of the others by
+    """Read the label columns (joint, channel) as texts, and the numeric columns (N,) by
     name."""
     labels = [k for k in (form.joint, form.channel) if k is not None]
     numeric = [
@@ -204,7 +210,8 @@ def _labels_and_values(
 
 
 def _unit_of(place: int, name: str) -> float:
-    """What the first or second part of a stamp counts in [units of the first one]."""
+    """Return the unit of a stamp's part relative to the first part: 1 for the first
+    (place 0), 1e-9 for nanoseconds behind seconds."""
     return second_part_unit(name) if place else 1.0
 
 
@@ -213,16 +220,24 @@ def _columns_of_labels(
     channels: Mapping[str, Array],
     form: LongForm,
 ) -> dict[str, Array]:
-    """(N,) a column for each label and channel, NaN in the rows of other labels."""
-    rows = np.array(labels).T
-    _, first_rows, places = np.unique(
-        rows,
+    """Spread long columns (N,) into one column for each label and channel.
+
+    A column has NaN in the rows of other labels. ``labels`` holds one list of N texts
+    for each label column; joints that are numbers are put in the numbers' order, others
+    in that of the file.
+
+    Returns (N,) columns by names such as "elbow/position".
+    """
+    # (N, labels) texts; the distinct rows, where each is first, and which each row has.
+    label_rows = np.array(labels).T
+    _, first_rows, distinct_of_row = np.unique(
+        label_rows,
         axis=0,
         return_index=True,
         return_inverse=True,
     )
     in_order = np.argsort(first_rows)
-    names = [rows[first_rows[k]].tolist() for k in in_order]
+    names = [label_rows[first_rows[k]].tolist() for k in in_order]
     if form.joint is not None and _are_numbers([name[0] for name in names]):
         numbers = [int(name[0]) for name in names]
         by_number = np.argsort(numbers, kind="stable")
@@ -230,17 +245,13 @@ def _columns_of_labels(
         names = [names[k] for k in by_number]
     columns = dict[str, Array]()
     for k, name in zip(in_order, names, strict=True):
-        is_here = places.ravel() == k
+        has_label = distinct_of_row.ravel() == k
         for channel, values in channels.items():
             words = [*name, channel] if form.channel is None else name
-            columns["/".join(words)] = np.where(
-                is_here,
-                values,
-                np.nan,
-            )
+            columns["/".join(words)] = np.where(has_label, values, np.nan)
     return columns
 
 
 def _are_numbers(texts: Sequence[str]) -> bool:
-    """Whether all texts are whole numbers."""
+    """Return whether all texts are whole numbers without a sign."""
     return all(text.isdigit() for text in texts)

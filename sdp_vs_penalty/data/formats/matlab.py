@@ -29,7 +29,7 @@ def read(path: Path, choice: Choice) -> Measurements:
     path : Path
         Path of the file.
     choice : Choice
-        What of the file to take: joints, columns, rate.
+        The robot's joints, the variables chosen by ``--rename``, and the rate.
 
     Returns
     -------
@@ -45,38 +45,19 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def inspect(path: Path) -> CellTable:
-    """Describe the variables of a .mat file.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
-    Returns
-    -------
-    CellTable
-        Kinds and first cells, by name.
-    """
+    """Describe the variables of a .mat file by their kinds and first rows. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
     return table_of_arrays(read_columns(path))
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Read the numeric variables of a .mat file, by a process of its own.
+    """Read the numeric variables of a .mat file, by name: (N,) numbers or (N, n)
+    blocks.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
-    Returns
-    -------
-    dict[str, Array]
-        (N,) numbers or (N, n) blocks, by name.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or a channel that is missing.
+    Fields of structs are called "log.q". A file with one matrix, as Simulink writes it,
+    gives its columns "#1", "#2" .... A process of its own parses the file: one wrong
+    byte can end it. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.read_columns`.
     """
     from sdp_vs_penalty.robot.isolated import parse_isolated
 
@@ -100,12 +81,15 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def load_scipy() -> None:
+    """Import SciPy's reader of .mat files before the parsing process begins its
+    work."""
     import scipy.io  # noqa: F401
 
 
 def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
-    """Read the numbers of a .mat file, one variable at a time; one wrong byte can end
-    this process.
+    """Parse the numeric variables of a .mat file, one at a time.
+
+    To be run in a process of its own: one wrong byte in the file can end it.
 
     Parameters
     ----------
@@ -115,7 +99,7 @@ def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
     Yields
     ------
     dict[str, Array]
-        A mapping of one name to (N, n) numbers each.
+        One name and its numbers (N, n).
     """
     from scipy.io import loadmat
 
@@ -133,7 +117,8 @@ def numeric_variables(path: str) -> Iterator[dict[str, Array]]:
 def _leaves(
     values: Mapping[str, object], prefix: str = ""
 ) -> Iterator[tuple[str, Array]]:
-    """The numeric variables, those in structs as "log.joint.position"."""
+    """Iterate over the numeric variables of nested structs, named like
+    "log.joint.position"."""
     for key, value in values.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
@@ -145,14 +130,16 @@ def _leaves(
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """Write one run, whole or not at all.
+    """Write one run as a .mat file with the variables t (N, 1), q, dq and tau (N, n).
+
+    The file appears when it is complete: an interruption leaves no half-written file.
 
     Parameters
     ----------
     measurements : Measurements
         The run.
     path : Path
-        Of the file to write.
+        Path of the file to write.
     """
     from scipy.io import savemat
 

@@ -27,24 +27,24 @@ _KIND = (
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """The run of an array: its fields by their names, or its columns.
+    """Read the run of a NumPy array: its fields by their names, or its columns.
 
     Parameters
     ----------
     path : Path
-        Of a structured array (N,), or a plain one (N, columns).
+        Path of a file with a structured array (N,), or a plain array (N, columns).
     choice : Choice
-        Names of the columns and rate, for a plain one.
+        Names of the columns and the rate, which a plain array does not have.
 
     Returns
     -------
     Measurements
-        In SI units.
+        The run in SI units, one row a sample.
 
     Raises
     ------
     InputError
-        An array of objects (a pickle) or of another shape, and columns that are unknown.
+        An array of another shape, or columns that are unknown.
     """
     return run_of_columns(path, read_columns(path), choice)
 
@@ -54,16 +54,16 @@ def run_of_columns(
     columns: Mapping[str, Array],
     choice: Choice,
 ) -> Measurements:
-    """Make a run of named columns, or of those of a table without names.
+    """Make a run of the columns of a table, with or without names.
 
     Parameters
     ----------
     path : Path
         How messages call the file.
     columns : Mapping[str, Array]
-        (N,) numbers or (N, n) blocks by name; "#1", "#2" ... without names.
+        (N,) numbers or (N, n) blocks by name; "#1", "#2" ... where there are no names.
     choice : Choice
-        What of the file to take: joints, columns, rate.
+        The robot's joints, the columns chosen by ``--rename``, and the rate.
 
     Returns
     -------
@@ -83,39 +83,29 @@ def run_of_columns(
 
 
 def inspect(path: Path) -> CellTable:
-    """Describe the fields or columns of an array.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
-    Returns
-    -------
-    CellTable
-        Kinds and first cells, by name.
-    """
+    """Describe the fields or columns of an array by their kinds and first rows. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
     return table_of_arrays(read_columns(path))
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Read the columns of an array.
+    """Read the fields or columns of an array.
 
     Parameters
     ----------
     path : Path
-        Of a structured array (N,), or a plain one (N, columns).
+        Path of a file with a structured array (N,), or a plain array (N, columns).
 
     Returns
     -------
     dict of str to array
         (N,) numbers, or (N, n) of a field that is a block, by the field's name; "#1",
-        "#2" ... of a plain array.
+        "#2" ... for a plain array.
 
     Raises
     ------
     InputError
-        An array of objects (a pickle), or of another shape.
+        An array of objects (a pickle, which could run code), or of another shape.
     """
     with understood(path, *_KIND):
         array = np.load(path, allow_pickle=False)
@@ -125,17 +115,21 @@ def read_columns(path: Path) -> dict[str, Array]:
 def columns_of_array(path: Path, array: Any) -> dict[str, Array]:
     """Split an array into columns.
 
+    The longer side of a plain array is that of the samples: some programs save one
+    channel a row.
+
     Parameters
     ----------
     path : Path
         How messages call the file.
     array : Any
-        A structured array (N,), or a plain one (N, columns).
+        A structured array (N,), or a plain one (N, columns) or (columns, N).
 
     Returns
     -------
     dict[str, Array]
-        As of :func:`read_columns`.
+        (N,) numbers, or (N, n) of a field that is a block, by the field's name; "#1",
+        "#2" ... for a plain array.
 
     Raises
     ------

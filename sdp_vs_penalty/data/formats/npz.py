@@ -30,14 +30,14 @@ _KIND = ".npz file of numbers", "write it anew with numpy.savez"
 
 
 def read(path: Path, choice: Choice) -> Measurements:
-    """Read the run of an archive, a long one in pieces.
+    """Read the run of a NumPy archive; arrays of more than a million rows in pieces.
 
     Parameters
     ----------
     path : Path
         Path of the file.
     choice : Choice
-        What of the file to take: joints, columns, rate.
+        The robot's joints, the arrays chosen by ``--rename``, and the rate.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def read(path: Path, choice: Choice) -> Measurements:
 
 
 def _pieces(header: Header, arrays: Mapping[str, Array]) -> Iterator[Measurements]:
-    """Consecutive pieces of the run of arrays (N, ...) of the same length."""
+    """Cut arrays (N, ...) of equal length into consecutive pieces of the run."""
     count = len(arrays[header.columns[0]])
     for start in range(0, count, PART):
         part = slice(start, start + PART)
@@ -74,7 +74,10 @@ def _pieces(header: Header, arrays: Mapping[str, Array]) -> Iterator[Measurement
 
 
 def _channel(path: Path, file: Any, name: str) -> Array:
-    """An array of an archive as floating-point numbers, a large one on the disk."""
+    """Read one array of an archive as floating-point numbers.
+
+    An array too large for the memory is read row by row into a file on the disk.
+    """
     if f"{name}.npy" in file.zip.namelist():
         with file.zip.open(f"{name}.npy") as member:
             shape, dtype = _row_layout(member)
@@ -85,16 +88,23 @@ def _channel(path: Path, file: Any, name: str) -> Array:
 
 
 def _row_layout(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Shape and type of an array that is stored row by row; no shape for another."""
-    read_header = {
+    """Read the shape and type of an array from its header in the archive.
+
+    Returns the shape (0,) where the array cannot be read row by row: one stored column
+    by column, or one that holds no numbers.
+    """
+    readers = {
         (1, 0): np.lib.format.read_array_header_1_0,
         (2, 0): np.lib.format.read_array_header_2_0,
-    }.get(np.lib.format.read_magic(member))
+    }
+    version = np.lib.format.read_magic(member)
+    read_header = readers.get(version)
     if read_header is None:
         return (0,), np.dtype(float)
     shape, is_column_major, dtype = read_header(member)
     is_by_row = len(shape) == 1 or not is_column_major
-    return (shape if is_by_row and dtype.kind in "fiu" else (0,)), dtype
+    is_numeric = dtype.kind in "fiu"
+    return (shape if is_by_row and is_numeric else (0,)), dtype
 
 
 def _rows(
@@ -102,7 +112,10 @@ def _rows(
     shape: tuple[int, ...],
     dtype: np.dtype[Any],
 ) -> Iterator[Array]:
-    """The rows of an array, PART at a time. Raises ValueError where the file ends."""
+    """Read the rows of a stored array in pieces of PART rows.
+
+    Raises ValueError where the file ends early.
+    """
     size = dtype.itemsize * math.prod(shape[1:])
     for start in range(0, shape[0], PART):
         count = min(PART, shape[0] - start)
@@ -113,8 +126,12 @@ def _rows(
 
 
 def _columns_of_one_table(path: Path, file: Any) -> dict[str, Array] | None:
-    """The columns of an archive that holds one table, with or without an array of their
-    names; None for another archive."""
+    """Read an archive that holds one table, perhaps beside an array with its columns'
+    names.
+
+    Returns (N,) columns by name ("#1", "#2" ... without names); None for other
+    archives.
+    """
     if not 1 <= len(file.files) <= 2:
         return None
     arrays = [file[name] for name in file.files]
@@ -126,53 +143,34 @@ def _columns_of_one_table(path: Path, file: Any) -> dict[str, Array] | None:
         return columns
     texts = next(x for x in arrays if x is not tables[0])
     names = texts.astype(str).tolist() if texts.dtype.kind in "US" else []
-    are_names = isinstance(names, list) and len(set(names)) == len(columns) == len(
-        names
-    )
-    return dict(zip(names, columns.values(), strict=True)) if are_names else None
+    if not isinstance(names, list):  # a single text
+        return None
+    is_unique = len(set(names)) == len(names)
+    if len(names) != len(columns) or not is_unique:
+        return None
+    return dict(zip(names, columns.values(), strict=True))
 
 
 def inspect(path: Path) -> CellTable:
-    """Describe the arrays of an archive; what is no number counts as text.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
-    Returns
-    -------
-    CellTable
-        Kinds and first cells, by name.
-    """
+    """Describe the arrays of an archive by their kinds and first rows; what is not
+    numeric is "text". See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.inspect`."""
     arrays, texts = _arrays_and_texts(path)
     numbers = table_of_arrays(arrays)
     return CellTable({**numbers.kinds, **dict.fromkeys(texts, "text")}, numbers.cells)
 
 
 def read_columns(path: Path) -> dict[str, Array]:
-    """Read the arrays of an archive that are numbers.
+    """Read the numeric arrays of an archive, by name: (N,) numbers or (N, n) blocks.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the file.
-
-    Returns
-    -------
-    dict[str, Array]
-        (N,) numbers or (N, n) blocks, by name.
-
-    Raises
-    ------
-    InputError
-        A file that cannot be read, or a channel that is missing.
+    An archive that holds one table gives its columns. See
+    :meth:`~sdp_vs_penalty.data.formats.interface.TableFormat.read_columns`.
     """
     return _arrays_and_texts(path)[0]
 
 
 def _arrays_and_texts(path: Path) -> tuple[dict[str, Array], list[str]]:
-    """The arrays that are numbers, and the names of the others."""
+    """Read the numeric arrays of an archive, and list the names of the others."""
     arrays = dict[str, Array]()
     texts = list[str]()
     with (
@@ -192,14 +190,17 @@ def _arrays_and_texts(path: Path) -> tuple[dict[str, Array], list[str]]:
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """Write one run, whole or not at all.
+    """Write one run as a compressed NumPy archive, one array for each column of
+    RUN.csv.
+
+    The file appears when it is complete: an interruption leaves no half-written file.
 
     Parameters
     ----------
     measurements : Measurements
         The run.
     path : Path
-        Of the file to write.
+        Path of the file to write.
     """
     columns: dict[str, Any] = columns_of(measurements)
     with writing(path) as file:
@@ -207,7 +208,7 @@ def write(measurements: Measurements, path: Path) -> None:
 
 
 def numeric_arrays(path: str | Path) -> dict[str, Array]:
-    """Read all arrays of an archive.
+    """Read all arrays of an archive, each of which has to be numeric.
 
     Parameters
     ----------

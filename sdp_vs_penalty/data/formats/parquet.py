@@ -101,7 +101,7 @@ def read_columns(path: Path) -> dict[str, Array]:
 
 
 def _header(path: Path, choice: Choice, file: Any) -> Header:
-    """Which columns of the file are which channels."""
+    """Find the columns of the file that are channels."""
     table = _cell_table(file)
     return Header.of(
         path,
@@ -112,7 +112,7 @@ def _header(path: Path, choice: Choice, file: Any) -> Header:
 
 
 def _cell_table(file: Any) -> CellTable:
-    """The columns that are no texts, and their first values."""
+    """Describe the columns that are no texts by their types and first 50 values."""
     schema = file.schema_arrow
     kinds = {field.name: _kind_of(field.type) for field in schema}
     kinds = {name: kind for name, kind in kinds.items() if kind != "text"}
@@ -125,9 +125,10 @@ def _pieces(
     header: Header,
     file: Any,
 ) -> Iterator[Measurements]:
-    """The rows in consecutive pieces, at least one.
+    """Read the chosen columns in consecutive pieces of the run; at least one, perhaps
+    empty.
 
-    Only chosen columns are read: a text that is stored once can come in every row.
+    Other columns are not read: a text that the file stores once can come in every row.
     """
     import pyarrow as arrow
 
@@ -144,7 +145,8 @@ def _pieces(
 
 
 def _kind_of(kind: Any) -> str:
-    """What a column holds: "number", "list", "stamp" or "text"."""
+    """Return what a column of this Arrow type holds: "number", "list", "stamp" or
+    "text"."""
     from pyarrow import types
 
     kind = kind.value_type if types.is_dictionary(kind) else kind
@@ -160,13 +162,16 @@ def _kind_of(kind: Any) -> str:
 
 
 def _texts(batch: Any, name: str) -> list[str]:
-    """The first values of a column as texts."""
+    """Format the first values of a column as texts."""
     return [] if batch is None else [str(x) for x in batch.column(name).to_pylist()]
 
 
 def _numbers(path: Path, name: str, column: Any) -> Array:
-    """A column as numbers (N,), (N, n) of lists, seconds since 1970 of stamps;
-    InputError for lists of different lengths."""
+    """Convert a column to numbers: (N,); (N, n) where cells hold lists; seconds since
+    1970 [s] for time stamps.
+
+    Raises InputError where lists have different lengths.
+    """
     kind = _kind_of(column.type)
     if kind == "stamp":
         nanoseconds = column.cast("timestamp[ns]", safe=False).cast("int64")
@@ -182,14 +187,16 @@ def _numbers(path: Path, name: str, column: Any) -> Array:
 
 
 def write(measurements: Measurements, path: Path) -> None:
-    """Write one run, whole or not at all.
+    """Write one run as a Parquet table with the columns of RUN.csv.
+
+    The file appears when it is complete: an interruption leaves no half-written file.
 
     Parameters
     ----------
     measurements : Measurements
         The run.
     path : Path
-        Of the file to write.
+        Path of the file to write.
     """
     import pyarrow as arrow
     from pyarrow import parquet

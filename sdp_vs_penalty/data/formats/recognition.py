@@ -61,6 +61,8 @@ class AmbiguousColumnsError(InputError):
     """
 
     def __init__(self, what: str, words: str) -> None:
+        """Keep the value of ``--rename`` that takes the first set, beside the message
+        ``what``."""
         super().__init__(what, f"choose with `convert --rename {words}`")
         self.words = words
 

@@ -16,17 +16,17 @@ _DEGREES = ("deg", "degree", "degrees")
 
 
 def group_of(our_name: str) -> str:
-    """Find the group of one of our names.
+    """Return the channel group of one of our names: "tau" for "tau3".
 
     Parameters
     ----------
     our_name : str
-        Such as "tau3".
+        Name as RUN.csv has it.
 
     Returns
     -------
     str
-        The name without its number: "tau".
+        The name without its number.
     """
     return our_name.rstrip("0123456789")
 
@@ -37,9 +37,9 @@ def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
     Parameters
     ----------
     their_name : str
-        A column, or two of a stamp: "sec+nanosec".
+        Name of a column, or of the two columns of a stamp: "sec+nanosec".
     names : Sequence[str]
-        Of the file's columns.
+        Names of the file's columns.
 
     Returns
     -------
@@ -52,8 +52,10 @@ def parts_of(their_name: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
-    """Format the pairs of ``--rename``: one pattern for a group where it means the
-    same, and columns by their number where their names cannot be written.
+    """Format a renaming of columns as the value of ``--rename``.
+
+    A channel group is written as one pattern where that means the same. A column whose
+    name holds commas or the like is written as its number, "#3".
 
     >>> rename_words({"t": "time", "q1": "p_0", "q2": "p_1"}, ["time", "p_0", "p_1"])
     't=time,q*=p_*'
@@ -61,9 +63,9 @@ def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
     Parameters
     ----------
     rename : Mapping[str, str]
-        Our names to the file's.
+        The file's names by ours.
     names : Sequence[str]
-        Of the file's columns.
+        Names of the file's columns.
 
     Returns
     -------
@@ -89,7 +91,8 @@ def _pattern_of(
     pairs: Mapping[str, str],
     names: Sequence[str],
 ) -> str | None:
-    """The pattern that stands for all pairs of a group; None without one."""
+    """Return the pattern, "p_*", that stands for all columns of a channel group; None
+    where no pattern means exactly these columns in this order."""
     first = next(iter(pairs.values()))
     pattern = re.sub(r"[0-9]+([^0-9]*)$", r"*\1", first)
     has_one_star = pattern.count("*") == 1
@@ -103,7 +106,8 @@ def _pattern_of(
 
 
 def _writable(name: str, names: Sequence[str]) -> str:
-    """A column's name, or its number where commas or the like are in it."""
+    """Return a column's name, or "#3" (its number) where the option's own marks are in
+    the name."""
     is_plain = bool(name) and name == name.strip() and not set(",=*+") & set(name)
     if is_plain or name not in names:
         return name
@@ -111,20 +115,21 @@ def _writable(name: str, names: Sequence[str]) -> str:
 
 
 def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
-    """Format the pairs of ``--scale``: a unit's word for a group where it says the
-    same.
+    """Format factors to SI as the value of ``--scale``, units by name where one has the
+    factor.
 
     Parameters
     ----------
     scale : Mapping[str, float]
         Factors to SI by our names.
     rename : Mapping[str, str]
-        Our names to the file's, all of them.
+        The file's names by ours, all of them: a group is written as one where all of
+        its columns have one factor.
 
     Returns
     -------
     str
-        The option's value.
+        The option's value, such as "q=deg,tau1=0.5".
     """
     groups = dict[str, dict[str, float]]()
     for our_name, factor in scale.items():
@@ -142,7 +147,8 @@ def scale_words(scale: Mapping[str, float], rename: Mapping[str, str]) -> str:
 
 
 def _factor_word(factor: float, group: str) -> str:
-    """A unit's name, or the number."""
+    """Return the name of the unit with this factor to SI, else the factor as a
+    number."""
     return unit_of_factor(factor, group) or f"{factor:.12g}"
 
 
@@ -153,19 +159,19 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     Parameters
     ----------
     rename : Mapping[str, str]
-        As the user writes it.
+        The file's names by ours, as the user writes them.
     names : Sequence[str]
-        Of the file's columns.
+        Names of the file's columns.
 
     Returns
     -------
     dict[str, str]
-        Our names to the file's, without patterns.
+        The file's names by ours, without patterns.
 
     Raises
     ------
     InputError
-        No column has such a name.
+        No column fits a pattern.
     """
     out = dict[str, str]()
     for our_name, their_name in rename.items():
@@ -185,7 +191,7 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
 
 
 def _by_number(their_name: str, names: Sequence[str]) -> str:
-    """The name of column "#3", or the name itself."""
+    """Return the name of the column that "#3" stands for; another name as it is."""
     match = re.fullmatch("#([1-9][0-9]*)", their_name)
     if match is None or their_name in names or int(match[1]) > len(names):
         return their_name
@@ -193,7 +199,8 @@ def _by_number(their_name: str, names: Sequence[str]) -> str:
 
 
 def _matching(pattern: str, names: Sequence[str]) -> list[str]:
-    """The names that fit a pattern whose star is a number, in the numbers' order."""
+    """List the names that fit a pattern whose star is a number, in the order of the
+    numbers."""
     regex = re.compile(re.escape(pattern).replace(r"\*", "([0-9]+)"))
     matches = [(regex.fullmatch(name), name) for name in names]
     numbered = [(int(match[1]), name) for match, name in matches if match]
@@ -201,23 +208,27 @@ def _matching(pattern: str, names: Sequence[str]) -> list[str]:
 
 
 def scaled(run: Measurements, factors: Mapping[str, str]) -> Measurements:
-    """The run in other units.
+    """Convert a run to SI units.
+
+    Angles in degrees that jump by a full turn are made continuous.
 
     Parameters
     ----------
-    run : in the file's units
-    factors : by our names q, q1 ..., t: a unit, a number, or one number a joint
-        separated by colons, as ``--scale q=deg,tau=10:10.7:8.5``
+    run : Measurements
+        The run in the file's units.
+    factors : mapping of str to str
+        By our names (t, q, q1 ...): a unit, a number, or one number a joint separated
+        by colons, as ``--scale q=deg,tau=10:10.7:8.5`` has them.
 
     Returns
     -------
     Measurements
-        The run in SI units; angles in degrees go on where they were cut at a full turn.
+        The run in SI units.
 
     Raises
     ------
     InputError
-        Words that are none of these, and columns that are not there.
+        A word that is no unit and no number, or a column that the run does not have.
     """
     groups = {"t": run.t[:, None], **run.groups}
     for our_name, word in factors.items():
@@ -235,19 +246,22 @@ def _factors(
     word: str,
     n_columns: int,
 ) -> np.ndarray:
-    """(n,) or (1,) what the columns of a group are multiplied by."""
-    values = [UNITS.get(w.lower()) or _number(our_name, w) for w in word.split(":")]
+    """Return the factors of a group's columns that one entry of ``--scale`` means.
+
+    ``word`` is a unit, a number, or one number a joint, "10:10.7:8.5". Returns (n,)
+    factors, or (1,) where all joints have the same. For one joint's name, "tau2", the
+    others get 1.
+    """
+    values = [UNITS.get(x.lower()) or _number(our_name, x) for x in word.split(":")]
     group = group_of(our_name)
-    joint = int(our_name[len(group) :] or 1)
+    number = our_name.removeprefix(group)  # "2" of "tau2", "" of "tau"
+    joint = int(number) if number else 1
     if not 1 <= joint <= n_columns:
         what = f"--scale {our_name}: the run has no such column"
         raise InputError(what, "name t, q, dq or tau")
-    if our_name != group:
-        return np.where(
-            np.arange(n_columns) == joint - 1,
-            values[0],
-            1.0,
-        )
+    if number:
+        is_joint = np.arange(n_columns) == joint - 1
+        return np.where(is_joint, values[0], 1.0)
     if len(values) not in (1, n_columns):
         what = f"--scale {our_name}={word}: {len(values)} factors"
         raise InputError(what, f"give one, or {n_columns}")
@@ -255,7 +269,8 @@ def _factors(
 
 
 def _number(our_name: str, word: str) -> float:
-    """A number other than zero; InputError for another word."""
+    """Parse a factor; raise InputError for a word that is no number, for zero and
+    infinity."""
     try:
         value = float(word)
     except ValueError:

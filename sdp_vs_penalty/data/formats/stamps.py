@@ -28,60 +28,64 @@ _STAMP = re.compile(
 
 
 def is_stamp(text: str) -> bool:
-    """Tell whether a text is a time of day, with or without a date and a zone.
+    """Return whether a cell holds a time of day, with or without a date and a zone.
 
     Parameters
     ----------
     text : str
-        Of one cell.
+        Text of one cell.
 
     Returns
     -------
     bool
-        True for ISO 8601 and what spreadsheets write.
+        True for ISO 8601 and the forms that spreadsheets write.
     """
     return _STAMP.fullmatch(text.strip()) is not None
 
 
 def find_two_parts(names: Sequence[str]) -> tuple[str, str] | None:
-    """Find the columns of a stamp in two parts.
+    """Find the two columns of a stamp that is split into seconds and a fraction of a
+    second.
 
     Parameters
     ----------
     names : Sequence[str]
-        Of the columns.
+        Names of the columns.
 
     Returns
     -------
     tuple[str, str] | None
-        Seconds, and a fraction of one; None without.
+        Names of the seconds' and of the fraction's column, such as "stamp.sec" and
+        "stamp.nanosec"; None without such a pair.
     """
-    parts = {_stem_and_word(name): name for name in names}
-    for (stem, word), name in parts.items():
-        for first in FIRST_PARTS:
-            if word in SECOND_PARTS and (stem, first) in parts:
-                return parts[stem, first], name
+    name_by_parts = {_stem_and_word(name): name for name in names}
+    for (stem, word), name in name_by_parts.items():
+        if word not in SECOND_PARTS:
+            continue
+        for word_of_seconds in FIRST_PARTS:
+            if (stem, word_of_seconds) in name_by_parts:
+                return name_by_parts[stem, word_of_seconds], name
     return None
 
 
 def second_part_unit(name: str) -> float:
-    """Read the unit of a stamp's second part off its name.
+    """Return the unit of a split stamp's second column, by its name.
 
     Parameters
     ----------
     name : str
-        Of its column.
+        Name of the column.
 
     Returns
     -------
     float
-        What it counts in [s]; nanoseconds where no name says.
+        Unit [s]; nanoseconds where the name does not say it.
     """
     return SECOND_PARTS.get(_stem_and_word(name)[1], 1e-9)
 
 
 def _stem_and_word(name: str) -> tuple[str, str]:
-    """A name's last word, "nanosec" of "stampNanoSec", and what comes before it."""
+    """Split a name before its last word: ("stamp", "nanosec") for "stampNanoSec"."""
     words = re.findall(r"[A-Z]?[a-z]+|[A-Z]+|[0-9]+", name.strip())
     words = [word.lower() for word in words]
     if len(words) > 1 and words[-2] + words[-1] in SECOND_PARTS:
@@ -90,38 +94,40 @@ def _stem_and_word(name: str) -> tuple[str, str]:
 
 
 def seconds_of(texts: Sequence[str]) -> Array:
-    """Stamps as seconds.
+    """Convert time stamps in words to seconds.
 
     Parameters
     ----------
-    texts : (N,) times of day, all with a date or all without
+    texts : sequence of str
+        N times of day, all with a date or all without.
 
     Returns
     -------
     Array
-        (N,) seconds [s] since 1970 (UTC without a zone) where the date begins with its
-        year; else since midnight: :func:`past_midnight` is for those.
+        (N,) seconds [s] since 1970 where dates begin with the year (UTC, unless a zone
+        is written). Otherwise seconds since midnight, which :func:`past_midnight`
+        continues: other dates do not say whether the day or the month comes first.
 
     Raises
     ------
     InputError
-        A text that is no stamp.
+        A text that is no time stamp.
     """
     texts = [text.strip() for text in texts]
-    fast = _seconds_by_arrow(texts)
-    if fast is not None:
-        return fast
+    seconds = _seconds_by_arrow(texts)
+    if seconds is not None:
+        return seconds
     matches = [_match(text) for text in texts]
-    clock = np.array([_time_of_day(match) for match in matches])
+    times_of_day = np.array([_time_of_day(match) for match in matches])
     dates = [_date_of(match) for match in matches]
-    if matches and None not in dates:
-        return clock + _seconds_since_1970(dates)
-    # Other dates do not say whether the day or the month comes first.
-    return clock
+    has_dates = bool(matches) and None not in dates
+    if has_dates:
+        return times_of_day + _seconds_since_1970(dates)
+    return times_of_day
 
 
 def past_midnight(clock: Array) -> Array:
-    """Let times of day go on past midnight.
+    """Continue times of day past midnight.
 
     Parameters
     ----------
@@ -131,7 +137,7 @@ def past_midnight(clock: Array) -> Array:
     Returns
     -------
     Array
-        (N,) times [s], a day later behind each midnight.
+        (N,) times [s], one day more after each midnight.
     """
     if len(clock) < 2:
         return clock
@@ -141,7 +147,12 @@ def past_midnight(clock: Array) -> Array:
 
 
 def _seconds_by_arrow(texts: Sequence[str]) -> Array | None:
-    """What the fast reader makes of stamps with dates; None where it reads them not."""
+    """Convert ISO time stamps with dates to seconds [s] since 1970 by PyArrow, which is
+    fast.
+
+    Returns (N,) seconds; None where a stamp has no date or a form that PyArrow does not
+    read.
+    """
     import pyarrow as arrow
     from pyarrow import compute
 
@@ -157,6 +168,8 @@ def _seconds_by_arrow(texts: Sequence[str]) -> Array | None:
 
 
 def _match(text: str) -> re.Match[str]:
+    """Match a text with the pattern of time stamps; raise InputError where it is
+    none."""
     match = _STAMP.fullmatch(text)
     if match is None:
         remedy = "write stamps like 2025-05-01T12:00:00.005"
@@ -165,7 +178,8 @@ def _match(text: str) -> re.Match[str]:
 
 
 def _time_of_day(match: re.Match[str]) -> float:
-    """Seconds since midnight of a stamp's own clock, UTC where it has a zone [s]."""
+    """Return the seconds since midnight [s] of a matched time stamp, in UTC where it
+    has a zone."""
     parts = re.split(r"[:.,]", match["clock"])
     hours, minutes = int(parts[0]), int(parts[1])
     seconds = float(parts[2]) if len(parts) > 2 else 0.0
@@ -179,7 +193,7 @@ def _time_of_day(match: re.Match[str]) -> float:
 
 
 def _offset(zone: str | None) -> float:
-    """How far a zone is before UTC [s]."""
+    """Return how far a zone's clock, such as "+02:00", is ahead of UTC [s]."""
     if not zone or zone in ("Z", "UTC"):
         return 0.0
     digits = zone[1:].replace(":", "")
@@ -188,7 +202,8 @@ def _offset(zone: str | None) -> float:
 
 
 def _date_of(match: re.Match[str]) -> datetime.date | None:
-    """A stamp's date where it begins with the year; None otherwise."""
+    """Return the date of a matched time stamp that begins with the year; None
+    otherwise."""
     if not match["date"] or not re.match(r"\d{4}", match["date"]):
         return None
     year, month, day = map(int, re.split(r"[-/.]", match["date"]))
@@ -200,6 +215,6 @@ def _date_of(match: re.Match[str]) -> datetime.date | None:
 
 
 def _seconds_since_1970(dates: Sequence[datetime.date | None]) -> Array:
-    """(N,) seconds from 1970 to the midnights of dates [s]."""
+    """Return the seconds (N,) [s] from 1970 to the beginnings of N dates."""
     first = datetime.date(1970, 1, 1)
     return np.array([_DAY * (date - first).days for date in dates if date is not None])

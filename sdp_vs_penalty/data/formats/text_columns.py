@@ -28,20 +28,24 @@ class EmptyCellError(InputError):
 
 
 def read_pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
-    """Read chosen columns of a text table, piece by piece.
+    """Read chosen columns of a text table, in pieces of bounded size.
+
+    PyArrow reads fast. Where it gives up, or the table is not simple enough for it, a
+    slower parser goes on from the same row: it reads more forms, and names a cell that
+    is wrong.
 
     Parameters
     ----------
     table : TextTable
-        What the file is made of.
+        Layout of the file.
     chosen : Sequence[int]
         Places of the columns, from 0.
 
     Yields
     ------
     list[Array]
-        At least one piece, the first an empty one: (N,) numbers a column, or (N, n)
-        where cells hold lists.
+        One array a column: (N,) numbers, or (N, n) where cells hold lists. At least one
+        piece; the first has no rows.
 
     Raises
     ------
@@ -67,7 +71,11 @@ def read_pieces(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]
 
 
 def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Array]]:
-    """The same by the fast reader, whose errors name no cell."""
+    """Read chosen columns by PyArrow, one list of arrays a piece; its errors name no
+    cell.
+
+    Lists and time stamps come as texts and are parsed here.
+    """
     from pyarrow import csv as arrow
 
     is_text = {str(k): table.kinds[k] in ("list", "stamp") for k in chosen}
@@ -96,21 +104,23 @@ def _read_by_arrow(table: TextTable, chosen: Sequence[int]) -> Iterator[list[Arr
 
 
 def _no_values(table: TextTable, column: int) -> Array:
-    """No row of a column: (0,), or (0, n) of lists."""
+    """Return a column without rows: (0,) numbers, or (0, n) where cells hold n
+    numbers."""
     if table.kinds[column] != "list" or not table.first_cells(column):
         return np.zeros(0)
     return _parse_lists(table, column, table.first_cells(column)[:1])[:0]
 
 
 def _has_single_blanks(table: TextTable) -> bool:
-    """Whether one blank separates the cells of every row that was looked at."""
+    """Return whether the cells of the first rows are separated by exactly one blank, as
+    PyArrow needs it."""
     number, rows = next(iter_rows(table.path))
     lines = rows[table.first - number : table.first - number + len(table.sample)]
     return all(len(line.rstrip("\r").split(" ")) == table.width for line in lines)
 
 
 def _values(table: TextTable, column: int, values: object) -> Array:
-    """A column of Arrow's as numbers."""
+    """Convert a column of PyArrow's to numbers (N,), or (N, n) of lists."""
     if table.kinds[column] == "stamp":
         return seconds_of(values.to_pylist())  # type: ignore[attr-defined]
     if table.kinds[column] == "list":
@@ -124,7 +134,10 @@ def _parse_lists(
     column: int,
     cells: Sequence[str],
 ) -> Array:
-    """(N, n) numbers of cells like "[0.1, 0.2]"; InputError for one of another length."""
+    """Parse N cells that hold lists such as "[0.1, 0.2]" into (N, n) numbers.
+
+    Raises InputError where the lists have different lengths.
+    """
     words = [
         re.findall(r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|nan|inf)", cell)
         for cell in cells
@@ -146,24 +159,28 @@ def _read_carefully(
     chosen: Sequence[int],
     first: int,
 ) -> Iterator[list[Array]]:
-    """The same from row ``first`` on, which names the row and column that is wrong.
+    """Read chosen columns row by row, from row ``first`` (counted from 1) on.
 
-    Empty rows and repetitions of the header are left out, and counted.
+    Empty rows and repeated headers are left out, and a remark counts them; empty rows
+    at the end of the file do not count. A wrong cell raises InputError with its row and
+    column.
     """
     n_empty = 0
     n_headers = 0
-    n_trailing = 0
-    for number, rows in iter_rows(table.path):
-        numbered = [(k, row) for k, row in enumerate(rows, number) if k >= first]
-        full = [(k, row) for k, row in numbered if row.strip()]
+    n_trailing = 0  # empty rows since the last one that is not empty
+    for first_of_piece, rows in iter_rows(table.path):
+        numbered = enumerate(rows, start=first_of_piece)
+        new_rows = [(k, row) for k, row in numbered if k >= first]
+        full = [(k, row) for k, row in new_rows if row.strip()]
         values = [(k, row) for k, row in full if row.strip() != table.header_row]
         n_headers += len(full) - len(values)
         if full:
-            n_at_the_end = numbered[-1][0] - full[-1][0]
-            n_empty += n_trailing + len(numbered) - len(full) - n_at_the_end
+            last_row, last_full_row = new_rows[-1][0], full[-1][0]
+            n_at_the_end = last_row - last_full_row
+            n_empty += n_trailing + len(new_rows) - len(full) - n_at_the_end
             n_trailing = n_at_the_end
         else:
-            n_trailing += len(numbered)
+            n_trailing += len(new_rows)
         if values:
             numbers, lines = zip(*values, strict=True)
             yield _parse_rows(table, chosen, numbers, lines)
@@ -171,7 +188,7 @@ def _read_carefully(
 
 
 def _say_rows_skipped(path: Path, n_empty: int, n_headers: int) -> None:
-    """A remark about empty rows, and headers between values."""
+    """Warn that empty rows, and headers between values, were left out."""
     kinds = {"empty row": n_empty, "repeated header": n_headers}
     shown = [formatting.count(n, noun) for noun, n in kinds.items() if n]
     if shown:
@@ -185,45 +202,52 @@ def _parse_rows(
     numbers: Sequence[int],
     rows: Sequence[str],
 ) -> list[Array]:
-    """The chosen columns of some rows; InputError naming the one that is wrong.
+    """Parse the chosen columns of some rows: one array a column.
 
-    numbers : of the rows in the file, from 1.
+    ``numbers`` are the rows' numbers in the file, from 1, for messages. Plain numbers
+    are parsed by NumPy at once; only where that fails are the cells parsed one by one,
+    and InputError names the wrong one.
     """
-    delimiter = table.delimiter
-    is_plain = (
-        all(table.kinds[k] in ("number", "empty") for k in chosen)
-        and table.decimal == "."
-        and not table.quoted
-        and not table.nested
-    )
-    if is_plain:
-        separators = [
-            len(line.split()) - 1 if delimiter is None else line.count(delimiter)
-            for line in rows
-        ]
-        try:
-            if set(separators) == {table.width - 1}:
-                values = np.loadtxt(
-                    rows,
-                    delimiter=delimiter,
-                    ndmin=2,
-                    comments=None,
-                    usecols=chosen,
-                )
-                return list(np.ascontiguousarray(values.T))
-        except ValueError:
-            pass  # the cells are looked at one by one
-    cells = [split_cells(line, delimiter) for line in rows]
+    has_numbers_alone = all(table.kinds[k] in ("number", "empty") for k in chosen)
+    has_plain_cells = table.decimal == "." and not table.quoted and not table.nested
+    if has_numbers_alone and has_plain_cells:
+        columns = _parse_plainly(table, chosen, rows)
+        if columns is not None:
+            return columns
+    cells = [split_cells(line, table.delimiter) for line in rows]
     _refuse_widths(table, numbers, cells)
-    return [
-        _parse_column(
-            table,
-            k,
-            numbers,
-            [row[k] for row in cells],
+    columns = list[Array]()
+    for k in chosen:
+        texts = [row[k] for row in cells]
+        columns.append(_parse_column(table, k, numbers, texts))
+    return columns
+
+
+def _parse_plainly(
+    table: TextTable,
+    chosen: Sequence[int],
+    rows: Sequence[str],
+) -> list[Array] | None:
+    """Parse chosen columns of rows of plain numbers by NumPy; None where rows have
+    different numbers of cells, or a cell is no plain number."""
+    delimiter = table.delimiter
+    if delimiter is None:
+        widths = {len(line.split()) for line in rows}
+    else:
+        widths = {line.count(delimiter) + 1 for line in rows}
+    if widths != {table.width}:
+        return None
+    try:
+        values = np.loadtxt(
+            rows,
+            delimiter=delimiter,
+            ndmin=2,
+            comments=None,
+            usecols=chosen,
         )
-        for k in chosen
-    ]
+    except ValueError:
+        return None
+    return list(np.ascontiguousarray(values.T))
 
 
 def _parse_column(
@@ -232,9 +256,10 @@ def _parse_column(
     numbers: Sequence[int],
     cells: Sequence[str],
 ) -> Array:
-    """One column of some rows as numbers; InputError naming the cell that is none.
+    """Parse the cells of one column: (N,) numbers, or (N, n) of lists.
 
-    numbers : of the rows in the file, from 1.
+    ``numbers`` are the rows' numbers in the file, from 1. Raises InputError naming the
+    cell that is no number, EmptyCellError where it is empty.
     """
     if table.kinds[column] == "list":
         return _parse_lists(table, column, cells)
@@ -242,15 +267,14 @@ def _parse_column(
         return seconds_of(cells)
     unit = table.cell_units.get(column, "")
     cells = [cell.removesuffix(unit).strip() for cell in cells] if unit else cells
+    remedy = "correct it or delete the row"
     for number, cell in zip(numbers, cells, strict=True):
+        where = f"row {number}, column {column + 1}"
         if not cell:
-            what = f"row {number}, column {column + 1} holds '', not a number"
-            raise EmptyCellError(what, "correct it or delete the row", table.path)
+            raise EmptyCellError(f"{where} holds '', not a number", remedy, table.path)
         if not is_number(cell, table.decimal):
-            what = (
-                f"row {number}, column {column + 1} holds {cell[:40]!r}, not a number"
-            )
-            raise InputError(what, "correct it or delete the row", table.path)
+            what = f"{where} holds {cell[:40]!r}, not a number"
+            raise InputError(what, remedy, table.path)
     return np.array([plain_number(cell, table.decimal) for cell in cells], float)
 
 
@@ -259,7 +283,8 @@ def _refuse_widths(
     numbers: Sequence[int],
     cells: Sequence[Sequence[str]],
 ) -> None:
-    """InputError naming a row that has more or fewer cells than others."""
+    """Raise InputError naming the first row that has more or fewer cells than the
+    table."""
     for number, row in zip(numbers, cells, strict=True):
         if len(row) != table.width:
             than = "the header has" if table.has_header else "row 1 has"
@@ -268,19 +293,20 @@ def _refuse_widths(
 
 
 def iter_cells(table: TextTable, column: int) -> Iterator[list[str]]:
-    """Go through the cells of one column, piece by piece.
+    """Iterate over the cells of one column as texts, in pieces of bounded size.
 
     Parameters
     ----------
     table : TextTable
-        What the file is made of.
+        Layout of the file.
     column : int
-        Its place, from 0.
+        Place of the column, from 0.
 
     Yields
     ------
     list[str]
-        Its texts, of rows that are as long as the header.
+        The cells of a piece's rows; rows of another length than the header are left
+        out.
     """
     for first, rows in iter_rows(table.path):
         values = rows[max(table.first - first, 0) :]
@@ -291,25 +317,25 @@ def iter_cells(table: TextTable, column: int) -> Iterator[list[str]]:
 def read_cells(
     table: TextTable, chosen: Sequence[int]
 ) -> tuple[list[int], list[list[str]]]:
-    """Read the cells of chosen columns as texts.
+    """Read the cells of chosen columns as texts; empty rows and repeated headers are
+    left out.
 
     Parameters
     ----------
     table : TextTable
-        What the file is made of.
+        Layout of the file.
     chosen : Sequence[int]
         Places of the columns, from 0.
 
     Returns
     -------
     tuple[list[int], list[list[str]]]
-        The numbers of all rows of values in the file, from 1, and their cells, a list a
-        column.
+        The rows' numbers in the file, from 1; and a list of cells for each column.
 
     Raises
     ------
     InputError
-        A row has more or fewer cells than others.
+        A row has more or fewer cells than the table.
     """
     numbers = list[int]()
     columns = list[list[str]]([[] for _ in chosen])
@@ -332,18 +358,18 @@ def parse_with_gaps(
     numbers: Sequence[int],
     cells: Sequence[str],
 ) -> Array:
-    """Parse a column of which cells are empty.
+    """Parse a column in which cells may be empty.
 
     Parameters
     ----------
     table : TextTable
-        What the file is made of.
+        Layout of the file.
     column : int
-        Its place, from 0.
+        Place of the column, from 0.
     numbers : Sequence[int]
-        Of the rows in the file, from 1.
+        The rows' numbers in the file, from 1.
     cells : Sequence[str]
-        Its texts, one a row.
+        The column's texts, one a row.
 
     Returns
     -------
@@ -356,13 +382,9 @@ def parse_with_gaps(
         Naming the row of a cell that is no number.
     """
     filled = [k for k, cell in enumerate(cells) if cell]
-    rows = [numbers[k] for k in filled]
-    values = _parse_column(
-        table,
-        column,
-        rows,
-        [cells[k] for k in filled],
-    )
-    out = np.full((len(cells), *values.shape[1:]), np.nan)
-    out[filled] = values
-    return out
+    filled_cells = [cells[k] for k in filled]
+    row_numbers = [numbers[k] for k in filled]
+    values = _parse_column(table, column, row_numbers, filled_cells)
+    with_gaps = np.full((len(cells), *values.shape[1:]), np.nan)
+    with_gaps[filled] = values
+    return with_gaps

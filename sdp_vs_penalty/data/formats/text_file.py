@@ -56,18 +56,18 @@ def open_text(path: Path) -> Iterator[IO[str]]:
     Parameters
     ----------
     path : Path
-        A text in UTF-8, in UTF-16 with a byte-order mark, or in Windows' letters
-        (cp1252); as it is, or packed by gzip, bzip2 or xz.
+        Path of a text in UTF-8, in UTF-16 with a byte-order mark, or in Windows'
+        encoding (cp1252); it may be packed by gzip, bzip2 or xz.
 
     Yields
     ------
     IO of str
-        Its characters; line ends are "\\n".
+        Its characters; line ends are one newline character.
 
     Raises
     ------
     InputError
-        A file that is known to be no text.
+        The file's first bytes show that it is no text (a workbook, HDF5, a pickle ...).
     """
     unpack = _unpacker_of(path)
     with (unpack or open)(path, "rb") as file:
@@ -80,7 +80,7 @@ def open_text(path: Path) -> Iterator[IO[str]]:
 
 
 def is_packed(path: Path) -> bool:
-    """Tell whether a file is one text that is packed.
+    """Return whether a file is packed by gzip, bzip2 or xz.
 
     Parameters
     ----------
@@ -90,13 +90,13 @@ def is_packed(path: Path) -> bool:
     Returns
     -------
     bool
-        True for gzip, bzip2 and xz, by its first bytes.
+        Decided by the file's first bytes, not by its name.
     """
     return _unpacker_of(path) is not None
 
 
 def is_plain_utf_8(path: Path) -> bool:
-    """Tell whether a library can read a file as UTF-8.
+    """Return whether other libraries can read a file directly: UTF-8, and not packed.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def is_plain_utf_8(path: Path) -> bool:
     Returns
     -------
     bool
-        False for one that is packed or in other letters.
+        Decided by the first million bytes.
     """
     with path.open("rb") as file:
         head = file.read(_HEAD)
@@ -114,7 +114,9 @@ def is_plain_utf_8(path: Path) -> bool:
 
 
 def largest_text(path: Path) -> int:
-    """Limit how much a packed text may unpack to.
+    """Return the largest number of characters that a file may have when it is unpacked.
+
+    A small packed file could otherwise fill the memory.
 
     Parameters
     ----------
@@ -124,14 +126,15 @@ def largest_text(path: Path) -> int:
     Returns
     -------
     int
-        Characters; as many as it has bytes for one that is not packed.
+        Characters; for a file that is not packed, one more than its bytes.
     """
     size = path.stat().st_size
     return memory_for(size) if is_packed(path) else size + 1
 
 
 def _unpacker_of(path: Path) -> Callable[..., IO[Any]] | None:
-    """What unpacks a file; None for one that is not packed."""
+    """Return the function that opens a packed file (of gzip, bz2 or lzma), by the
+    file's first bytes; None for one that is not packed."""
     with path.open("rb") as file:
         start = file.read(8)
     for mark, unpack in _UNPACKERS.items():
@@ -141,7 +144,13 @@ def _unpacker_of(path: Path) -> Callable[..., IO[Any]] | None:
 
 
 def _encoding_of(head: bytes) -> str:
-    """The encoding of a text that begins so; UTF-8 where it is none."""
+    """Return the encoding of a text by its first bytes: UTF-16, cp1252 (Windows) or
+    UTF-8.
+
+    A text that is no UTF-8 is cp1252 where few bytes are letters beyond ASCII and none
+    is a control character: a degree sign, an umlaut. A binary file stays UTF-8, whose
+    decoder refuses it.
+    """
     if head.startswith(_MARKS_OF_UTF_16):
         return "utf-16"
     try:

@@ -57,15 +57,25 @@ _UNIT = re.compile(r"[\[(]?[A-Za-z%°/*·^. 0-9-]{1,12}[\])]?")
 
 @dataclass(frozen=True)
 class TextTable:
-    """Separator, decimal mark, header and columns of a text file.
+    """Layout of a text file: separator, decimal mark, header and columns, by its first
+    rows.
 
-    delimiter : between cells; None for any number of blanks. names : one a column,
-    "#1", "#2" ... without a header. first : the row of the first values, from 1. kinds
-    : of each column "number", "text", "list", "stamp" or "empty", by the first rows.
-    sample : their cells. nested : lists hold the separator outside of quotes.
-    has_wrapped_cells : a quoted cell goes on in the next line. header_row : the row of
-    the names as it is written. is_plain_utf_8 : neither packed nor in other letters.
-    cell_units : what follows the number in each cell, by the column.
+    Parameters
+    ----------
+    path : path of the file
+    delimiter : separator between cells; None for any number of blanks
+    decimal : decimal mark, "." or ","
+    quoted : whether cells stand in quotes
+    nested : whether lists in cells hold the separator, without quotes around the list
+    names : names of the columns; "#1", "#2" ... without a header
+    has_header : whether a row names the columns
+    first : number of the first row of values, from 1
+    kinds : "number", "text", "list", "stamp" or "empty", one a column
+    sample : cells of the first rows
+    has_wrapped_cells : whether a quoted cell goes on in the next line
+    header_row : the row of names as the file writes it
+    is_plain_utf_8 : whether the file is UTF-8 and not packed
+    cell_units : unit that follows the numbers in the cells, by the column's place
     """
 
     path: Path
@@ -85,16 +95,16 @@ class TextTable:
 
     @property
     def width(self) -> int:
-        """How many columns."""
+        """Number of columns."""
         return len(self.names)
 
     def first_cells(self, column: int) -> list[str]:
-        """List the cells of a column in the first rows, those that are not empty.
+        """List the cells of a column in the first rows that are not empty.
 
         Parameters
         ----------
         column : int
-            Its place, from 0.
+            Place of the column, from 0.
 
         Returns
         -------
@@ -106,22 +116,23 @@ class TextTable:
 
 
 def iter_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Consecutive rows of a text file, piece by piece.
+    """Iterate over the rows of a text file, in pieces of about a million characters.
 
     Parameters
     ----------
     path : Path
-        Of a text file; packed and in UTF-16 too.
+        Path of a text file; it may be packed, or in UTF-16.
 
     Yields
     ------
     tuple of int and list of str
-        The number of the first row of a piece, from 1, and its rows without line ends.
+        Number of the piece's first row, from 1, and its rows without line ends.
 
     Raises
     ------
     InputError
-        What is no text, has a row too long for a table, or unpacks to too much.
+        The file is no text, has a row too long for a table, or unpacks to far more than
+        its size allows.
     """
     row = 1
     n_characters_left = largest_text(path)
@@ -150,7 +161,11 @@ def _rows_of(
     text: str,
     first: int,
 ) -> list[str]:
-    """The rows of a piece that begins with row ``first``; InputError for no text."""
+    """Split a piece of text into rows; ``first`` is the number of its first row, for
+    messages.
+
+    Raises InputError for binary content, and for a row too long for a table.
+    """
     lines = text.removesuffix("\n").split("\n")
     rows = _join_wrapped(lines) if '"' in text else lines
     if "\0" in text:
@@ -162,8 +177,11 @@ def _rows_of(
 
 
 def _join_wrapped(lines: Sequence[str]) -> list[str]:
-    """Rows whose quoted cells go on in the next lines as one row each; a quote that is
-    never closed wraps nothing."""
+    """Join lines to rows where a quoted cell contains line ends.
+
+    A quote that is not closed within 40 lines is a stray mark: then the line is a row
+    by itself.
+    """
     rows = list[str]()
     k = 0
     while k < len(lines):
@@ -181,7 +199,7 @@ def _join_wrapped(lines: Sequence[str]) -> list[str]:
 
 
 def plain_number(text: str, decimal: str = ".") -> str:
-    """Write a number with a point and without separators of thousands.
+    """Write a number with a decimal point and without separators of thousands.
 
     >>> plain_number("1.007,5", decimal=","), plain_number("1,007.5")
     ('1007.5', '1007.5')
@@ -189,14 +207,14 @@ def plain_number(text: str, decimal: str = ".") -> str:
     Parameters
     ----------
     text : str
-        Of one cell.
+        Text of one cell.
     decimal : str
         The table's decimal mark.
 
     Returns
     -------
     str
-        The text itself where it is no number.
+        The number; the text as it is where it holds no separators.
     """
     if decimal == ",":
         text = text.replace(".", "") if _POINT_GROUPS.fullmatch(text) else text
@@ -205,19 +223,21 @@ def plain_number(text: str, decimal: str = ".") -> str:
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
-    """Tell whether NumPy reads a cell, but for separators of thousands.
+    """Return whether a cell holds a number that NumPy can read, separators of thousands
+    aside.
 
     Parameters
     ----------
     text : str
-        Of one cell.
+        Text of one cell.
     decimal : str
         The table's decimal mark.
 
     Returns
     -------
     bool
-        Unlike with Python's float neither 1_000 nor digits of other scripts count.
+        False also for 1_000 and for digits of other scripts, which Python's float
+        accepts.
     """
     try:
         float(plain_number(text, decimal))
@@ -227,39 +247,41 @@ def is_number(text: str, decimal: str = ".") -> bool:
 
 
 def split_cells(line: str, delimiter: str | None) -> list[str]:
-    """Split a row into cells; what is in quotes or brackets is one cell.
+    """Split a row into cells; separators within quotes or brackets do not count.
 
     Parameters
     ----------
     line : str
-        The row without its end.
+        The row without its line end.
     delimiter : str | None
-        Between cells; None for any number of blanks.
+        Separator; None for any number of blanks.
 
     Returns
     -------
     list[str]
-        The cells without blanks around them.
+        The cells without quotes and blanks around them.
     """
     if '"' not in line and "[" not in line and "(" not in line:
         return [cell.strip() for cell in line.split(delimiter)]
     cells = list[str]()
     cell = ""
-    depth = 0
+    n_open_brackets = 0
     in_quotes = False
-    for c in line:
-        if c == '"':
+    for character in line:
+        if character == '"':
             in_quotes = not in_quotes
         elif not in_quotes:
-            depth += (c in "[(") - (c in "])")
-        is_end = c.isspace() if delimiter is None else c == delimiter
-        if is_end and not in_quotes and depth <= 0:
+            n_open_brackets += (character in "[(") - (character in "])")
+        is_blank = character.isspace()
+        is_separator = is_blank if delimiter is None else character == delimiter
+        if is_separator and not in_quotes and n_open_brackets <= 0:
             cells.append(cell)
             cell = ""
         else:
-            cell += c
+            cell += character
     cells.append(cell)
-    if in_quotes or depth != 0:  # a stray bracket of a name
+    is_unbalanced = in_quotes or n_open_brackets != 0
+    if is_unbalanced:  # a stray bracket of a name: it encloses nothing
         cells = line.split(delimiter)
     if delimiter is None:
         cells = [cell for cell in cells if cell.strip()]
@@ -267,7 +289,7 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
 
 
 def inspect_table(path: Path) -> TextTable:
-    """Find out what a text file is made of from its first hundred rows.
+    """Find the layout of a text file from its first hundred rows.
 
     Parameters
     ----------
@@ -282,19 +304,22 @@ def inspect_table(path: Path) -> TextTable:
     Raises
     ------
     InputError
-        Its first row is empty, or it is no text or no table.
+        The first row is empty, or the file is no text or no table (YAML, XML, JSON).
     """
     numbered = _first_rows(path)
     if not numbered or not numbered[0][1].strip():
         raise InputError("row 1 is empty", "write the header t,q1..qn,tau1..taun", path)
+    # What stands above the table: comments, and the lines of a title.
     comments, rows = _split_comments(numbered)
     _refuse_markup(path, rows[0][1] if rows else "")
     rows = _without_titles(rows)
     lines = [line for _, line in rows]
+    # The marks between and within the numbers.
     delimiter = _find_delimiter(lines or comments[-1:])
     cells = [split_cells(line, delimiter) for line in lines]
     decimal = _find_decimal(cells)
     number = partial(is_number, decimal=decimal)
+    # The header, which can stand in the last comment, and the columns.
     comment = split_cells(comments[-1], delimiter) if comments else []
     head, n_head_rows = _find_header(comment, cells, number)
     columns = _columns_of(head, cells, n_head_rows, number)
@@ -321,7 +346,8 @@ def inspect_table(path: Path) -> TextTable:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Names, kinds and first rows of a table's columns, and the units in their cells."""
+    """Names, kinds and first rows of a table's columns, and the units that stand in the
+    cells."""
 
     names: Sequence[str]
     kinds: tuple[str, ...]
@@ -335,7 +361,11 @@ def _columns_of(
     n_head_rows: int,
     number: partial[bool],
 ) -> _Columns:
-    """The columns of a table of which the first rows are the header."""
+    """Name the columns of a table, and find what each holds.
+
+    ``cells`` are the first rows, of which ``n_head_rows`` hold the header with the
+    names ``head``. ``number`` tells whether a cell is a number.
+    """
     body = cells[n_head_rows:]
     names = list(head)
     if names:
@@ -352,7 +382,7 @@ def _columns_of(
 
 
 def _refuse_markup(path: Path, line: str) -> None:
-    """InputError for a text that is no table: YAML, XML, JSON."""
+    """Raise InputError where a text's first line shows that it is YAML, XML or JSON."""
     for pattern, (what, remedy) in _MARKUPS.items():
         if re.match(pattern, line.strip()):
             raise InputError(what, remedy, path)
@@ -363,8 +393,12 @@ def _find_header(
     cells: Sequence[list[str]],
     number: partial[bool],
 ) -> tuple[list[str], int]:
-    """The columns' names, none without a header, and how many rows they take: of a
-    comment none, of a row of units one more."""
+    """Find the columns' names, and count the rows that they take.
+
+    The names stand in the last comment (no row), in the first row (1), or in two rows:
+    names and units, or names in two levels as pandas writes them. No names where the
+    first row holds values.
+    """
     if not cells:
         return comment, 0
     if len(comment) == len(cells[0]) and any(map(number, cells[0])):
@@ -374,9 +408,8 @@ def _find_header(
     head = cells[0]
     following = cells[1:]
     if _has_two_levels(head, following, number):
-        return [
-            "_".join(filter(None, x)) for x in zip(head, following[0], strict=True)
-        ], 2
+        levels = zip(head, following[0], strict=True)
+        return ["_".join(filter(None, pair)) for pair in levels], 2
     is_as_wide = len(following) > 1 and len(following[0]) == len(head)
     if is_as_wide and _is_row_of_units(following, number):
         pairs = zip(head, following[0], strict=True)
@@ -389,28 +422,31 @@ def _has_two_levels(
     following: Sequence[Sequence[str]],
     number: partial[bool],
 ) -> bool:
-    """Whether the row below repeated names tells them apart, as pandas writes columns of
-    two levels: q q tau tau above 0 1 0 1."""
+    """Return whether a second row tells apart names that repeat in the first, as pandas
+    writes columns of two levels: "q q tau tau" above "0 1 0 1"."""
     if len(set(head)) == len(head) or len(following) < 2:
         return False
-    second = following[0]
-    pairs = list(zip(head, second, strict=False))
-    is_whole = all(not cell or cell.isdigit() or not number(cell) for cell in second)
-    n_numbers = sum(map(number, following[1]))
-    are_values_next = 2 * n_numbers > len(head) and len(following[1]) == len(head)
-    is_told_apart = len(second) == len(head) and len(set(pairs)) == len(head)
-    return is_told_apart and is_whole and are_values_next
+    second, third = following[0], following[1]
+    pairs = set(zip(head, second, strict=False))
+    is_unique = len(second) == len(head) and len(pairs) == len(head)
+    has_no_measurements = all(
+        not cell or cell.isdigit() or not number(cell) for cell in second
+    )
+    n_numbers = sum(map(number, third))
+    are_values_next = 2 * n_numbers > len(head) and len(third) == len(head)
+    return is_unique and has_no_measurements and are_values_next
 
 
 def _first_row_of_values(rows: Sequence[tuple[int, str]], n_head_rows: int) -> int:
-    """The number of the first row of values, from 1."""
+    """Return the number in the file, from 1, of the first row behind the header."""
     if len(rows) > n_head_rows:
         return rows[n_head_rows][0]
     return rows[-1][0] + 1 if rows else 2
 
 
 def _n_separators_at_the_end(body: Sequence[Sequence[str]], width: int) -> int:
-    """How many empty cells every row has behind those that the header names."""
+    """Count the empty cells that every row has behind the header's last name, because
+    each row ends with separators."""
     widths = {len(row) for row in body}
     if len(widths) != 1 or any(any(row[width:]) for row in body):
         return 0
@@ -422,7 +458,8 @@ def _kinds(
     width: int,
     number: partial[bool],
 ) -> tuple[str, ...]:
-    """What each column holds, by the rows that have all cells."""
+    """Find what each of the columns holds ("number", "text" ...), by the rows that are
+    complete."""
     full_rows = [row for row in sample if len(row) == width]
     columns = [[row[k] for row in full_rows if row[k]] for k in range(width)]
     return tuple(_kind_of(cells, number) for cells in columns)
@@ -433,7 +470,11 @@ def _units_in_cells(
     kinds: Sequence[str],
     number: partial[bool],
 ) -> dict[int, str]:
-    """The unit behind the numbers of each column of texts that has one."""
+    """Find units that stand behind the numbers in the cells, "0.005 sec".
+
+    Returns the unit by the column's place, for columns in which all cells have the same
+    unit.
+    """
     units = dict[int, str]()
     for k, kind in enumerate(kinds):
         cells = [row[k] for row in sample if len(row) > k and row[k]]
@@ -445,7 +486,8 @@ def _units_in_cells(
 
 
 def _first_rows(path: Path) -> list[tuple[int, str]]:
-    """The first hundred rows with their numbers, without their line ends."""
+    """Read the first hundred rows of a text with their numbers, without line ends and
+    without empty rows at the end."""
     out = list[tuple[int, str]]()
     for number, rows in islice(_small_pieces(path), 1):
         out += enumerate(rows[:100], start=number)
@@ -455,7 +497,11 @@ def _first_rows(path: Path) -> list[tuple[int, str]]:
 
 
 def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The first rows; all of a piece where the small one has no whole line."""
+    """Read the beginning of a text: 64 thousand characters up to the end of a line.
+
+    A text that cannot be read so, or has an overlong line, goes through
+    :func:`iter_rows`, whose errors say what is wrong.
+    """
     size = PIECE // 16
     try:
         with open_text(path) as file:
@@ -473,7 +519,10 @@ def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
 def _split_comments(
     rows: Sequence[tuple[int, str]],
 ) -> tuple[list[str], list[tuple[int, str]]]:
-    """The leading lines that begin with #, without it, and the other rows."""
+    """Split the leading comment lines from the rows.
+
+    Returns the comments without their marks, and the numbered rows that are not empty.
+    """
     k = 0
     while k < len(rows) and _is_comment(rows[k][1].lstrip()):
         k += 1
@@ -482,13 +531,17 @@ def _split_comments(
 
 
 def _is_comment(line: str) -> bool:
-    """Whether a line is a comment, or what a spreadsheet says of its separator."""
+    """Return whether a line is a comment, or "sep=;", by which a spreadsheet names its
+    separator."""
     return line.startswith(_COMMENTS) or line.lower().startswith("sep=")
 
 
 def _without_titles(rows: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """The rows without those of a title, which have less than half of the cells that a
-    table below them has."""
+    """Leave out the title lines above a table.
+
+    The table begins where most of the following rows have as many cells. Lines above it
+    are a title if each has less than half as many cells.
+    """
     for k in range(min(_LONGEST_TITLE, len(rows) - 2)):
         lines = [line for _, line in rows[k:]]
         delimiter = _find_delimiter(lines)
@@ -505,15 +558,20 @@ def _share_of_width(
     delimiter: str | None,
     width: int,
 ) -> float:
-    """The share of the other rows that have as many cells as the first one, or one
-    more."""
+    """Return the fraction of the lines behind the first that split into ``width``
+    cells, or into one more, as rows with a separator at the end do."""
     following = lines[1:]
     widths = [len(split_cells(line, delimiter)) for line in following]
     return sum(w in (width, width + 1) for w in widths) / max(len(following), 1)
 
 
 def _find_delimiter(lines: Sequence[str]) -> str | None:
-    """The separator by which the first row has as many cells as most others."""
+    """Find the separator by which the first row has as many cells as half of the
+    others.
+
+    Without one, the first separator that splits the row at all; a comma if none does.
+    None stands for any number of blanks.
+    """
     head = lines[0]
     several = list[str | None]()
     for delimiter in DELIMITERS:
@@ -527,7 +585,8 @@ def _find_delimiter(lines: Sequence[str]) -> str | None:
 
 
 def _find_decimal(cells: Sequence[Sequence[str]]) -> str:
-    """The decimal mark: a comma where numbers hold one and none holds a point."""
+    """Find the decimal mark: a comma where more cells hold numbers like "1,5" than like
+    "1.5"."""
     flat = [cell for row in cells[:20] for cell in row]
     commas = sum(bool(_COMMA_NUMBER.fullmatch(cell)) for cell in flat)
     points = sum("." in cell and is_number(cell) for cell in flat)
@@ -535,7 +594,8 @@ def _find_decimal(cells: Sequence[Sequence[str]]) -> str:
 
 
 def _is_header(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
-    """Whether the first row names columns: no numbers, or texts where numbers follow."""
+    """Return whether the first row names the columns: it has no numbers, or texts where
+    the second row has numbers."""
     head = cells[0]
     if not any(number(cell) for cell in head if cell):
         # Rows of a log without a header can hold texts and empty cells only by chance.
@@ -548,7 +608,8 @@ def _is_header(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
 
 
 def _is_row_of_units(cells: Sequence[Sequence[str]], number: partial[bool]) -> bool:
-    """Whether the first of these rows holds units, and numbers follow it."""
+    """Return whether the first of some rows holds units, and mostly numbers follow
+    it."""
     units = cells[0]
     following = cells[1] if len(cells) > 1 else []
     if not any(units) or len(following) != len(units):
@@ -560,13 +621,14 @@ def _is_row_of_units(cells: Sequence[Sequence[str]], number: partial[bool]) -> b
 
 
 def _with_unit(name: str, unit: str) -> str:
-    """A name with its unit: "q1 [deg]"."""
+    """Append a unit to a column's name, "q1 [deg]"; no unit leaves it as it is."""
     bare = unit.strip("[]() ")
     return f"{name} [{bare}]" if bare else name
 
 
 def _kind_of(cells: Sequence[str], number: partial[bool]) -> str:
-    """What most of the cells of one column hold; those that are empty are left out."""
+    """Find what the cells of a column hold: "number" where half of them are numbers,
+    else "list", "stamp" or "text"; "empty" without cells."""
     if not cells:
         return "empty"
     if sum(map(number, cells)) >= 0.5 * len(cells):
@@ -579,18 +641,22 @@ def _kind_of(cells: Sequence[str], number: partial[bool]) -> str:
 
 
 def _unnamed(kinds: Sequence[str]) -> list[str]:
-    """Names of columns without a header: those of a JointState message where the
-    columns are its fields in order, else their numbers."""
+    """Name columns without a header.
+
+    `ros2 topic echo --csv` writes JointState messages without one: seconds,
+    nanoseconds, frame, n names, then n positions, velocities and efforts. The texts
+    give it away. Other columns are called by their numbers, "#1", "#2" ....
+    """
+    header = ["header.stamp.sec", "header.stamp.nanosec", "frame_id"]
+    fields = ("name", "position", "velocity", "effort")
+    n_header = len(header)
+    place_of_frame = 2
     texts = [k for k, kind in enumerate(kinds) if kind == "text"]
-    n = len(texts)
-    if texts[:1] == [2]:  # the frame has a name
-        texts = texts[1:]
-        n = n - 1
-    is_message = (
-        n > 0 and texts == list(range(3, 3 + n)) and kinds[:2] == ("number", "number")
-    )
-    if is_message and len(kinds) == 3 + 4 * n:
-        fields = ("name", "position", "velocity", "effort")
-        columns = [f"{field}{k}" for field in fields for k in range(n)]
-        return ["header.stamp.sec", "header.stamp.nanosec", "frame_id", *columns]
+    joint_names = [k for k in texts if k != place_of_frame]
+    n = len(joint_names)
+    are_names_in_place = joint_names == list(range(n_header, n_header + n))
+    has_stamp = kinds[:2] == ("number", "number")
+    has_all_fields = len(kinds) == n_header + len(fields) * n
+    if n > 0 and are_names_in_place and has_stamp and has_all_fields:
+        return header + [f"{field}{k}" for field in fields for k in range(n)]
     return [f"#{k}" for k in range(1, len(kinds) + 1)]
