@@ -154,16 +154,8 @@ class LoggerJudge:
         ]
         if len(numbers) < 2:
             return False
-        comparison = RunComparison(
-            [
-                RunLog(
-                    self.logs[k],
-                    net,
-                    self.reports[k].run,
-                )
-                for k in numbers
-            ]
-        )
+        runs = [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
+        comparison = RunComparison(runs)
         is_one_joint = comparison.worst_error_ratio >= TIMES
         differs = (
             comparison.is_one_arm_worse(1.0)
@@ -179,7 +171,7 @@ class LoggerJudge:
         issue = comparison.issue(cause)
         known = [(f.kind, f.where) for f in self.issues_of_one[number]]
         if (issue.kind, issue.where) in known:
-            return False
+            return False  # its repair did not help: without this it would come for ever
         self.issues_of_one[number].append(issue)
         repair = cause.log_repair(self.logs[number].as_logged)
         return repair is not None and self._try_to_repair(number, repair)

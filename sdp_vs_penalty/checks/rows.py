@@ -401,17 +401,20 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
     moves = glance.movement.at
     t = glance.run.t
     bad = {}
+    times_usual, share_of_span = SPIKE
+    rare = 1 / RUN  # share of the samples that spikes may be
     for name, j, x in glance.channels:
-        usual_span = float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN])))
-        threshold = SPIKE[1] * usual_span + 1e-9
-        # Without such a step no sample can be that far from the median.
+        usual_span = float(np.ptp(np.quantile(x, [rare, 1.0 - rare])))
+        threshold = share_of_span * usual_span + 1e-9
+        # Three steps lead from the median of seven to any of them: without a third of
+        # the threshold in one step no sample is that far.
         if not glance.moving[j] or np.abs(np.diff(x)).max() <= threshold / 3.0:
             continue
         neighbours = sliding_window_view(np.pad(x, 3, "edge"), 7)
-        off = np.abs(x - np.median(neighbours, axis=1))
-        is_far = off > max(SPIKE[0] * np.quantile(off, 0.9), threshold)
+        distance = np.abs(x - np.median(neighbours, axis=1))
+        is_far = distance > max(times_usual * np.quantile(distance, 0.9), threshold)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
-        bad[name] = is_far & (is_far.mean() <= 1 / RUN)
+        bad[name] = is_far & (is_far.mean() <= rare)
     what = "{rows} samples of {named} lie far from the samples on both sides."
     yield from glance.delete_rows(
         "spikes", bad, what, "certain: no joint moves like that"
@@ -438,10 +441,12 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
         What is wrong, if anything.
     """
     q = glance.run.q[:, glance.moving]
-    comes_anew = np.any(np.diff(q, axis=0) != 0.0, axis=1)
-    fresh = np.flatnonzero(np.concatenate([[True], comes_anew]))
+    # Rows whose position is not that of the row before.
+    is_new = np.any(np.diff(q, axis=0) != 0.0, axis=1)
+    fresh = np.flatnonzero(np.concatenate([[True], is_new]))
     if len(fresh) < RUN or q.shape[1] < 2:
         return
+    # Speed of each joint in each step between them, and three times its usual scatter.
     steps = np.diff(glance.run.t[fresh])
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
     scatter = 3.0 * np.quantile(
@@ -451,19 +456,11 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     )
     # Mean speed of the five steps before and the five behind each.
     near = (*range(-5, 0), *range(1, 6))
-    usual = np.mean(
-        [
-            np.roll(
-                speed,
-                k,
-                axis=0,
-            )
-            for k in near
-        ],
-        axis=0,
-    )
+    shifted = [np.roll(speed, shift, axis=0) for shift in near]
+    usual = np.mean(shifted, axis=0)
     is_clear = usual > scatter  # (steps, joints)
     places = _skips(speed, usual, is_clear)
+    # A long step is a gap that the clock shows.
     places = places[steps[places] < 3.0 * np.median(steps)]
     if not len(places):
         return
@@ -471,7 +468,7 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     weights = (is_clear / scatter)[places]
     weighted_speed = (speed[places] * weights).sum(axis=1)
     steps_long = weighted_speed / (usual[places] * weights).sum(axis=1)
-    lost = np.round(steps_long - 1.0)
+    lost = np.round(steps_long - 1.0)  # rows, at each place
     rows = fresh[places + 1] - 1
     added = np.zeros(len(glance.steps))
     added[rows] = lost * np.median(steps)

@@ -190,6 +190,7 @@ class RepairSearch:
         LogTransform or None
             With one more fault.
         """
+        # Of each proposal the best sizes; those whose posterior odds exceed ODDS.
         refined = [self.refine(repair, now) for repair in self.proposals(now)]
         self._learn_samples([self.log.fit(repair) for repair in refined])
         threshold = self.posterior(now) + c.ODDS
@@ -299,7 +300,8 @@ class RepairSearch:
             Whether the fault is believed.
         """
         new = self.new_faults(repair, now)
-        if not all(self._is_determined(fault.size) for fault in new if fault.size):
+        sizes = [fault.size for fault in new if fault.size]
+        if not all(self._is_determined(size) for size in sizes):
             return False
         clearness = self.log.clearness_of_fall(
             self._held_out_errors(now), self._held_out_errors(repair)
@@ -368,6 +370,7 @@ class RepairSearch:
         """
         before = self._errors_beside_physics(log, now)
         after = self._errors_beside_physics(log, repair)
+        # By how much each joint's error is divided, (K,).
         ratio = before.mean(axis=0) / after.mean(axis=0)
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
@@ -473,17 +476,20 @@ class RepairSearch:
         """
         several = self.logs if len(self.logs) > 1 else []
         for fault in self.list_faults(net):
-            if fault.severity == "note" or _same_fit(net, fault.repair_without):
+            without = fault.repair_without
+            if fault.severity == "note" or _same_fit(net, without):
                 continue
-            stands = fault.kind == "torque sign" or self.beats_physics(
+            # Friction that drives its joint shows a wrong sign, whatever the fit.
+            is_confirmed = fault.kind == "torque sign" or self.beats_physics(
                 self.log,
                 net,
-                fault.repair_without,
+                without,
                 strict=True,
             )
-            if not stands or not all(
-                self._holds(log, net, fault.repair_without) for log in several
-            ):
+            holds = is_confirmed and all(
+                self._holds(log, net, without) for log in several
+            )
+            if not holds:
                 net = self._without(net, fault)
         return net
 
@@ -736,8 +742,9 @@ class RepairSearch:
     def _reason(self, fault: Fault, net: LogTransform) -> str:
         """Say in words what speaks for a fault: by how much the residual of the joint
         that gains most falls, or physics where the fit is the same."""
-        after = self.log.fit(net).unexplained_shares
-        change = np.log(self.log.fit(fault.repair_without).unexplained_shares / after)
+        after = self.log.fit(net).unexplained_shares  # (n,) of the torques' energies
+        without = self.log.fit(fault.repair_without).unexplained_shares
+        change = np.log(without / after)
         j = int(np.argmax(change))
         if change[j] < _SAME_FIT_FALL:
             return (
