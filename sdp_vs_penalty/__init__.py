@@ -66,12 +66,14 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
+    """Import an exported name, or the subpackage ``effects``, on first use."""
     if name == "effects":
         return importlib.import_module(f"{__name__}.effects")
     return globals().setdefault(name, _found(name))
 
 
 def __dir__() -> list[str]:
+    """List the exported names, and the module's dunder attributes."""
     return sorted(
         {
             *__all__,

@@ -11,15 +11,15 @@ _LONGEST = 1500
 
 
 def printable(text: object) -> str:
-    r"""A text as one line without control characters.
+    r"""Return a text as one line without control characters.
 
-    Control characters, line ends and bytes of a file name that are no text are written as
-    Python escapes.
+    Control characters, line ends and bytes of a file name that are no text are written
+    as Python escapes.
 
     Parameters
     ----------
     text : object
-        Anything that is to be printed.
+        Anything to print.
 
     Returns
     -------
@@ -131,9 +131,13 @@ class InputError(ValueError):
         self.remedy = remedy
         self.where = where
         place = "" if where is None else f"{where}: "
-        text = f"{place}{what}" + (f": {remedy}." if remedy else "")
+        text = f"{place}{what}"
+        if remedy:
+            text += f": {remedy}."
         text = printable(text)  # names out of a broken file may hold anything
-        super().__init__(text if len(text) <= _LONGEST else f"{text[:_LONGEST]} ...")
+        if len(text) > _LONGEST:
+            text = f"{text[:_LONGEST]} ..."
+        super().__init__(text)
 
     def within(self, where: Any) -> InputError:
         """Return the same error with its place extended by what contains it.
@@ -267,16 +271,17 @@ def require_known(
     Traceback (most recent call last):
     sdp_vs_penalty.errors.InputError: table 'VI' is unknown: did you mean VIII? There are: IV, VIII.
     """
-    if name in (known := list(known)):
+    all_names = list(known)
+    if name in all_names:
         return
     import difflib
 
-    there = [str(k) for k in known]
-    near = difflib.get_close_matches(str(name), there, 1)
-    guess = f"did you mean {near[0]}? There are" if near else "there are"
+    texts = [str(known_name) for known_name in all_names]
+    similar = difflib.get_close_matches(str(name), texts, 1)
+    guess = f"did you mean {similar[0]}? There are" if similar else "there are"
     raise InputError(
         f"{kind} {name!r} is unknown".strip(),
-        f"{guess}: {', '.join(there)}",
+        f"{guess}: {', '.join(texts)}",
         where,
     )
 
@@ -340,18 +345,18 @@ def other_robot(
     """
     have = f"{joints} joint{'' if joints == 1 else 's'}"
     remedy = f"choose the {choose} that belongs to it"
-    tools = "finger|grip|knuckle|jaw|claw|hand|wheel|caster|drive|thumb"
-    idle = [name for name in names if re.search(tools, name, re.IGNORECASE)]
-    missing = expected - joints
-    if 0 < missing == len(idle):
-        held = command_line([",".join(f"{name}=0" for name in idle)])
+    words_of_tools = "finger|grip|knuckle|jaw|claw|hand|wheel|caster|drive|thumb"
+    tools = [name for name in names if re.search(words_of_tools, name, re.IGNORECASE)]
+    n_missing = expected - joints
+    if 0 < n_missing == len(tools):
+        held = command_line([",".join(f"{name}=0" for name in tools)])
         remedy = (
-            f"where {' and '.join(idle)} did not move, pass --hold {held}, or {remedy}"
+            f"where {' and '.join(tools)} did not move, pass --hold {held}, or {remedy}"
         )
-    elif missing > 0 and names:
-        joints_ = ", ".join(names)
+    elif n_missing > 0 and names:
         remedy += (
-            f", or hold what did not move with --hold NAME=0 (there are: {joints_})"
+            ", or hold what did not move with --hold NAME=0 (there are:"
+            f" {', '.join(names)})"
         )
     return InputError(f"{have}, the robot has {expected}", remedy, where)
 

@@ -84,16 +84,12 @@ def opened(path: str | Path) -> None:
     path = Path(path)
     if inputs is None:
         return
-    try:
+    # A file that does not exist, or has an impossible name, is reported by its reader.
+    with suppress(OSError, ValueError):
         for file in path.iterdir() if path.is_dir() else [path]:
             status = file.stat()
             if stat.S_ISREG(status.st_mode):
                 inputs.add((status.st_dev, status.st_ino))
-    except (
-        OSError,
-        ValueError,
-    ):  # no such file, or no name of one: whoever reads it says so
-        return
 
 
 def _bounded(
@@ -122,9 +118,9 @@ def _bounded(
             path,
         )
     if size > largest:
-        limit_words = (
-            f"{largest // 2**20} MiB" if largest >= 2**20 else f"{largest // 2**10} KiB"
-        )
+        limit_words = f"{largest // 2**10} KiB"
+        if largest >= 2**20:
+            limit_words = f"{largest // 2**20} MiB"
         raise InputError(
             f"larger than {limit_words}",
             "name a smaller file, or cut it",
@@ -869,15 +865,16 @@ class JsonRecord:
             If a field is missing or of another type.
         """
         kinds = _kinds(cls)  # type: ignore[arg-type]
-        required = [
-            f
-            for f in fields(cls)  # type: ignore[arg-type]
-            if f.default is MISSING and f.default_factory is MISSING
-        ]
-        there = {f.name for f in required} | {
-            k for k in kinds if data.get(k) is not None
+        required = {
+            field.name
+            for field in fields(cls)  # type: ignore[arg-type]
+            if field.default is MISSING and field.default_factory is MISSING
         }
-        return cls(**{name: _restored(kinds[name], data[name]) for name in there})
+        has_value = {name for name in kinds if data.get(name) is not None}
+        values = {
+            name: _restored(kinds[name], data[name]) for name in required | has_value
+        }
+        return cls(**values)
 
 
 class JsonRecordSkippingNone(JsonRecord):
@@ -937,8 +934,10 @@ def _restored(kind: Any, value: Any) -> Any:
     if origin is tuple:
         if isinstance(value, str):
             raise TypeError(f"{value!r} is no list")
-        kinds = args[:1] * len(value) if args[-1] is Ellipsis else args
-        return tuple(_restored(a, x) for a, x in zip(kinds, value, strict=True))
+        kinds = args  # tuple[int, float]
+        if args[-1] is Ellipsis:  # tuple[int, ...]
+            kinds = args[:1] * len(value)
+        return tuple(_restored(k, x) for k, x in zip(kinds, value, strict=True))
     if origin is Literal:
         if value not in args:
             raise ValueError(f"{value!r} is none of {', '.join(args)}")

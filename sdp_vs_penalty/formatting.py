@@ -57,11 +57,9 @@ def plain_unit(unit: str) -> str:
     -------
     str
     """
-    return (
-        ""
-        if unit == "-"
-        else unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
-    )
+    if unit == "-":
+        return ""
+    return unit.replace("*", " ").replace("^2", "²").replace("^3", "³")
 
 
 #: What Markdown would take for markup: escapes, code, tables, tags, entities, links,

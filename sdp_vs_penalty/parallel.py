@@ -143,40 +143,42 @@ def _here(
     process died is repeated; after more than _RETRIES deaths InputError is raised.
     """
     context: Any = get_context("fork" if sys.platform == "linux" else "spawn")
-    # processes by their pipes
-    lines = dict[Any, Any]()
-    deaths = 0
-    busy = dict[Any, tuple[int, Item]]()  # and what they do
+    process_by_pipe = dict[Any, Any]()
+    item_by_pipe = dict[Any, tuple[int, Item]]()  # of processes that work
+    n_deaths = 0
 
-    def idle() -> Any:
-        if not (free := lines.keys() - busy.keys()):
-            our_end, their_end = context.Pipe()
-            lines[our_end] = context.Process(
-                target=_serve, args=(function, their_end, os.getpid())
-            )
-            with _signals_held():  # until the worker knows what to do with them
-                lines[our_end].start()
-            their_end.close()  # so that its death closes it
-            return our_end
-        return free.pop()
+    def idle_pipe() -> Any:
+        """Return the pipe to an idle process, which is started if there is none."""
+        idle = process_by_pipe.keys() - item_by_pipe.keys()
+        if idle:
+            return idle.pop()
+        our_end, their_end = context.Pipe()
+        process_by_pipe[our_end] = context.Process(
+            target=_serve, args=(function, their_end, os.getpid())
+        )
+        with _signals_held():  # until the worker knows what to do with them
+            process_by_pipe[our_end].start()
+        their_end.close()  # so that the worker's death closes it
+        return our_end
 
     try:
-        while todo or busy:
-            while todo and len(busy) < jobs:
-                busy[line := idle()] = todo.pop(0)
-                with suppress(OSError):  # it has died
-                    line.send(busy[line])
-            ready: list[Any] = wait(list(busy))
-            for line in ready:
-                item = busy.pop(line)
+        while todo or item_by_pipe:
+            while todo and len(item_by_pipe) < jobs:
+                pipe = idle_pipe()
+                item_by_pipe[pipe] = todo.pop(0)
+                with suppress(OSError):  # the worker has died
+                    pipe.send(item_by_pipe[pipe])
+            ready: list[Any] = wait(list(item_by_pipe))
+            for pipe in ready:
+                item = item_by_pipe.pop(pipe)
                 try:
-                    result, error = line.recv()
+                    result, error = pipe.recv()
                 except (EOFError, OSError):
                     todo = [item, *todo]
-                    deaths = deaths + 1
-                    lines.pop(line).join()
-                    if deaths > _RETRIES:
-                        what = f"{deaths} processes were ended from outside"
+                    n_deaths += 1
+                    process_by_pipe.pop(pipe).join()
+                    if n_deaths > _RETRIES:
+                        what = f"{n_deaths} processes were ended from outside"
                         raise InputError(
                             what, "take fewer --jobs: memory may be short"
                         ) from None
@@ -185,7 +187,7 @@ def _here(
                     raise error
                 yield result
     finally:
-        for process in lines.values():
+        for process in process_by_pipe.values():
             process.terminate()
             process.join()
 
@@ -328,11 +330,8 @@ def _connected(scheduler: str) -> Any:
         from distributed import Client
     except ImportError:
         raise missing_extra("--scheduler needs Dask,", "cluster") from None
-    for name in (
-        "distributed",
-        "distributed.client",
-    ):  # what happens is told in a sentence of ours
-        logging.getLogger(name).setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # the error below says it
     try:
         return Client(scheduler, timeout=_PATIENCE)
     except (OSError, ValueError, TimeoutError) as error:

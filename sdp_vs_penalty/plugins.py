@@ -110,13 +110,10 @@ def load_class(
     """
     file = name.replace("-", "_")
     if any(module.name == file for module in iter_modules(path)):
-        for x in vars(import_module(f"{package}.{file}")).values():
-            if (
-                inspect.isclass(x)
-                and issubclass(x, base)
-                and getattr(x, "name", None) == name
-            ):
-                return x
+        for value in vars(import_module(f"{package}.{file}")).values():
+            is_plugin = inspect.isclass(value) and issubclass(value, base)
+            if is_plugin and getattr(value, "name", None) == name:
+                return value
     require_known(kind, name, all_classes())
     return all_classes()[name]
 
@@ -141,21 +138,17 @@ def by_word(pairs: Iterable[tuple[Any, Any]], word: str = "name") -> dict[Any, A
     InputError
         If two plug-ins have the same word.
     """
-    out: dict[Any, Any] = {}
-    for value, thing in pairs:
-        if out.setdefault(value, thing) is not thing:
+    plugins: dict[Any, Any] = {}
+    for value, plugin in pairs:
+        first = plugins.setdefault(value, plugin)
+        if first is not plugin:
             names = " and ".join(
-                getattr(
-                    x,
-                    "__name__",
-                    str(x),
-                )
-                for x in (out[value], thing)
+                getattr(rival, "__name__", str(rival)) for rival in (first, plugin)
             )
             raise InputError(
                 f"{names} have the same {word}, {value!r}", "give each its own"
             )
-    return dict(sorted(out.items()))
+    return dict(sorted(plugins.items()))
 
 
 def lazy_exports(package: str, **homes: str) -> Callable[[str], Any]:

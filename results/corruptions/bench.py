@@ -6,11 +6,14 @@ not refused?
 DATA holds the measurements as `sdp-vs-penalty fetch` leaves them. Arms: panda, ur10e, tx40, ur10, emps,
 sim5, drawn and any number (four to seven joints), small and any number (two or three).
 Outcome of a case:
-  named    an error or a warning names the cause that was put in, and the joint
+  named    an error or a warning names the cause that was put in, and the joint, or a set
+           of explanations that the data do not tell apart, with the cause among them
   refused  an error without that cause: nothing is identified, but the user has to search
   warned   warnings only, none of which names the cause, and none names another
   wrong    warnings that name another cause only
   silent   nothing
+The data tell a corruption where the log before it is likelier by the check's odds against a fault, each
+with the arm that fits it best: what they do not tell no check of the log alone can name.
 Harm is the held-out error on clean data of what is identified all the same, over that of the model from
 the clean run. It is measured where nothing is said. Clean runs, and both halves of each, have to stay
 silent ("poor excitation" is true of a stretch whose model is harmed), and no two issues of one output
@@ -41,12 +44,17 @@ from corruptions.arms import Arm, arm
 from corruptions.kinds import Corruption
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.checks import Report, check
+from sdp_vs_penalty.checks.check import judge_facts
+from sdp_vs_penalty.checks.constants import ODDS
+from sdp_vs_penalty.checks.dynamics import LoggerJudge
 from sdp_vs_penalty.checks.issue import Issue
+from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.data.measurements import Measurements, concatenate
 from sdp_vs_penalty.errors import InputError
 from sdp_vs_penalty.files import write_text
 from sdp_vs_penalty.problem.problem import Problem
 from sdp_vs_penalty.results.table import markdown_lines
+from sdp_vs_penalty.robot.arrays import Array
 
 #: A model this many times worse on clean data is harmed.
 HARMFUL = 1.3
@@ -82,8 +90,12 @@ _WORDS = ("named", "refused", "warned", "wrong", "silent")
 
 @dataclass(frozen=True)
 class Case:
-    """One log: what was done to which arm, and what came of it; harm is NaN where it is
-    not measured."""
+    """One log: what was done to which arm, and what came of it.
+
+    harm : held-out error over the clean model's, NaN where it is not measured. told :
+    by how much (natural logarithm of odds) the log before the corruption is likelier
+    than the corrupted one, of those whose cause is not named; NaN of the others.
+    """
 
     arm: str
     kind: str
@@ -93,6 +105,7 @@ class Case:
     harm: float
     said: str
     contradicts: bool
+    told: float = np.nan
     claims: tuple[Claim, ...] = ()
 
 
@@ -123,10 +136,48 @@ def run_case(arm: Arm, corruption: Corruption) -> Case:
             harm = arm.harm(identify(problem, run))
         except InputError:
             outcome = "refused"
+    told = np.nan
+    if outcome != "named":
+        told = _log_odds_of_truth(arm, corruption)
     joints = "+".join(str(j + 1) for j in corruption.joints)
     what = (arm.problem.name, corruption.kind, joints, corruption.size)
     right = [_is_right(corruption, issue) for issue in issues]
-    return _case(what, outcome, harm, reports, right)
+    return replace(_case(what, outcome, harm, reports, right), told=told)
+
+
+def _log_odds_of_truth(arm: Arm, corruption: Corruption) -> float:
+    """By how much (natural logarithm) the log as it was before the corruption is
+    likelier than the corrupted one, each with the arm that fits it best.
+
+    Where this is less than the odds against a fault, no fit to the log alone tells what
+    was done to it. Infinite where another set of joints moves, or no arm can be fitted.
+    """
+    spoiled = _best_fit(*given(arm, corruption))
+    nothing = replace(
+        corruption, spoil=lambda run: run, problem=lambda problem: problem
+    )
+    clean = _best_fit(*given(arm, nothing))
+    if spoiled is None or clean is None or len(spoiled[0]) != len(clean[0]):
+        return np.inf
+    samples = max(spoiled[1], clean[1])
+    falls = spoiled[0] - clean[0]
+    return float(0.5 * samples * falls.sum() + clean[2] - spoiled[2])
+
+
+def _best_fit(problem: Problem, run: Measurements) -> tuple[Array, float, float] | None:
+    """Logarithms (K,) of the shares of energy that one arm leaves of K moving joints,
+    independent samples, and the log-odds of its physics; None where no arm can be
+    fitted."""
+    settings = problem.preprocessing
+    reports = [judge_facts(problem, part, settings) for part in run.runs()]
+    judge = LoggerJudge(problem, reports, settings)
+    if not judge.logs:
+        return None
+    log = Likelihood.of_all_runs([*judge.logs.values()])
+    fit = log.fit(log.as_logged)
+    samples = log.count_independent_samples(fit)
+    physics = log.physics(fit, log.as_logged, samples)
+    return np.log(fit.unexplained_shares[log.moving]), samples, physics
 
 
 def _case(
@@ -174,7 +225,13 @@ def contradicts(report: Report) -> bool:
 def _names(corruption: Corruption, issue: Issue) -> bool:
     """Whether an issue names what was done, and to which joint."""
     joints = {j + 1 for j in corruption.joints}
-    return issue.kind in corruption.causes and (not joints or _joints(issue) == joints)
+    named = [(issue.kind, _joints(issue))]
+    for other in issue.figures.get("as_likely", ()):
+        named.append((other["kind"], set(other["joints"])))
+    return any(
+        kind in corruption.causes and (not joints or of_issue == joints)
+        for kind, of_issue in named
+    )
 
 
 def _is_right(corruption: Corruption, issue: Issue) -> bool:
@@ -257,10 +314,14 @@ def summary(title: str, cases: Sequence[Case]) -> list[str]:
     bad = [c for c in spoiled if c.outcome == "silent" and c.harm > HARMFUL]
     seen = [c for c in spoiled if c.outcome != "silent" or c.harm > 1.1]
     alarms = [c.outcome for c in cases if c.outcome.startswith("false")]
+    named = [c for c in spoiled if c.outcome == "named"]
+    shown = [c for c in spoiled if c.told > ODDS]
     shares = (
         (len(bad), len(spoiled)),
-        (count["named"], len(spoiled)),
-        (count["named"], len(seen)),
+        (sum(c.told > ODDS for c in bad), len(spoiled)),
+        (len(named), len(spoiled)),
+        (len(named), len(seen)),
+        (len(named), len(named) + len(shown)),
     )
     cells = [
         title,
@@ -285,9 +346,12 @@ def markdown(cases: Sequence[Case], command: str) -> str:
         name: [c for c in cases if c.arm == name]
         for name in dict.fromkeys(c.arm for c in cases)
     }
-    head = ["log", "cases", *_WORDS, "silent and harmful", "cause named"]
+    head = ["log", "cases", *_WORDS, "silent and harmful"]
     head += [
+        "of these the data tell",
+        "cause named",
         "cause named, of those that do harm or are mentioned",
+        "cause named, of those that the data tell",
         "false alarms",
         "contradictions",
     ]
@@ -301,7 +365,12 @@ def markdown(cases: Sequence[Case], command: str) -> str:
         f"Made by `{command}`. Harm: error on clean held-out data over that of the"
         " model from the"
     ]
-    text += ["clean run. In brackets Wilson's 95 % interval.", ""]
+    text += [
+        "clean run. The data tell a corruption where the log before it is likelier, by"
+        f" log-odds of {ODDS:g}, each with its best arm.",
+        "In brackets Wilson's 95 % interval.",
+        "",
+    ]
     text += markdown_lines(
         head, [summary(*g) for g in (*groups.items(), ("all", cases))]
     )
@@ -316,7 +385,9 @@ def markdown(cases: Sequence[Case], command: str) -> str:
     text += markdown_lines(["kind", "cases", *_WORDS], counts)
     text += ["", f"## Silent, and more than {HARMFUL:g} times worse on clean data", ""]
     told = [
-        f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times" for c in silent
+        f"- {c.arm}: {c.kind} {c.joints} {c.size}: {c.harm:.3g} times; the data tell it"
+        f" with log-odds of {c.told:.3g}"
+        for c in silent
     ]
     return "\n".join(
         [
@@ -376,7 +447,8 @@ def read_cases(folder: Path) -> list[Case]:
     if not path.exists():
         return []
     table = pandas.read_csv(path, keep_default_na=False)
-    table["harm"] = pandas.to_numeric(table["harm"], errors="coerce")
+    for name in ("harm", "told"):
+        table[name] = pandas.to_numeric(table[name], errors="coerce")
     names = [field.name for field in fields(Case) if field.name != "claims"]
     cases = [Case(*values) for values in table[names].itertuples(index=False)]
     claims = read_claims(folder / "corruptions_claims.csv")

@@ -9,6 +9,7 @@ themselves, with its interval.
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -21,6 +22,7 @@ from sdp_vs_penalty.checks.faults.fault import Fault, FaultSize, Transformation
 from sdp_vs_penalty.checks.issue import EXPLANATION, Issue, joints_text
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.torque_size import far_from_nominal
 from sdp_vs_penalty.regression.normal_equations import standard_errors_above_zero
 from sdp_vs_penalty.robot.arrays import Array
 
@@ -38,6 +40,15 @@ _RISE_THAT_OBJECTS = 0.1
 #: Rounds of the bounded search for the best size, and its precision in tolerances [-].
 _ROUNDS_OF_SIZE_SEARCH = 14
 _PRECISION_OF_SIZE = 0.3
+
+
+class Rival(NamedTuple):
+    """What explains a log as well as a fault does: its kind of issue, joints (from 0),
+    and sentence."""
+
+    kind: str
+    joints: tuple[int, ...]
+    what: str
 
 
 class RepairSearch:
@@ -67,6 +78,8 @@ class RepairSearch:
         self.posterior = lru_cache(99)(self._posterior)
         #: Repairs, laws apart, that no law makes likely.
         self.hopeless: set[LogTransform] = set()
+        #: Of faults that were added, by name, others that explain as much.
+        self.rivals: dict[tuple[str, tuple[int, ...]], tuple[Fault, ...]] = {}
 
     def _list_faults(self, repair: LogTransform) -> tuple[Fault, ...]:
         """List the faults of any kind that a repair corrects (:attr:`list_faults`
@@ -204,8 +217,65 @@ class RepairSearch:
 
         for repair in sorted(likely, key=rank):
             if self.is_confirmed(repair, now):
-                return repair
+                tied = [repair, *self._as_likely(repair, now, likely)]
+                best = self._of_most_plausible_size(tied, now)
+                self._note_rivals(best, tied, now)
+                return best
         return None
+
+    def _as_likely(
+        self,
+        repair: LogTransform,
+        now: LogTransform,
+        likely: Sequence[LogTransform],
+    ) -> list[LogTransform]:
+        """Of the likely repairs those that are told from a confirmed one by less than
+        the odds against a fault: two joints about one line have one zero, and of two
+        joints either may have the wrong gain."""
+        names = {fault.name for fault in self.new_faults(repair, now)}
+        least = self.posterior(repair) - c.ODDS
+        tied = []
+        for other in likely:
+            new = self.new_faults(other, now)
+            is_same = names == {fault.name for fault in new}
+            is_law = all(fault.severity == "note" for fault in new)
+            if is_same or is_law or self.posterior(other) < least:
+                continue
+            if self.is_confirmed(other, now):
+                tied.append(other)
+        return tied
+
+    def _of_most_plausible_size(
+        self,
+        tied: Sequence[LogTransform],
+        now: LogTransform,
+    ) -> LogTransform:
+        """The first of tied repairs; of gains that with which the joints' torques are
+        nearest to those of the problem's masses."""
+        gains = [
+            repair
+            for repair in tied
+            if all(
+                fault.kind == "torque gain" for fault in self.new_faults(repair, now)
+            )
+        ]
+        if tied[0] not in gains or np.all(self.log.problem.guessed_links):
+            return tied[0]
+        return min(gains, key=lambda repair: far_from_nominal(self.log, repair))
+
+    def _note_rivals(
+        self,
+        best: LogTransform,
+        tied: Sequence[LogTransform],
+        now: LogTransform,
+    ) -> None:
+        """Keep what explains as much as the repair that is added, where that is one
+        fault."""
+        new = self.new_faults(best, now)
+        others = [self.new_faults(repair, now) for repair in tied if repair != best]
+        single = tuple(faults[0] for faults in others if len(faults) == 1)
+        if len(new) == 1 and single:
+            self.rivals[new[0].name] = single
 
     def proposals(self, now: LogTransform) -> list[LogTransform]:
         """Repairs with one more fault that may be believed, the likeliest first.
@@ -720,10 +790,14 @@ class RepairSearch:
             low, high = map(fault.size.in_words, ends)
             what = f"{what.rstrip('.')} (95 %: {low} to {high})."
         equivalents = fault.equivalents
-        if fault.kind == "torque sign":
-            equivalents = self.signs_as_likely(net, fault.joints)
-            if equivalents:
-                what = f"{what} As likely: {'; '.join(equivalents)}."
+        rivals = self._rivals_of(fault, net)
+        if rivals:
+            words = [rival.what.rstrip(".") for rival in rivals]
+            what = f"{what} As likely: {'; '.join(words)}."
+            equivalents = (*equivalents, *words)
+            figures["as_likely"] = [
+                {"kind": x.kind, "joints": [j + 1 for j in x.joints]} for x in rivals
+            ]
         return Issue(
             kind=fault.kind,
             nature=EXPLANATION,
@@ -756,12 +830,22 @@ class RepairSearch:
             f" from {before:.3g} % to {100.0 * np.sqrt(after[j]):.3g} %"
         )
 
-    def signs_as_likely(
+    def _rivals_of(self, fault: Fault, net: LogTransform) -> list[Rival]:
+        """What explains as much as one fault of the net repair."""
+        rivals = [
+            Rival(other.kind, other.joints, other.what)
+            for other in self.rivals.get(fault.name, ())
+        ]
+        if fault.kind == "torque sign":
+            rivals += self._signs_as_likely(net, fault.joints)
+        return rivals
+
+    def _signs_as_likely(
         self,
         net: LogTransform,
         turned: Sequence[int],
-    ) -> tuple[str, ...]:
-        """List in words the other sets of torques whose sign may as well be wrong.
+    ) -> list[Rival]:
+        """List the other sets of torques whose sign may as well be wrong.
 
         They have one joint more than ``turned`` (from 0), or one less, and neither
         physics nor the error on held-out parts objects.
@@ -780,16 +864,18 @@ class RepairSearch:
         """
         others = []
         for j in self.log.joints:
-            joints = sorted({*turned} ^ {j})
+            joints = tuple(sorted({*turned} ^ {j}))
             if not joints:
                 continue
             objection, clearness = self._against_turning(net, j)
             if objection < c.LOUDEST_INERTIA and clearness < 0.5 * c.SIGMAS:
-                others.append(f"the torque of {joints_text(joints)} has the wrong sign")
-        unsigned = [j for j in turned if self._is_unsigned(net.tau_order[j])]
+                what = f"the torque of {joints_text(joints)} has the wrong sign"
+                others.append(Rival("torque sign", joints, what))
+        unsigned = tuple(j for j in turned if self._is_unsigned(net.tau_order[j]))
         if unsigned:
-            others.append(f"the logger wrote magnitudes of {joints_text(unsigned)}")
-        return tuple(others)
+            what = f"the logger wrote magnitudes of {joints_text(unsigned)}"
+            others.append(Rival("torque magnitude", unsigned, what))
+        return others
 
     def _is_unsigned(self, channel: int) -> bool:
         """Whether a torque channel (from 0) is never negative."""

@@ -172,6 +172,30 @@ class _Size:
         )
 
 
+def far_from_nominal(log: Likelihood, repair: LogTransform) -> float:
+    """How far the torques of a repaired log are from those of the problem's masses.
+
+    Parameters
+    ----------
+    log : Likelihood
+        The rows.
+    repair : LogTransform
+        Of the log.
+
+    Returns
+    -------
+    float
+        Sum over moving joints of the squared natural logarithm of the fitted links'
+        torque over the nominal links' torque (root mean squares) [-].
+    """
+    rows = log.rows(repair)
+    nominal = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
+    sizes = np.linalg.norm(rows.project_out_own(nominal)[:, :, 0], axis=1)
+    fitted = np.linalg.norm(rows.projected @ log.fit(repair).theta, axis=1)
+    is_seen = log.moving & (sizes > 1e-3 * sizes.max(initial=0.0)) & (fitted > 0.0)
+    return float(np.sum(np.log(fitted[is_seen] / sizes[is_seen]) ** 2))
+
+
 def _possible_masses(problem: Problem, masses: float) -> tuple[float, float, str]:
     """Return the smallest and the largest mass [kg] that the arm may have, and both in
     words: the problem's limits of the total mass, else half and twice the nominal mass.

@@ -138,10 +138,11 @@ def _paths(value: Any) -> Iterable[Path]:
     if isinstance(value, Path):
         return [value]
     if isinstance(value, str):
-        return [Path(value)] if 0 < len(value) < 4096 and "\0" not in value else []
-    return (
-        [p for v in value for p in _paths(v)] if isinstance(value, list | tuple) else []
-    )
+        can_be_path = 0 < len(value) < 4096 and "\0" not in value
+        return [Path(value)] if can_be_path else []
+    if isinstance(value, list | tuple):
+        return [path for item in value for path in _paths(item)]
+    return []
 
 
 def _require_memory() -> None:
@@ -288,19 +289,19 @@ def _require_different(outputs: Mapping[str, Any]) -> None:
 
     Links are followed, since the second output would replace the first.
     """
-    seen: dict[object, str] = {}
+    option_by_file: dict[object, str] = {}
     for name, value in outputs.items():
         for path in _paths(value):
             option = f"--{name.strip('_')}"
             keys = [os.path.realpath(path)]
-            with suppress(OSError):  # it is not there yet
+            with suppress(OSError):  # the file does not exist yet
                 state = path.stat()
                 if stat.S_ISREG(state.st_mode):
                     keys.append(f"inode {state.st_dev} {state.st_ino}")
             for key in keys:
-                if seen.setdefault(key, option) != option:
+                if option_by_file.setdefault(key, option) != option:
                     raise InputError(
-                        f"{seen[key]} and {option} name the same file",
+                        f"{option_by_file[key]} and {option} name the same file",
                         "name another one; nothing was written",
                         path,
                     )
@@ -328,10 +329,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     # they bring, and where cores are busy they wait for each other (a check of 0.5 s
     # took 20 s).
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    gc.set_threshold(200_000)  # imports make many objects, none of them garbage
-    atexit.register(
-        gc.freeze
-    )  # nor is what lives to the end: looking through it took a tenth of all
+    # Imports make many objects, none of them garbage; nor are those that live to the
+    # end, where looking through them took a tenth of the time.
+    gc.set_threshold(200_000)
+    atexit.register(gc.freeze)
     for stream in (sys.stdout, sys.stderr):  # what the locale cannot write is escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
@@ -415,19 +416,13 @@ def explain(error: BaseException) -> tuple[str, int]:
         return "interrupted; existing files are unchanged.", 130
     if isinstance(error, InputError):
         return str(error), 2
-    if isinstance(error, MemoryError) or "failed to map segment" in str(
-        error
-    ):  # of a library
+    # Libraries report a lack of memory in words of their own.
+    is_memory = isinstance(error, MemoryError) or "failed to map segment" in str(error)
+    if is_memory:
         return "not enough memory: use fewer or shorter runs.", 2
-    if (
-        isinstance(error, OSError) and error.errno in _OF_THE_SYSTEM
-    ):  # a library's temporary file
-        return (
-            (
-                f"{error.filename or 'the system'}: {error.strerror}: free some, or set"
-                " TMPDIR."
-            ),
-            2,
-        )
+    if isinstance(error, OSError) and error.errno in _OF_THE_SYSTEM:
+        # Perhaps a library's temporary file.
+        where = error.filename or "the system"
+        return f"{where}: {error.strerror}: free some, or set TMPDIR.", 2
     what = f"{type(error).__name__}: {error}"
     return f"internal error ({what}): run again with --debug and report it.", 1

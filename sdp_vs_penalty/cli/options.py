@@ -65,21 +65,27 @@ def _parsed_option_lines(lines: str) -> dict[str, Any]:
         By name of the parameter: its flags, an example of a value, its help text, and
         its lower and upper limit (None for no limit).
     """
-    out = {}
-    for line in re.sub(r"\n +", " ", lines).strip().splitlines():
+    options = {}
+    joined = re.sub(r"\n +", " ", lines)  # indented lines continue the one before
+    for line in joined.strip().splitlines():
         head, _, text = line.partition(": ")
-        first, *tail = head.split()
-        flags = [
-            w.rstrip(",")
-            for w in (first, *tail)
-            if w.startswith("-") and first.startswith("-")
-        ]
-        limits = {w[:2]: json.loads(w[2:]) for w in tail if w[:2] in (">=", "<=")}
-        words = " ".join(w for w in tail if w not in flags and w[:2] not in limits)
-        name = first.rstrip(",").removeprefix("--").partition("/")[0].replace("-", "_")
-        flags = [flag.partition("/")[0] for flag in flags]
-        out[name] = flags, words, text, (limits.get(">="), limits.get("<="))
-    return out
+        words = [word.rstrip(",") for word in head.split()]
+        first = words[0].partition("/")[0]  # --browser/--no-browser
+        is_option = first.startswith("-")
+        flags = list[str]()
+        limits = dict[str, float]()
+        example = list[str]()
+        for word in head.split()[0 if is_option else 1 :]:
+            if is_option and word.startswith("-"):
+                flags.append(word.rstrip(",").partition("/")[0])
+            elif word[:2] in (">=", "<="):
+                limits[word[:2]] = json.loads(word[2:])
+            else:
+                example.append(word)
+        name = first.removeprefix("--").replace("-", "_")
+        low_and_high = limits.get(">="), limits.get("<=")
+        options[name] = flags, " ".join(example), text, low_and_high
+    return options
 
 
 def _value(
@@ -200,9 +206,8 @@ class Parser(argparse.ArgumentParser):
         limits : (float or None, float or None)
             Limits of a number.
         """
-        kind = (
-            get_args(kind)[0] if isinstance(kind, UnionType) else kind
-        )  # "... | None"
+        if isinstance(kind, UnionType):  # "... | None"
+            kind = get_args(kind)[0]
         several = get_origin(kind) is list
         kind = get_args(kind)[0] if several else kind
         required = p.default is p.empty
@@ -227,21 +232,20 @@ class Parser(argparse.ArgumentParser):
             how["choices"] = list(kind)  # for the shell's completion
         how["metavar"] = metavar.removesuffix(" ...") or p.name.strip("_").upper()
         if not flags:
-            how["nargs"] = "+*"[not required] if several else None if required else "?"
+            if several:
+                how["nargs"] = "+" if required else "*"
+            else:
+                how["nargs"] = None if required else "?"
             return self.add_argument(p.name, help=text, **how)
-        if several:  # of --data RUN.csv ... all words up to the next option
-            how |= (
-                {"action": "extend", "nargs": "+"}
-                if "..." in metavar
-                else {"action": "append"}
-            )
-        text += (
-            " (required)"
-            if required
-            else ""
-            if default is None
-            else f" (default: {default})"
-        )
+        if several and "..." in metavar:
+            # Of --data RUN.csv ... all words up to the next option.
+            how |= {"action": "extend", "nargs": "+"}
+        elif several:
+            how["action"] = "append"
+        if required:
+            text += " (required)"
+        elif default is not None:
+            text += f" (default: {default})"
         return self.add_argument(
             *flags,
             dest=p.name,

@@ -279,12 +279,9 @@ def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:
     """Return the findings without the weak ones at their end, except for two of
     these.
     """
-    places = [k for k, f in enumerate(effects, start=1) if f.torque_is_certain]
-    tail = effects[places[-1] :] if places else effects
-    return [
-        *effects[: places[-1] if places else 0],
-        *tail[:2],
-    ]
+    certain = [k for k, f in enumerate(effects, start=1) if f.torque_is_certain]
+    n_up_to_last_certain = certain[-1] if certain else 0
+    return effects[: n_up_to_last_certain + 2]
 
 
 def before_after(
@@ -311,13 +308,14 @@ def checks(reports: Sequence[Report]) -> None:
     """Print the issues of the data check: those that all runs share first, then each
     run's.
     """
-    first = reports[0].issues if reports else ()
-    others = reports[1:]
-    common = [
-        issue
-        for issue in first
-        if others and all(_has(r.issues, issue) for r in others)
-    ]
+    common = []
+    if len(reports) > 1:
+        first, *others = reports
+        common = [
+            issue
+            for issue in first.issues
+            if all(_has(report.issues, issue) for report in others)
+        ]
     if common:
         say(f"All {len(reports)} runs", style="bold")
         for issue in common:

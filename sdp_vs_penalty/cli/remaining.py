@@ -48,6 +48,8 @@ class Remaining:
         seconds = pace * (total - done)
         if seconds < 5.0:
             return text
-        minutes, rest = divmod(round(seconds), 60)
-        left = f"{minutes} min {rest} s" if minutes else f"{rest} s"
+        minutes, full_seconds = divmod(round(seconds), 60)
+        left = f"{full_seconds} s"
+        if minutes:
+            left = f"{minutes} min {left}"
         return f"{text}, about {left} left"

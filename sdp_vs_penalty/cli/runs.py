@@ -66,17 +66,7 @@ def read_and_hold(
     try:
         runs = read(problem)
         why = "stands still without torque"
-        idle = [
-            find_idle_joints(problem.robot, run)
-            if isinstance(run, Measurements)
-            else {}
-            for run in runs
-        ]
-        found = {
-            name: value
-            for name, value in (idle[0] if idle else {}).items()
-            if all(name in other for other in idle)
-        }
+        found = _idle_in_all(problem, runs)
     except MissingJoints as error:
         runs = []
         why = "is in no column"
@@ -91,6 +81,26 @@ def read_and_hold(
     hold = f"{hold},{words}" if hold else words
     problem = make(hold)
     return problem, read(problem), hold
+
+
+def _idle_in_all(
+    problem: Problem, runs: Sequence[Measurements | BlackBox]
+) -> dict[str, float]:
+    """Return the joints that stand still without torque in all runs, with positions.
+
+    A black box's answers have no motion, so no joint is idle then.
+    """
+    idle_by_run = [
+        find_idle_joints(problem.robot, run) if isinstance(run, Measurements) else {}
+        for run in runs
+    ]
+    if not idle_by_run:
+        return {}
+    return {
+        name: position
+        for name, position in idle_by_run[0].items()
+        if all(name in idle for idle in idle_by_run)
+    }
 
 
 def runs_from_options(

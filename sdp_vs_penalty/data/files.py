@@ -334,7 +334,7 @@ def read_run(
     topic : str | None
         Topic to take of a bag with several.
     rename : Mapping[str, str] | None
-        The file's names by ours.
+        The file's column names by ours (t, q1, tau1 ...).
     rate : float | None
         Sampling rate that replaces the file's clock [Hz].
 

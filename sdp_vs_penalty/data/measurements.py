@@ -126,7 +126,12 @@ class Measurements(Shown):
         runs = self.runs()
         lengths = [float(r.t[-1] - r.t[0]) if len(r.t) else 0.0 for r in runs]
         with np.errstate(invalid="ignore"):
-            steps = np.concatenate([np.zeros(0), *(np.diff(r.t) for r in runs)])
+            steps = np.concatenate(
+                [
+                    np.zeros(0),
+                    *(np.diff(r.t) for r in runs),
+                ]
+            )
         median_step = np.median(steps) if len(steps) else 0.0
         rate = f", {1.0 / median_step:.4g} Hz" if median_step > 0.0 else ""
         n_runs = formatting.count(len(runs), "run")
@@ -352,7 +357,12 @@ def without_traces(measured: Measurements) -> Measurements:
             np.where(np.abs(part) < _SMALLEST_VALUE, 0.0, part)
             for _, part in iter_chunks(groups[name])
         )
-    return Measurements.of(groups.pop("t"), groups, measured.names, measured.run)
+    return Measurements.of(
+        groups.pop("t"),
+        groups,
+        measured.names,
+        measured.run,
+    )
 
 
 def _has_traces(block: Array) -> bool:

@@ -135,7 +135,11 @@ class Delay(DelayedTorque):
         true_torque = torque.copy()
         delays = np.broadcast_to(theta, len(self.joints))
         for delay, j in zip(delays, self.joints, strict=True):
-            true_torque[:, j] = np.interp(t + delay, t, torque[:, j])
+            true_torque[:, j] = np.interp(
+                t + delay,
+                t,
+                torque[:, j],
+            )
         return true_torque
 
 
@@ -277,10 +281,18 @@ def first_order_lag(x: Array, t: Array, T: float) -> Array:
     right_side[1:] += (mean - decay) * x[:-1]
     right_side[0] = x[0]
     # The matrix has ones on its diagonal and -decay below it.
-    bands = np.stack([np.ones(len(t)), np.full(len(t), -decay)])
+    bands = np.stack(
+        [
+            np.ones(len(t)),
+            np.full(len(t), -decay),
+        ]
+    )
     lower_and_upper = (1, 0)
     return np.asarray(
         scipy.linalg.solve_banded(
-            lower_and_upper, bands, right_side, check_finite=False
+            lower_and_upper,
+            bands,
+            right_side,
+            check_finite=False,
         )
     )

@@ -176,7 +176,12 @@ class Plant:
         """
         motion = replace(motion, sign_width=self.model.sign_width)
         states = [bristles.along(motion) for bristles in self.bristles]
-        return np.hstack([np.zeros((len(motion.t), 0)), *states])
+        return np.hstack(
+            [
+                np.zeros((len(motion.t), 0)),
+                *states,
+            ]
+        )
 
     def advanced(self, z: Array, travel: Array) -> Array:
         """Advance the friction's internal states by a displacement.
@@ -194,7 +199,11 @@ class Plant:
             (W, k) states after it.
         """
         n_states = [len(bristles.distances) for bristles in self.bristles]
-        parts = np.split(z, np.cumsum(n_states)[:-1], axis=1)
+        parts = np.split(
+            z,
+            np.cumsum(n_states)[:-1],
+            axis=1,
+        )
         moved = [np.zeros((len(z), 0))]
         for bristles, part in zip(self.bristles, parts, strict=False):
             moved.append(bristles.advanced(part, travel))
@@ -434,7 +443,13 @@ class Plant:
 
         def columns(ddq: Array) -> list[Array]:
             """Columns of the effect at one pose, at rest, with an acceleration (1, n)."""
-            motion = Motion(np.zeros(1), q, dq=still, ddq=ddq, temperature=still)
+            motion = Motion(
+                np.zeros(1),
+                q,
+                dq=still,
+                ddq=ddq,
+                temperature=still,
+            )
             return [block.columns for block in effect.blocks(motion)]
 
         before = columns(still)

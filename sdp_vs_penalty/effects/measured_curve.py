@@ -208,6 +208,26 @@ def _variable(
     )
 
 
+def _filled_table(
+    size: tuple[int, int],
+    known_places: NDArray[np.intp],
+    known_values: Sequence[float],
+) -> Array:
+    """Build a table of this size from some of its values; elsewhere it has the nearest
+    known one.
+
+    ``known_places`` count from 0, row by row.
+    """
+    cells = np.array(list(np.ndindex(size)))  # row and column of each place
+    table = np.full(len(cells), np.nan)
+    table[known_places] = known_values
+    open_places = np.flatnonzero(np.isnan(table))
+    differences = cells[open_places, None] - cells[known_places]
+    nearest = np.argmin(np.sum(differences**2, axis=2), axis=1)
+    table[open_places] = table[known_places][nearest]
+    return table.reshape(size)
+
+
 class MeasuredCurve(JointEffect):
     name = "measured_curve"
     equation = (
@@ -262,17 +282,9 @@ class MeasuredCurve(JointEffect):
         self.needs_torque = "tau" in words
         self.follows_clock = "t" in words
         self.needs_temperature = "temp" in words
-        # The table; where no value is known it has the nearest one.
         size = (int(constants["xn"]), int(constants["yn"]))
-        known_places = np.array(known) - 1
-        cells = np.array(list(np.ndindex(size)))  # (xn yn, 2) row and column
-        table = np.full(size[0] * size[1], np.nan)
-        table[known_places] = [self.shape[key] for key in values]
-        open_places = np.flatnonzero(np.isnan(table))
-        differences = cells[open_places, None] - cells[known_places]
-        nearest = np.argmin(np.sum(differences**2, axis=2), axis=1)
-        table[open_places] = table[known_places][nearest]
-        self._table = table.reshape(size)
+        known_values = [self.shape[key] for key in values]
+        self._table = _filled_table(size, np.array(known) - 1, known_values)
         # 1 where nothing was measured, 0 where v1, v2 ... are.
         measured = [k - 1 for k in known if key_of_place[k].startswith("v")]
         self._missing = np.ones(size)
@@ -302,6 +314,12 @@ class MeasuredCurve(JointEffect):
             if not constants[f"{axis}low"] < constants[f"{axis}high"]:
                 what = f"{who} a table's low end is not below its high end"
                 raise InputError(what, "swap the ends")
+        self._refuse_joints(robot, constants)
+
+    def _refuse_joints(self, robot: Robot, constants: Mapping[str, float]) -> None:
+        """Raise InputError for a joint of the table's variables that does not exist, or
+        one that is added to what is no position or velocity."""
+        who = f"effect {self.name}:"
         position_or_velocity = (1.0, 2.0)  # numbers of "q" and "dq" in WORDS
         for key in ("xj", "yj", "xi", "yi"):
             axis = key[0]

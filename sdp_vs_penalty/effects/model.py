@@ -284,30 +284,44 @@ class Model:
         if motion.sign_width != self.sign_width:
             motion = replace(motion, sign_width=self.sign_width)
         # Known columns are computed all the same where others need their torque.
-        is_left_out = set() if self.needs_reference else set(known)
-        computed = dict[int, list[Block]]()
-        for k, effect in enumerate(self.effects):
-            if depends(effect) or k in is_left_out:
-                continue
-            motion_of_effect = (
-                smooth if smooth is not None and effect.smooth else motion
-            )
-            computed[k] = effect.blocks(motion_of_effect)
+        left_out = () if self.needs_reference else known
+        blocks = self._independent_blocks(motion, left_out, smooth)
         dependent = {k: e for k, e in enumerate(self.effects) if depends(e)}
         needs_current_model = bool(dependent) and motion.current is None
         if needs_current_model:
             motion = replace(motion, current=self._current(self._referred))
-        computed |= {
-            k: e.blocks(motion) for k, e in dependent.items() if not e.needs_torque
-        }
+        for k, effect in dependent.items():
+            if not effect.needs_torque:
+                blocks[k] = effect.blocks(motion)
         if needs_current_model:
-            motion = replace(
-                motion, torque=self._made(computed, self._referred, motion)
-            )
-        computed |= {
-            k: e.blocks(motion) for k, e in dependent.items() if e.needs_torque
-        }
-        return {k: blocks for k, blocks in computed.items() if k not in known}
+            torque = self._made(blocks, self._referred, motion)
+            motion = replace(motion, torque=torque)
+        for k, effect in dependent.items():
+            if effect.needs_torque:
+                blocks[k] = effect.blocks(motion)
+        return {k: columns for k, columns in blocks.items() if k not in known}
+
+    def _independent_blocks(
+        self,
+        motion: Motion,
+        left_out: Collection[int],
+        smooth: Motion | None,
+    ) -> dict[int, list[Block]]:
+        """Compute the columns of the effects that need no current model, by their place.
+
+        ``smooth`` is another motion for smooth effects, ``left_out`` are places of
+        effects to skip.
+        """
+        blocks = dict[int, list[Block]]()
+        for k, effect in enumerate(self.effects):
+            if depends(effect) or k in left_out:
+                continue
+            has_other_motion = smooth is not None and effect.smooth
+            if smooth is not None and has_other_motion:
+                blocks[k] = effect.blocks(smooth)
+            else:
+                blocks[k] = effect.blocks(motion)
+        return blocks
 
     def joined(
         self,

@@ -185,7 +185,12 @@ class Legs:
             direction = sign[np.concatenate([moving_steps[:1], reversals])]
         else:
             direction = np.zeros(1)
-        return cls(corners, direction, leg, travel=q[1:] - corners[leg])
+        return cls(
+            corners,
+            direction,
+            leg,
+            travel=q[1:] - corners[leg],
+        )
 
 
 def _logged(field: str, what: str, columns: str) -> Any:
@@ -432,9 +437,27 @@ class Motion:
         middle = self.t - 0.5 * T
         half = max(0.5 * abs(T), step)
         torques = self.model_torque.T
-        later = np.stack([np.interp(middle + half, self.t, x) for x in torques], axis=1)
+        later = np.stack(
+            [
+                np.interp(
+                    middle + half,
+                    self.t,
+                    x,
+                )
+                for x in torques
+            ],
+            axis=1,
+        )
         sooner = np.stack(
-            [np.interp(middle - half, self.t, x) for x in torques], axis=1
+            [
+                np.interp(
+                    middle - half,
+                    self.t,
+                    x,
+                )
+                for x in torques
+            ],
+            axis=1,
         )
         return (later - sooner) / (2.0 * half)
 
@@ -477,13 +500,25 @@ class Motion:
         rate = (len(self.t) - 1) / max(float(self.t[-1] - self.t[0]), 1e-300)
         if not 2.0 * band < rate or len(values) < 3:
             return values
-        line = np.linspace(values[0], values[-1], len(values))
-        waves = scipy.fft.dst((values - line)[1:-1], type=1, axis=0)
+        line = np.linspace(
+            values[0],
+            values[-1],
+            len(values),
+        )
+        waves = scipy.fft.dst(
+            (values - line)[1:-1],
+            type=1,
+            axis=0,
+        )
         f = np.arange(1, len(values) - 1) * rate / (2 * len(values) - 2)
         gain = 1.0 + (f / band) ** 8
         waves /= gain.reshape(-1, *[1] * (values.ndim - 1))
         smooth = line
-        smooth[1:-1] += scipy.fft.idst(waves, type=1, axis=0)
+        smooth[1:-1] += scipy.fft.idst(
+            waves,
+            type=1,
+            axis=0,
+        )
         return smooth
 
     @property

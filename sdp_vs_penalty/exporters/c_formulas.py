@@ -224,14 +224,8 @@ def formulas(estimate: Estimate) -> Iterator[str]:
         formula = FORMULAS.get(effect.name)
         if formula is None:
             continue
-        theta = estimate.theta[indices]
-        joints = effect.joints
-        each = theta.reshape(len(joints), -1)
-        for joint, own in zip(joints, each, strict=True):
-            term = formula(
-                effect,
-                joint,
-                own,
-                estimate,
-            )
+        # As many parameters for each joint.
+        theta_of_joints = estimate.theta[indices].reshape(len(effect.joints), -1)
+        for joint, theta in zip(effect.joints, theta_of_joints, strict=True):
+            term = formula(effect, joint, theta, estimate)
             yield f"tau[{joint}] += {term}; /* {effect.name} */"

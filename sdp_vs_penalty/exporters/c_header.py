@@ -15,6 +15,7 @@ from sdp_vs_penalty.exporters.c_formulas import FORMULAS, formulas
 from sdp_vs_penalty.exporters.content import HELD, Content, Options, about_joints
 from sdp_vs_penalty.exporters.interface import Written
 from sdp_vs_penalty.robot.arrays import Array
+from sdp_vs_penalty.robot.robot import Robot
 
 ENDING = ".h"
 FILE = "model.h"
@@ -40,27 +41,19 @@ def write(estimate: Estimate, options: Options) -> Written:
             "the header has no place for joints that follow others, or gains",
             "write .json",
         )
-    content = Content.of(
-        estimate
-    )  # refuses what no simulator or controller should be given
+    # Refuses what no simulator or controller should be given.
+    content = Content.of(estimate)
     left = tuple(e.brief for e in model.effects if e.name not in HOLDS)
-    name = re.sub(r"\W", "_", robot.name) or "robot"
-    name = name if name.isascii() and not name[0].isdigit() else "robot"
-    joints = robot.joints
+    name = _c_name(robot.name)
     lines = [*_load_without_payload(estimate, name), *formulas(estimate)]
-    text = Template(_TEMPLATE.read_text("utf-8").replace("@", name)).substitute(
+    template = Template(_TEMPLATE.read_text("utf-8").replace("@", name))
+    text = template.substitute(
         robot=_comment(robot.name),
         method=_comment(estimate.method),
         joints=_comment(", ".join(robot.joint_names)),
         left=_comment(", ".join(map(effect_in_words, left)) or "nothing"),
         n=robot.n,
-        parent=_braces(
-            np.array([j.parent if j.parent >= 0 else robot.n for j in joints])
-        ),
-        slides=_braces(np.array([int(j.kind == "prismatic") for j in joints])),
-        origin=_braces(np.array([j.placement[:3, 3] for j in joints])),
-        turned=_braces(np.array([j.placement[:3, :3] for j in joints])),
-        axis=_braces(np.array([j.axis for j in joints])),
+        **_joint_arrays(robot),
         **_link_arrays(content.links),
         per_width=_braces(1.0 / np.asarray(model.sign_width)),
         up=_braces(-np.array(robot.gravity, float)),
@@ -73,8 +66,32 @@ def write(estimate: Estimate, options: Options) -> Written:
     return text.encode(), left
 
 
+def _c_name(name: str) -> str:
+    """Return a robot's name as an identifier of C; "robot" if that is impossible."""
+    identifier = re.sub(r"\W", "_", name)
+    is_valid = identifier and identifier.isascii() and not identifier[0].isdigit()
+    return identifier if is_valid else "robot"
+
+
+def _joint_arrays(robot: Robot) -> dict[str, str]:
+    """Write the robot's kinematics as C arrays, by name.
+
+    The parent of a joint on the base is n, an index beyond all joints.
+    """
+    joints = robot.joints
+    parents = [j.parent if j.parent >= 0 else robot.n for j in joints]
+    return {
+        "parent": _braces(np.array(parents)),
+        "slides": _braces(np.array([int(j.kind == "prismatic") for j in joints])),
+        "origin": _braces(np.array([j.placement[:3, 3] for j in joints])),
+        "turned": _braces(np.array([j.placement[:3, :3] for j in joints])),
+        "axis": _braces(np.array([j.axis for j in joints])),
+    }
+
+
 def _link_arrays(links: Array) -> dict[str, str]:
     """Write mass, first moments and inertias of links (n, 10) as C arrays, by name."""
+    # Entries xx, xy, yy, xz, yz, zz as a symmetric matrix.
     full_inertias = links[:, 4:][:, [[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
     return {
         "mass": _braces(links[:, 0]),

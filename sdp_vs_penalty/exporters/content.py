@@ -92,10 +92,10 @@ class Content:
             unless forced.
         """
         content = cls.of(estimate)
+        if options.force:
+            return content
         gyration = inertia.gyration(estimate.links)
-        for k, body in enumerate(
-            [] if options.force else estimate.problem.link_bodies[: len(gyration)]
-        ):
+        for k, body in enumerate(estimate.problem.link_bodies[: len(gyration)]):
             if gyration[k] > body.reach:
                 raise InputError(
                     f"implausible: radius of gyration {gyration[k]:.3g} m for"
@@ -136,44 +136,22 @@ class Content:
                 "write .json instead",
             )
         links = about_joints(robot, _with_payload(estimate))
-        values = {name: np.zeros(robot.n) for name in _PLACES.values()}
-        for p, value in zip(model.parameters, estimate.theta, strict=True):
-            if (place := _PLACES.get(p.effect)) is None:
-                continue
-            if value < 0.0 and place not in _SIGNLESS:
-                raise InputError(
-                    f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a"
-                    f" negative {place} would feed energy into a simulation",
-                    "identify with a method that keeps signs (lmi-sdp, penalty)",
-                )
-            values[place][p.joint - 1] += value
-        held = (*_PLACES, *HELD, "servo_position")
+        has_place = (*_PLACES, *HELD, "servo_position")
         of_springs = ("joint_spring", "torque_offset")
         springs = tuple(e.brief for e in model.effects if e.name in of_springs)
-        others = tuple(e.brief for e in model.effects if e.name not in held)
-        model_given = {
-            p.name: x for p, x in zip(model.parameters, estimate.theta, strict=True)
-        }
-        loops = [
-            [model_given.get(f"{x}{j + 1}", np.nan) for j in range(robot.n)]
-            for x in ("kp", "kd")
-        ]
-        servo = None if np.isnan(loops).any() else np.array(loops)
-        drives = [e for e in model.effects if e.forward == "drive"]
-        if servo is not None and (delay := max(e.shape["T"] for e in drives)):
-            # kp (q_cmd(t - T) - q) is kp (q_cmd - q) - kp T dq where the joint follows.
-            servo[1] += delay * servo[0]
+        others = tuple(e.brief for e in model.effects if e.name not in has_place)
+        servo, delay = _servo_gains(estimate)
+        if delay:
             others += (
                 f"the command's delay of {1e3 * delay:.2g} ms (kv is kd + kp T)",
             )
-        gains = model.gains or ()
         return cls(
             links,
             others=others,
             springs=springs,
-            gains=gains,
+            gains=model.gains or (),
             servo=servo,
-            **values,
+            **_joint_values(estimate),
         )
 
     def left_out(
@@ -195,10 +173,58 @@ class Content:
         -------
         tuple of str
         """
-        lost = (
-            ("rotor_inertia",) if not armature and np.any(self.armature > 0.0) else ()
-        )
-        return (*lost, *(() if springs else self.springs), *self.others)
+        lost = list[str]()
+        if not armature and np.any(self.armature > 0.0):
+            lost.append("rotor_inertia")
+        if not springs:
+            lost += self.springs
+        return (*lost, *self.others)
+
+
+def _joint_values(estimate: Estimate) -> dict[str, Array]:
+    """Return damping, friction, armature, stiffness and offset of the joints, (n,) each.
+
+    Raises InputError for one that is negative and would feed energy into a simulation.
+    """
+    values = {name: np.zeros(estimate.robot.n) for name in _PLACES.values()}
+    for p, value in zip(estimate.model.parameters, estimate.theta, strict=True):
+        place = _PLACES.get(p.effect)
+        if place is None:
+            continue
+        if value < 0.0 and place not in _SIGNLESS:
+            raise InputError(
+                f"joint {p.joint}: {p.effect} is {value:.4g} {p.unit}, and a"
+                f" negative {place} would feed energy into a simulation",
+                "identify with a method that keeps signs (lmi-sdp, penalty)",
+            )
+        values[place][p.joint - 1] += value
+    return values
+
+
+def _servo_gains(estimate: Estimate) -> tuple[Array | None, float]:
+    """Return the gains (2, n) kp and kd of the servos, and their commands' delay T [s].
+
+    No format has a place for the delay. Where the joint follows the command,
+    kp (q_cmd(t - T) - q) = kp (q_cmd - q) - kp T dq, so kp T is added to kd. Without the
+    gains of every joint they are None, and the delay is 0.
+    """
+    model = estimate.model
+    value_by_name = {
+        p.name: value for p, value in zip(model.parameters, estimate.theta, strict=True)
+    }
+    numbers = range(1, estimate.robot.n + 1)
+    gains = np.array(
+        [
+            [value_by_name.get(f"{gain}{number}", np.nan) for number in numbers]
+            for gain in ("kp", "kd")
+        ]
+    )
+    if np.isnan(gains).any():
+        return None, 0.0
+    drives = [effect for effect in model.effects if effect.forward == "drive"]
+    delay = max(effect.shape["T"] for effect in drives)
+    gains[1] += delay * gains[0]
+    return gains, delay
 
 
 def _with_payload(estimate: Estimate) -> Array:
@@ -230,20 +256,21 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
     Estimate
     """
     model = estimate.model
-    known = estimate.uncertainty
-    keep = [e.name in held or e.forward == "drive" for e in model.effects]
-    kept = [
-        indices for stays, (_, indices) in zip(keep, model.parts, strict=True) if stays
+    remaining = [
+        (effect, indices)
+        for effect, indices in model.parts
+        if effect.name in held or effect.forward == "drive"
     ]
-    index = np.sort(np.concatenate(kept))
+    effects = tuple(effect for effect, _ in remaining)
+    index = np.sort(np.concatenate([indices for _, indices in remaining]))
     reference = None if model.reference is None else model.reference[index]
-    effects = tuple(e for stays, e in zip(keep, model.effects, strict=True) if stays)
-    known = replace(
-        known,
-        standard=tuple(known.standard[k] for k in index),
+    uncertainty = estimate.uncertainty
+    uncertainty = replace(
+        uncertainty,
+        standard=tuple(uncertainty.standard[k] for k in index),
         base=(),
-        spread=known.spread[index],
-        gain_response=known.gain_response[index],
+        spread=uncertainty.spread[index],
+        gain_response=uncertainty.gain_response[index],
     )
     return replace(
         estimate,
@@ -253,8 +280,12 @@ def with_effects(estimate: Estimate, held: Collection[str]) -> Estimate:
             reference=reference,
         ),
         theta=estimate.theta[index],
-        uncertainty=known,
-        provenance={k: x for k, x in estimate.provenance.items() if k != "verdict"},
+        uncertainty=uncertainty,
+        provenance={
+            name: entry
+            for name, entry in estimate.provenance.items()
+            if name != "verdict"
+        },
     )
 
 
@@ -272,16 +303,19 @@ def verdict_line(estimate: Estimate) -> str:
         Printable ASCII, for a comment in a file.
     """
     line = NOT_JUDGED if estimate.verdict is None else estimate.verdict.brief()
-    both = zip(
+    parameters = zip(
         estimate.model.parameters,
         estimate.theta,
         estimate.model.drives,
         strict=True,
     )
-    if gains := ", ".join(
-        f"{p.name} = {x:.6g} {p.unit}" for p, x, drive in both if drive
-    ):
-        line = f"{line} Servo gains (kd holds viscous friction): {gains}"
+    gains = [
+        f"{p.name} = {value:.6g} {p.unit}"
+        for p, value, is_gain in parameters
+        if is_gain
+    ]
+    if gains:
+        line = f"{line} Servo gains (kd holds viscous friction): {', '.join(gains)}"
     return re.sub(r"[^\x20-\x7e]", "?", line)
 
 
@@ -306,13 +340,13 @@ def about_joints(robot: Robot, links: Array) -> Array:
         For an inconsistent link.
     """
     carriers = [robot.tree[carrier] for carrier in robot.link_joints]
-    out = [
-        inertia.transform(j.link_frame) @ links_of_joint
-        for j, links_of_joint in zip(carriers, links, strict=True)
+    moved = [
+        inertia.transform(joint.link_frame) @ link
+        for joint, link in zip(carriers, links, strict=True)
     ]
-    for k, (joint, link) in enumerate(zip(carriers, out, strict=True), start=1):
-        require_consistent(link, f"link {k} (on joint {joint.name!r})")
-    return np.stack(out)
+    for number, (joint, link) in enumerate(zip(carriers, moved, strict=True), start=1):
+        require_consistent(link, f"link {number} (on joint {joint.name!r})")
+    return np.stack(moved)
 
 
 def require_consistent(link: Array, name: str) -> None:
@@ -329,9 +363,8 @@ def require_consistent(link: Array, name: str) -> None:
     """
     pseudo = inertia.pseudo_inertia(link)
     smallest = float(np.linalg.eigvalsh(pseudo)[0])
-    if not np.all(np.isfinite(link)) or smallest < -ROUNDING * max(
-        float(np.trace(pseudo)), 0.0
-    ):
+    tolerance = ROUNDING * max(float(np.trace(pseudo)), 0.0)
+    if not np.all(np.isfinite(link)) or smallest < -tolerance:
         raise InputError(
             "the inertial is not physically consistent (smallest eigenvalue of its"
             f" pseudo-inertia {smallest:.3g}), and simulators reject such a body or"

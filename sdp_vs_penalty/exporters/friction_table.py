@@ -73,51 +73,36 @@ def friction_curves(estimate: Estimate) -> list[FrictionCurve]:
     """
     model = estimate.model
     robot = estimate.robot
-    held = [(e, indices) for e, indices in model.parts if follows_alone(e, "dq")]
-    factor = estimate.uncertainty.factor
+    effects = [(e, indices) for e, indices in model.parts if follows_alone(e, "dq")]
+    if not effects:
+        return []
+    factor = estimate.uncertainty.factor  # (p, r), covariance = factor factor^T
+    _, _, largest_velocities = joint_limits(robot)
     curves = []
-    for j, fastest in enumerate(joint_limits(robot)[2] if held else ()):
-        up = np.geomspace(
-            min(model.sign_width[j], fastest) / 4.0,
-            fastest,
-            30,
-        )
-        speed = np.concatenate(
-            [
-                -up[::-1],
-                [0.0],
-                up,
-            ]
-        )
-        still = np.zeros((len(speed), robot.n))
-        dq = still.copy()
-        dq[:, j] = speed
+    for j, fastest in enumerate(largest_velocities):
+        slowest = min(model.sign_width[j], fastest) / 4.0
+        positive = np.geomspace(slowest, fastest, 30)
+        velocity = np.concatenate([-positive[::-1], [0.0], positive])
+        # Joint j alone moves.
+        zeros = np.zeros((len(velocity), robot.n))
+        dq = zeros.copy()
+        dq[:, j] = velocity
         motion = Motion(
-            np.zeros(len(speed)),
-            still,
+            np.zeros(len(velocity)),
+            zeros,
             dq,
-            still,
+            zeros,
             sign_width=model.sign_width,
         )
-        curve_rows = [
-            (i[b.parameters], b)
-            for e, i in held
-            for b in e.blocks(motion)
-            if b.joint == j
-        ]
-        torque = sum(
-            (b.columns @ estimate.theta[at] for at, b in curve_rows), still[:, 0]
-        )
-        spread = sum(
-            (b.columns @ factor[at] for at, b in curve_rows),
-            np.zeros((len(speed), len(factor.T))),
-        )
-        curves.append(
-            FrictionCurve(
-                j,
-                speed,
-                torque,
-                np.linalg.norm(spread, axis=1),
-            )
-        )
+        torque = zeros[:, 0]
+        spread = np.zeros((len(velocity), factor.shape[1]))
+        for effect, indices in effects:
+            for block in effect.blocks(motion):
+                if block.joint != j:
+                    continue
+                parameters = indices[block.parameters]
+                torque = torque + block.columns @ estimate.theta[parameters]
+                spread = spread + block.columns @ factor[parameters]
+        std = np.linalg.norm(spread, axis=1)
+        curves.append(FrictionCurve(j, velocity, torque, std))
     return curves

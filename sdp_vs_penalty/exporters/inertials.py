@@ -30,6 +30,8 @@ from sdp_vs_penalty.robot.urdf import (
 _ZERO = 1e-12
 #: Root mean square distance of a link's mass from a plane, at least [m].
 _THINNEST = 1e-3
+#: How far a link reaches that no joint moves, such as the base [m].
+_REACH_OF_BASE = 3.0
 
 
 @dataclass(frozen=True)
@@ -78,45 +80,27 @@ class LinkCheck:
             inconsistent.
         """
         inertial = Inertial.of(theta)
-        verdict = "consistent"
-        nearest = None
-        moments = np.linalg.eigvalsh(inertial.about_com)
+        moments = np.asarray(np.linalg.eigvalsh(inertial.about_com), float)
         triangle = float(moments[0] + moments[1] - moments[2])
-        # What rounding leaves of a moment is relative to the moments about the link's
-        # origin.
-        size = abs(float(moments.sum())) + 2.0 * inertial.mass * float(
-            np.sum(inertial.com**2)
-        )
-        tolerance = -ROUNDING * size
         if theta.any() and inertial.mass <= 0.0:
-            verdict = (
-                "negative mass"
-                if inertial.mass < 0.0
-                else "moment of inertia without mass"
-            )
             triangle = np.nan
-        elif min(moments[0], triangle) < tolerance:
-            verdict = "triangle inequality violated"
-            verdict = (
-                "negative moment of inertia" if moments[0] < tolerance else verdict
-            )
-        elif inertial.mass > 0.0 and moments[0] <= _ZERO:
-            verdict = "zero moment of inertia"
-        if verdict != "consistent" and inertial.mass > 0.0:
-            nearest = replace(
-                inertial, about_com=nearest_inertia(inertial.about_com, inertial.mass)
-            )
-        gyration = float(inertia.gyration(theta)) if verdict == "consistent" else 0.0
-        margin = float(inertia.consistency_margin(theta))
+        verdict = _verdict_on(inertial, moments, bool(theta.any()))
+        nearest = None
+        gyration = 0.0
+        if verdict == "consistent":
+            gyration = float(inertia.gyration(theta))
+        elif inertial.mass > 0.0:
+            about_com = nearest_inertia(inertial.about_com, inertial.mass)
+            nearest = replace(inertial, about_com=about_com)
         return cls(
             link,
-            inertial,
-            triangle,
-            margin,
-            verdict,
-            reach,
-            gyration,
-            nearest,
+            inertial_given=inertial,
+            triangle_margin=triangle,
+            pseudo_inertia_margin=float(inertia.consistency_margin(theta)),
+            verdict=verdict,
+            reach=reach,
+            gyration=gyration,
+            nearest=nearest,
         )
 
     @property
@@ -171,6 +155,32 @@ class LinkCheck:
         return out
 
 
+def _verdict_on(
+    inertial: Inertial,
+    moments: Array,
+    has_parameters: bool,
+) -> str:
+    """Say why a link cannot exist, or "consistent".
+
+    moments : (3,) principal moments about the centre of mass, in increasing order
+    [kg m^2]; has_parameters : whether the file gives any number that is not zero.
+    Rounding errors of a moment are relative to those about the link's origin.
+    """
+    if inertial.mass < 0.0:
+        return "negative mass"
+    if inertial.mass == 0.0 and has_parameters:
+        return "moment of inertia without mass"
+    to_origin = 2.0 * inertial.mass * float(np.sum(inertial.com**2))
+    tolerance = -ROUNDING * (abs(float(moments.sum())) + to_origin)
+    if moments[0] < tolerance:
+        return "negative moment of inertia"
+    if moments[0] + moments[1] - moments[2] < tolerance:
+        return "triangle inequality violated"
+    if inertial.mass > 0.0 and moments[0] <= _ZERO:
+        return "zero moment of inertia"
+    return "consistent"
+
+
 def check_urdf(path: str | Path) -> list[LinkCheck]:
     """Check every inertial of a URDF file.
 
@@ -189,32 +199,30 @@ def check_urdf(path: str | Path) -> list[LinkCheck]:
     InputError
         For a file that is not a URDF of a tree of joints.
     """
-    robot, nominal = load_urdf(
-        path
-    )  # says in a sentence whatever else is wrong with the file
-    open_box = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
+    # Refuses the file in one sentence for whatever else is wrong with it.
+    robot, nominal = load_urdf(path)
+    without_bounds = np.tile([-np.inf, np.inf], (robot.links, 3, 1))
     bodies = link_bodies(
         robot,
-        open_box,
+        without_bounds,
         np.zeros_like(nominal),
         link_geometry(path),
     )
-    moving = zip(placed_links(path), bodies, strict=True)
-    reach = {
-        link.get("name"): body.reach for parts, body in moving for link, _ in parts
+    # Links fixed to a moving link are part of its body.
+    reach_by_link = {
+        link.get("name"): body.reach
+        for fixed_together, body in zip(placed_links(path), bodies, strict=True)
+        for link, _ in fixed_together
     }
-    links = [
-        x
-        for x in Document.read(path).root.findall("link")
-        if x.find("inertial") is not None
-    ]
-    names = [str(link.get("name")) for link in links]
+    checks = []
     with errors_located_in(path):
-        inertials = zip(names, map(read_inertial, links), strict=True)
-        return [
-            LinkCheck.of(name, nominal, reach.get(name, 3.0))
-            for name, nominal in inertials
-        ]
+        for link in Document.read(path).root.findall("link"):
+            if link.find("inertial") is None:
+                continue
+            name = str(link.get("name"))
+            reach = reach_by_link.get(name, _REACH_OF_BASE)
+            checks.append(LinkCheck.of(name, read_inertial(link), reach))
+    return checks
 
 
 def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
@@ -230,12 +238,16 @@ def table(checks: Sequence[LinkCheck]) -> list[tuple[str, ...]]:
     list of tuple
         Text; margins are negative if they are violated.
     """
-    margins = [
-        (c.inertial_given.mass, c.triangle_margin, c.pseudo_inertia_margin)
-        for c in checks
+    return [
+        (
+            check.link,
+            check.verdict,
+            f"{check.inertial_given.mass:.3g}",
+            f"{check.triangle_margin:.3g}",
+            f"{check.pseudo_inertia_margin:.3g}",
+        )
+        for check in checks
     ]
-    both = zip(checks, margins, strict=True)
-    return [(c.link, c.verdict, *(f"{x:.3g}" for x in values)) for c, values in both]
 
 
 def sentences(checks: Sequence[LinkCheck], massless: Sequence[str]) -> list[str]:
@@ -370,9 +382,8 @@ def nearest_inertia(about_com: Array, mass: float = 0.0) -> Array:
     (3, 3)
         [kg m^2].
     """
-
     moments, axes = np.linalg.eigh(0.5 * (about_com + about_com.T))
-    second, _ = scipy.optimize.nnls(1.0 - np.eye(3), moments)
+    second, _ = scipy.optimize.nnls(1.0 - np.eye(3), moments)  # D = (1 - I) s
     # As far inside as it takes to survive being written as text and read again.
     second = second + 4.0 * ROUNDING * second.sum()
     second = np.maximum(second, mass * _THINNEST**2)

@@ -11,6 +11,7 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.exporters.content import (
     HELD,
     Content,
+    LinkPart,
     Options,
     element,
     parts,
@@ -18,6 +19,7 @@ from sdp_vs_penalty.exporters.content import (
     xml_text,
 )
 from sdp_vs_penalty.exporters.interface import Written
+from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.joint import Joint
 from sdp_vs_penalty.robot.robot import Robot
 
@@ -91,18 +93,8 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
         )
         bodies.append(body)
         solid = part.inertial
-        needed = {"mass": solid.mass}
-        needed["moment of inertia about some axis"] = np.linalg.eigvalsh(
-            solid.about_com
-        )[0]
-        # MuJoCo wants its mjMINVAL, 1e-15; less than this is rounding.
-        if missing := [name for name, size in needed.items() if size <= 1e-12]:
-            raise InputError(
-                f"link {i + 1} (on joint {joint.name!r}): it has no {missing[0]}, which"
-                " MuJoCo refuses",
-                "identify with the method lmi-sdp-thickness, whose links have a minimum"
-                " thickness, or write .json where a link is declared massless",
-            )
+        _require_loadable(part)
+        # Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
         full = solid.about_com[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         element(
             body,
@@ -143,29 +135,53 @@ def make_mjcf(robot: Robot, content: Content) -> bytes:
                 joint2=leader,
                 polycoef=course,
             )
-        for child in (
-            robot.tree
-        ):  # a thin capsule to every joint that the link carries: only to be seen
-            end = child.placement[:3, 3]
-            if child.parent == i and (length := float(np.linalg.norm(end))) > 0.0:
-                visual_attributes = {
-                    "contype": "0",
-                    "conaffinity": "0",
-                    "rgba": "0.6 0.65 0.7 0.5",
-                }
-                ends = np.concatenate([np.zeros(3), end])
-                element(
-                    body,
-                    "geom",
-                    type="capsule",
-                    fromto=ends,
-                    size=0.08 * length,
-                    **visual_attributes,
-                )
+        for child in robot.tree:
+            if child.parent == i:
+                _draw_capsule(body, child.placement[:3, 3])
     if len(equality):
         root.append(equality)
     root.append(actuators)
     return xml_text(root, declaration=False)
+
+
+def _require_loadable(part: LinkPart) -> None:
+    """Raise InputError for a link without mass or thickness, which MuJoCo refuses.
+
+    MuJoCo's own limit is 1e-15 (mjMINVAL); numbers below 1e-12 are rounding.
+    """
+    smallest_moment = np.linalg.eigvalsh(part.inertial.about_com)[0]
+    needed = {
+        "mass": part.inertial.mass,
+        "moment of inertia about some axis": smallest_moment,
+    }
+    missing = [name for name, size in needed.items() if size <= 1e-12]
+    if missing:
+        raise InputError(
+            f"link {part.index + 1} (on joint {part.joint.name!r}): it has no"
+            f" {missing[0]}, which MuJoCo refuses",
+            "identify with the method lmi-sdp-thickness, whose links have a minimum"
+            " thickness, or write .json where a link is declared massless",
+        )
+
+
+def _draw_capsule(body: Any, end: Array) -> None:
+    """Append a thin capsule from a body's origin to ``end`` (3,) [m].
+
+    It only shows the link: it collides with nothing. A length of zero shows nothing.
+    """
+    length = float(np.linalg.norm(end))
+    if length == 0.0:
+        return
+    element(
+        body,
+        "geom",
+        type="capsule",
+        fromto=np.concatenate([np.zeros(3), end]),
+        size=0.08 * length,
+        contype="0",
+        conaffinity="0",
+        rgba="0.6 0.65 0.7 0.5",
+    )
 
 
 #: Of a spring that stands for an offset alone: its torque changes by this share of the
@@ -179,15 +195,10 @@ def _spring(stiffness: float, offset: float) -> dict[str, float]:
     MuJoCo's spring pulls with -stiffness (q - springref). An offset without a spring
     becomes a spring so soft and so far away that its torque hardly changes.
     """
+    if not offset and not stiffness:
+        return {}
     if not offset:
-        return (
-            {
-                "stiffness": stiffness,
-                "springref": 0.0,
-            }
-            if stiffness
-            else {}
-        )
+        return {"stiffness": stiffness, "springref": 0.0}
     stiffness = stiffness or _SOFT * abs(offset)
     return {
         "stiffness": stiffness,

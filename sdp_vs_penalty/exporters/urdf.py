@@ -138,29 +138,34 @@ class Document:
         new_child.attrib.update(attributes)
         for name, child_attributes in children.items():
             etree.SubElement(new_child, name, dict(child_attributes))
-        start, end, closing = self.spans[parent if old_child is None else old_child]
-        before = self.source[self.source.rfind(b"\n", 0, start) + 1 : start]
-        newline = b"\r\n" if b"\r\n" in self.source else b"\n"
-        newline += before[: len(before) - len(before.lstrip())]
         etree.indent(new_child)
-        text = etree.tostring(new_child).replace(
-            b"\n", newline + b"  " * (old_child is None)
-        )
+        text = etree.tostring(new_child)
         if old_child is not None:
+            start, end, closing = self.spans[old_child]
             stop = end if closing is None else self.source.index(b">", closing) + 1
+            text = text.replace(b"\n", self._newline(start))
             self._changes.append((start, stop, text))
             return
-        line = newline + b"  " + text
-        if closing is None:
-            name = parent.tag.encode()
-            self._changes.append(
-                (end - 2, end, b">" + line + newline + b"</" + name + b">")
-            )
+        start, end, closing = self.spans[parent]
+        newline = self._newline(start)
+        line = newline + b"  " + text.replace(b"\n", newline + b"  ")
+        if closing is None:  # <parent/> becomes <parent> ... </parent>
+            end_tag = b"</" + parent.tag.encode() + b">"
+            self._changes.append((end - 2, end, b">" + line + newline + end_tag))
             return
+        # Behind the parent's last child, before the line of its end tag.
         place = max(len(self.source[:closing].rstrip(b" \t\r\n")), end)
-        self._changes.append(
-            (place, place, line + (b"" if place < closing else newline))
-        )
+        if place == closing:  # the end tag gets a line of its own
+            line += newline
+        self._changes.append((place, place, line))
+
+    def _newline(self, start: int) -> bytes:
+        """Return a line end of the file with the indentation of the line at ``start``."""
+        line_start = self.source.rfind(b"\n", 0, start) + 1
+        before = self.source[line_start:start]
+        indentation = before[: len(before) - len(before.lstrip())]
+        line_end = b"\r\n" if b"\r\n" in self.source else b"\n"
+        return line_end + indentation
 
     def edited(self) -> bytes:
         """Return the file's bytes with all changes applied."""
@@ -179,22 +184,27 @@ def _spans(source: bytes) -> list[tuple[int, int, int | None]]:
     For each: begin and end of the start tag, and begin of the end tag (None for <a/>).
     The file must be well-formed.
     """
-    out: list[tuple[int, int, int | None]] = []
-    stack: list[int] = []
+    spans: list[tuple[int, int, int | None]] = []
+    open_elements: list[int] = []  # their indices, the innermost last
     for match in _MARKUP.finditer(source):
-        if (tag := match["tag"]) is None:
+        tag = match["tag"]
+        if tag is None:  # a comment, text or instruction
             continue
         if tag.startswith(b"</"):
-            k = stack.pop()
-            out[k] = *out[k][:2], match.start()
+            k = open_elements.pop()
+            begin, end, _ = spans[k]
+            spans[k] = begin, end, match.start()
             continue
         if not tag.endswith(b"/>"):
-            stack.append(len(out))
-        out.append((*match.span(), None))
-    return out
+            open_elements.append(len(spans))
+        spans.append((*match.span(), None))
+    return spans
 
 
 _REMEDY = "give the URDF of the robot that was identified"
+#: What rounded DH tables leave between two axes that coincide: distance [m], or
+#: difference of unit vectors.
+_NEAR = 1e-4
 _DRAKE = "http://drake.mit.edu"
 
 ENDING = ".urdf"
@@ -379,14 +389,8 @@ def rpy_of(rotation: Array) -> Array:
     """
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
-    across = np.array(
-        [
-            -np.sin(yaw),
-            np.cos(yaw),
-            0.0,
-        ]
-    )  # the y axis after the yaw
-    roll = np.arctan2(-across @ rotation[:, 2], across @ rotation[:, 1])
+    y_after_yaw = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+    roll = np.arctan2(-y_after_yaw @ rotation[:, 2], y_after_yaw @ rotation[:, 1])
     return np.array([roll, pitch, yaw])
 
 
@@ -429,36 +433,28 @@ def edit_urdf(
         order,
     )
     document = Document.read(path)
-    there = {link.get("name"): link for link in document.root.findall("link")}
+    link_elements = {link.get("name"): link for link in document.root.findall("link")}
     zero = {
         "mass": {"value": "0"},
         "inertia": Inertial.of(np.zeros(10)).urdf_attributes,
     }
-    for theta, (first_link, *fixed) in zip(links, placed_links(path), strict=True):
-        require_consistent(
-            theta, f"{path}: link {(name := first_link[0].get('name'))!r}"
-        )
-        document.put(
-            there[name],
-            "inertial",
-            {},
-            inertial_tags(Inertial.of(theta)),
-        )
-        for link in (there[e.get("name")] for e, _ in fixed):
-            if link.find("inertial") is not None:
-                document.put(
-                    link,
-                    "inertial",
-                    {},
-                    zero,
-                )
+    for theta, (moving, *fixed) in zip(links, placed_links(path), strict=True):
+        name = moving[0].get("name")
+        require_consistent(theta, f"{path}: link {name!r}")
+        tags = inertial_tags(Inertial.of(theta))
+        document.put(link_elements[name], "inertial", {}, tags)
+        for link, _ in fixed:
+            fixed_link = link_elements[link.get("name")]
+            if fixed_link.find("inertial") is not None:
+                document.put(fixed_link, "inertial", {}, zero)
     joints = {joint.get("name"): joint for joint in document.root.findall("joint")}
     names = [joint.name for joint in urdf_robot.tree]
     for joint in urdf_robot.joints:
-        mine = robot.joint_names.index(robot.tree[order[names.index(joint.name)]].name)
+        joint_of_model = robot.tree[order[names.index(joint.name)]]
+        index = robot.joint_names.index(joint_of_model.name)
         values = {
-            "damping": content.damping[mine],
-            "friction": content.friction[mine],
+            "damping": content.damping[index],
+            "friction": content.friction[index],
         }
         if joints[joint.name].find("dynamics") is not None or any(values.values()):
             written = {key: number(value) for key, value in values.items()}
@@ -521,37 +517,36 @@ def _in_frames_of(
     InputError
         If two corresponding joint axes do not coincide.
     """
-    from_file = urdf_robot.poses(np.zeros((1, len(urdf_robot.tree))))[0]
-    from_model = mine.poses(np.zeros((1, len(mine.tree))))[0]
-    held = dict(zip(mine.link_joints, links, strict=True))
-    out = []
-    near = 1e-4  # what rounded DH tables leave between two axes that are one [m, -]
+    poses_of_file = urdf_robot.poses(np.zeros((1, len(urdf_robot.tree))))[0]
+    poses_of_model = mine.poses(np.zeros((1, len(mine.tree))))[0]
+    link_of_joint = dict(zip(mine.link_joints, links, strict=True))
+    transformed = []
     for index, (joint, k) in enumerate(zip(urdf_robot.tree, order, strict=True)):
         other = mine.tree[k]
-        relation = np.linalg.inv(from_file[index]) @ from_model[k]
-        turned = relation[:3, :3] @ other.axis
-        offset = relation[:3, 3]
-        across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
-        apart = across if joint.kind == "revolute" else 0.0
-        wrong_parent = (-1 if joint.parent < 0 else order[joint.parent]) != other.parent
+        relation = np.linalg.inv(poses_of_file[index]) @ poses_of_model[k]
+        parent = -1 if joint.parent < 0 else order[joint.parent]
+        is_like = joint.kind == other.kind and parent == other.parent
         what = f"joint {joint.name!r} is not joint {other.name!r} of the model"
-        if (
-            joint.kind != other.kind
-            or wrong_parent
-            or np.linalg.norm(turned - joint.axis) > near
-        ):
+        axis_of_other = relation[:3, :3] @ other.axis
+        if not is_like or np.linalg.norm(axis_of_other - joint.axis) > _NEAR:
             raise InputError(
                 f"{what} (another kind, parent or direction of its axis)",
                 _REMEDY,
                 path,
             )
-        if apart > near:
+        offset = relation[:3, 3]
+        across = float(np.linalg.norm(offset - joint.axis * (joint.axis @ offset)))
+        # A prismatic joint has a direction, but no place.
+        if joint.kind == "revolute" and across > _NEAR:
             raise InputError(
-                f"{what}: its axis lies {1e3 * apart:.3g} mm away",
+                f"{what}: its axis lies {1e3 * across:.3g} mm away",
                 _REMEDY,
                 path,
             )
         if index in urdf_robot.link_joints:
-            same = np.array_equal(relation, np.eye(4))
-            out.append(held[k] if same else inertia.transform(relation) @ held[k])
-    return np.array(out)
+            link = link_of_joint[k]
+            is_same_frame = np.array_equal(relation, np.eye(4))
+            transformed.append(
+                link if is_same_frame else inertia.transform(relation) @ link
+            )
+    return np.array(transformed)

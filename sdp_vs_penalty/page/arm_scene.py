@@ -217,7 +217,9 @@ class ArmScene:
         return groups
 
     def _draw_mesh(self, mesh: Mapping[str, Any]) -> None:
-        """The surface of a link, through which its ellipsoid is seen."""
+        """Draw a link's surface from its mesh, transparent so that its ellipsoid
+        shows.
+        """
         place = np.array(mesh["place"])
         url = f"/s/{self.view.session.token}/take/{mesh['file']}"
         surface = self.scene.stl(url).material(_BONES, _SURFACE)

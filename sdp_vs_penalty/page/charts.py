@@ -144,8 +144,12 @@ _SPIKE = 3.0
 
 
 def _span_without_spikes(read: Mapping[str, Any], name: str) -> list[float] | None:
-    """The range of an axis where the check's repair makes it much shorter: what is
-    repaired, such as spikes, would press all else into a line. None: it stays."""
+    """Return the axis range of a signal (M, n) without the values that the check
+    repairs.
+
+    Spikes would press everything else into a line. None if the range without them is
+    not much shorter, so that the axis stays as it is.
+    """
     repaired = read.get(f"repaired_{name}")
     if repaired is None or not np.isfinite(repaired).any():
         return None

@@ -314,7 +314,7 @@ def judged(models: Sequence[ModelStep]) -> None:
 
 
 def figures(pairs: Sequence[tuple[str, str]]) -> None:
-    """Numbers beside each other, each under its name."""
+    """Draw numbers next to each other, each below its name."""
     with tag("dl", style="figures"):
         for name, value in pairs:
             with tag("div"):

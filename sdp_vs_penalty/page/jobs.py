@@ -667,10 +667,11 @@ def robot(job: JobRequest) -> Answer:
 
 
 def _kept_meshes(job: JobRequest, problem: Problem) -> list[Answer]:
-    """Files of the links' meshes, which the 3D view draws: joint and placement of each.
+    """Store the links' meshes as STL files for the 3D view; return joint, file and
+    placement.
 
-    Only of a URDF whose meshes lie beside it or in a package of ROS; a mesh that cannot
-    be read is left out.
+    There are none unless the robot is a URDF whose meshes lie next to it or in a
+    package of ROS. A mesh that cannot be read is left out.
     """
     source = Path(job["robot"]["source"])
     if source.suffix.lower() != ".urdf" or not source.is_file():
@@ -809,8 +810,10 @@ def find(job: JobRequest) -> Answer:
 
 
 def _confirmed_on_other_splits(job: JobRequest, diagnosis: Diagnosis) -> Diagnosis:
-    """A diagnosis of one split run, with how many other splits of the run show each of
-    its confident findings."""
+    """Count for each confident finding how many other splits of the run show it too.
+
+    This is done for a single run that is split; otherwise the diagnosis stays as it is.
+    """
     split_runs = [run for run in job["runs"] if run["use"] == "split"]
     has_confident = any(f.rating == "confident" for f in diagnosis.effects)
     if len(split_runs) != 1 or len(job["runs"]) != 1 or not has_confident:

@@ -74,17 +74,8 @@ def serve(
             "name the folder with your runs, or leave it out",
             folder,
         )
-    try:  # listening: the browser may knock before the server answers
-        listener = socket.create_server(("127.0.0.1", port or 0), backlog=128)
-    except OSError as error:
-        taken = (
-            "is taken"
-            if error.errno == errno.EADDRINUSE
-            else f"fails ({error.strerror})"
-        )
-        raise InputError(
-            f"--port {port}: {taken}", "choose another, or leave it out"
-        ) from error
+    # Listens already now, since the browser may connect before the server answers.
+    listener = _listener(port)
     chosen = listener.getsockname()[1]
     sessions = Sessions(WorkerPool())
     os.environ["TMPDIR"] = str(sessions.root)  # for what workers keep while they work
@@ -99,9 +90,8 @@ def serve(
         signal.signal(signal.SIGHUP, lambda *_: os.kill(os.getpid(), signal.SIGTERM))
     if browser:
         nicegui_app.on_startup(lambda: asyncio.to_thread(webbrowser.open, address))
-    logging.getLogger("engineio").setLevel(
-        logging.CRITICAL
-    )  # that a tab has lost its connection
+    # Otherwise it reports each tab that has lost its connection.
+    logging.getLogger("engineio").setLevel(logging.CRITICAL)
     config = uvicorn.Config(
         guarded(make_app(sessions, folder, forms), chosen, key),
         log_level="error",
@@ -118,6 +108,22 @@ def serve(
     finally:
         sessions.close()
         gc.freeze()  # going through all objects once more takes Python a second
+
+
+def _listener(port: int | None) -> socket.socket:
+    """Listen at a TCP port of this computer, None for any free one.
+
+    Raises InputError if the port is taken.
+    """
+    try:
+        return socket.create_server(("127.0.0.1", port or 0), backlog=128)
+    except OSError as error:
+        problem = f"fails ({error.strerror})"
+        if error.errno == errno.EADDRINUSE:
+            problem = "is taken"
+        raise InputError(
+            f"--port {port}: {problem}", "choose another, or leave it out"
+        ) from error
 
 
 def make_app(

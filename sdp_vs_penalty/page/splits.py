@@ -53,7 +53,7 @@ class _Cutting:
 
     @classmethod
     def of(cls, problem: Problem, run: Measurements) -> _Cutting:
-        """Raises InputError for a run without motion."""
+        """Read how a run can be cut. Raises InputError for a run without motion."""
         settings = problem.preprocessing.resolve(run)
         (clock,) = motion_clocks(tracks_of(run))
         return cls(
@@ -64,16 +64,21 @@ class _Cutting:
 
     @property
     def pause(self) -> float:
-        """Between training and testing [s]; with half of the reach no filter sees both."""
+        """Gap between training and testing [s]: half the filters' reach, so none
+        sees both.
+        """
         return 0.5 * self.reach
 
     @property
     def shortest(self) -> float:
-        """Of which the filters leave something [s]."""
+        """Length [s] from which on the filters leave rows of a window."""
         return 1.5 * self.reach
 
     def windows(self, share: float) -> tuple[Windows, Windows] | None:
-        """Windows for training and testing [s]; None where the run is too short."""
+        """Return the windows (begin, end) [s] for training and for testing.
+
+        share : share of the motion for training. None if the run is too short.
+        """
         return phase_windows(
             self.clock,
             self.seconds,
@@ -83,7 +88,9 @@ class _Cutting:
         )
 
     def judged_share(self, tested: Windows) -> float:
-        """Share of the run that is judged on, both behind the filters."""
+        """Return the share of the run, behind the filters, that is in the tested
+        windows.
+        """
         judged = sum(max(b - a - self.reach, 0.0) for a, b in tested)
         return judged / max(self.seconds - self.reach, 1e-9)
 
@@ -93,7 +100,7 @@ def split_run(
     run: Measurements,
     share: float | None = None,
 ) -> dict[str, Any] | None:
-    """Windows of a run to identify from and to judge on.
+    """Cut a run into windows to identify from, and windows to judge on.
 
     Parameters
     ----------
@@ -102,31 +109,22 @@ def split_run(
     run : Measurements
         One recording.
     share : float or None
-        Share of the motion to identify from; None: the largest one that leaves a fifth of
-        the run to judge on.
+        Share of the motion to identify from; None: the largest one that leaves a fifth
+        of the run to judge on.
 
     Returns
     -------
     dict or None
         Windows [s] "train" and "test", rounded so that a command can name them;
         "train_seconds", "test_seconds"; "share" of the motion for training;
-        "judged_share" of the run behind the filters; "bar": side, begin and length [% of
-        the run] of each window. None for a run that is too short.
+        "judged_share" of the run behind the filters; "bar": side, begin and length [%
+        of the run] of each window. None for a run that is too short.
     """
     try:
         cutting = _Cutting.of(problem, run)
     except InputError:  # no motion: the check says so
         return None
-    best = None
-    for candidate in SHARES if share is None else (share,):
-        windows = cutting.windows(candidate)
-        if windows is None:
-            continue
-        judged_share = cutting.judged_share(windows[1])
-        if best is None or judged_share > best[2]:
-            best = candidate, windows, judged_share
-        if judged_share >= JUDGED_SHARE:
-            break
+    best = _best_cut(cutting, SHARES if share is None else (share,))
     if best is None:
         return None
     chosen, windows, judged_share = best
@@ -138,13 +136,36 @@ def split_run(
     return split
 
 
+def _best_cut(
+    cutting: _Cutting, shares: Sequence[float]
+) -> tuple[float, tuple[Windows, Windows], float] | None:
+    """Return the first share that leaves enough to judge on, with its windows.
+
+    If none does, it is the share that leaves most. The last item is the share of the run
+    that is judged. None if the run is too short for all of them.
+    """
+    best = None
+    for share in shares:
+        windows = cutting.windows(share)
+        if windows is None:
+            continue
+        judged_share = cutting.judged_share(windows[1])
+        if best is None or judged_share > best[2]:
+            best = share, windows, judged_share
+        if judged_share >= JUDGED_SHARE:
+            break
+    return best
+
+
 def _piece(
     side: str,
     start: float,
     stop: float,
     seconds: float,
 ) -> dict[str, Any]:
-    """One window of the bar, in per cent of the run."""
+    """Return side, left edge and width [% of the run] of a window, for drawing it as
+    a bar.
+    """
     return {
         "side": side,
         "left": 100.0 * start / seconds,
@@ -249,7 +270,10 @@ def _diagnosed(
     frozen: bool,
     seed: int,
 ) -> Diagnosis:
-    """The diagnosis of the same effects on another split."""
+    """Identify and diagnose a model anew on another split of the run.
+
+    train, test : windows (begin, end) [s]; frozen : keep the model's parameters.
+    """
     trained = windowed(run, train)
     if not frozen:
         model = estimate_parameters(
@@ -270,8 +294,10 @@ def _diagnosed(
 
 
 def _named(diagnosis: Diagnosis) -> set[tuple[str, tuple[int, ...]]]:
-    """Effects and joints of the findings that a diagnosis calls more than weak: in a
-    near-tie the torque is there, and this name fits it."""
+    """Return effect and joints of each finding that is more than weak.
+
+    A near-tie counts as well: the torque is there, and this name fits it.
+    """
     return {
         (finding.effect, finding.joints)
         for finding in diagnosis.effects
@@ -283,7 +309,11 @@ def _with_splits(
     finding: Finding,
     shown: Sequence[set[tuple[str, tuple[int, ...]]]],
 ) -> Finding:
-    """A finding with how many splits show it; weak where these are too few."""
+    """Count how many splits show a confident finding; rate it weak if these are too
+    few.
+
+    shown : effect and joints of the findings of each split.
+    """
     if finding.rating != "confident":
         return finding
     count = sum((finding.effect, finding.joints) in found for found in shown)

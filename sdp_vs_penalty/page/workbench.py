@@ -11,10 +11,16 @@ from typing import Any
 from nicegui import ui
 
 from sdp_vs_penalty.page.controls import button, note, tag
+from sdp_vs_penalty.page.session import Session
 from sdp_vs_penalty.page.stages import STAGES
 from sdp_vs_penalty.page.view import PagePart, Stage, StageVerdict, View
 
 _NEXT = dict(itertools.pairwise(STAGES))
+
+
+def _is_ready(stage: Stage, session: Session) -> bool:
+    """Whether any part of a stage can be shown."""
+    return any(part.ready(session) for part in stage.parts)
 
 
 class Workbench:
@@ -197,15 +203,11 @@ class Workbench:
         """
         session = self.session
         following = _NEXT.get(stage)
-        ready = any(part.ready(session) for part in stage.parts)
+        ready = _is_ready(stage, session)
         verdict = (stage.verdict(session) if ready else None) or StageVerdict("", "")
-        on = (
-            ready
-            and following is not None
-            and any(p.ready(session) for p in following.parts)
-        )
+        on = ready and following is not None and _is_ready(following, session)
         link, mark, section, above, end = self._at[stage.anchor]
-        later = " later" * (not ready)
+        later = "" if ready else " later"
         link.classes(replace=f"{verdict.level}{later}")
         section.classes(replace=f"stage{later}")
         mark.text = verdict.word
@@ -221,11 +223,8 @@ class Workbench:
 
         def way() -> None:
             if on and following is not None:
-                style = (
-                    "action primary"
-                    if verdict.text and verdict.level != "bad"
-                    else "action"
-                )
+                is_advised = verdict.text and verdict.level != "bad"
+                style = "action primary" if is_advised else "action"
                 at = {"data_to": following.anchor, "data_key": f"next-{stage.anchor}"}
                 tag("a", f"Next: {following.title}", style, href="#", **at)
 

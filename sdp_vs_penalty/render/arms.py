@@ -13,7 +13,7 @@ from sdp_vs_penalty.robot.robot import Robot
 
 
 def link_ellipsoid(link: Array) -> Array | None:
-    """Points on the surface of a link's ellipsoid of uniform density, in the link frame.
+    """Return points on the surface of a link's ellipsoid of uniform density.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def link_ellipsoid(link: Array) -> Array | None:
     Returns
     -------
     (3, k) array or None
-        Points [m]; None for a link without mass or thickness.
+        Points in the link's frame [m]; None for a link without mass or thickness.
     """
     body = half_axes(link)
     if body is None:
@@ -71,14 +71,17 @@ def half_axes(link: Array) -> tuple[Array, Array, Array] | None:
 
 
 def simplified(triangles: Array, most: int = 3000) -> Array:
-    """Fewer triangles of about the same shape: corners in one cell of a grid become one.
+    """Reduce the number of triangles of a surface, keeping its shape approximately.
+
+    Corners in the same cell of a grid are merged; the grid gets coarser until few
+    enough triangles are left.
 
     Parameters
     ----------
     triangles : (m, 3, 3) array
         Corners of m triangles [m].
     most : int
-        Number of triangles to stay below.
+        Largest number of triangles.
 
     Returns
     -------
@@ -107,7 +110,7 @@ def simplified(triangles: Array, most: int = 3000) -> Array:
 
 
 def binary_stl(triangles: Array) -> bytes:
-    """Triangles as a binary STL file, as a browser draws it.
+    """Write triangles as a binary STL file, which browsers draw.
 
     Parameters
     ----------
@@ -117,7 +120,7 @@ def binary_stl(triangles: Array) -> bytes:
     Returns
     -------
     bytes
-        80 bytes of header, their number, then normal and corners of each.
+        80 bytes of header, the number of triangles, then normal and corners of each.
     """
     kind = np.dtype(
         [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")]
@@ -132,7 +135,7 @@ def binary_stl(triangles: Array) -> bytes:
 
 
 def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
-    """Joints and link ellipsoids of a robot as plain data, for a 3D view.
+    """Return joints and link ellipsoids of a robot as plain data, for a 3D view.
 
     Parameters
     ----------
@@ -145,8 +148,8 @@ def drawn_arm(robot: Robot, links: Iterable[Array]) -> dict[str, Any]:
     -------
     dict
         ``joints``: parent, position [m] and axis of motion of each; ``bodies``: link,
-        joint, half axes [m] and placement (4, 4) of each ellipsoid. Links without one
-        are left out.
+        joint, half axes [m] and placement (4, 4) of each ellipsoid. A link without mass
+        or thickness has no ellipsoid.
     """
     bodies = []
     for k, (joint, link) in enumerate(zip(robot.link_joints, links, strict=False)):

@@ -198,7 +198,7 @@ class Figure:
         return self.update_layout(**{f"{letter}axis{_number(panel)}": changes})
 
     def to_json(self) -> str:
-        """The figure as JSON for plotly's script.
+        """Return the figure as JSON for plotly's script.
 
         Arrays are packed in single precision, which is finer than any screen.
         """
@@ -252,9 +252,11 @@ def envelope(
     y: ArrayLike,
     points: int = POINTS,
 ) -> tuple[Array, Array]:
-    """Thin a curve out for drawing: the lowest and the highest point of each stretch.
+    """Thin a curve out for drawing: keep the lowest and the highest point of each
+    stretch.
 
-    Drawn at that many pixels, the thinned curve looks like the full one; every peak stays.
+    Drawn with that many pixels, the thinned curve looks like the full one, as every
+    peak stays.
 
     Parameters
     ----------
@@ -266,7 +268,7 @@ def envelope(
     Returns
     -------
     tuple of arrays
-        Abscissae and ordinates of the kept points, in order.
+        Abscissae and ordinates of the remaining points, in order.
 
     Examples
     --------
@@ -293,7 +295,7 @@ def envelope(
 
 
 def shifts(times: Sequence[Array]) -> list[float]:
-    """Offsets of the runs' clocks that place the runs one after another on one time axis.
+    """Return the offsets of clocks that place runs one after another on one time axis.
 
     Parameters
     ----------
@@ -310,7 +312,8 @@ def shifts(times: Sequence[Array]) -> list[float]:
 
 
 def model_colour(k: int, n_models: int) -> str:
-    """Colour of a model among several: the last is drawn as "after", the first as "before".
+    """Return the colour of a model: the last is drawn as "after", the first as
+    "before".
 
     Parameters
     ----------
@@ -430,7 +433,8 @@ def missing_figure(
     units: Sequence[str],
     motions: Sequence[Motion] = (),
 ) -> Figure:
-    """A measured curve of missing torque with its 95 % band, and where the measurements lie.
+    """Draw a measured curve of missing torque with its 95 % band, and where the rows
+    lie.
 
     A curve over two variables is drawn by colour.
 
@@ -441,7 +445,8 @@ def missing_figure(
     units : sequence of str
         Torque unit of each joint.
     motions : sequence of Motion
-        The measurements, with the modelled torque; none: their distribution is left out.
+        The measured rows, with the modelled torque; without any, their distribution is
+        left out.
 
     Returns
     -------
@@ -535,7 +540,7 @@ def _curve_over_two(
 
 
 def spread_rows(n_rows: int, points: int = POINTS) -> NDArray[np.intp]:
-    """Row numbers spread evenly over a run.
+    """Return row numbers that are spread evenly over a run.
 
     Parameters
     ----------
@@ -630,7 +635,8 @@ def cause_axis(
 
 
 def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
-    """Time from the nearest reversal of a joint, and the direction of motion after it.
+    """Return the time since a joint's nearest reversal, and the direction of motion
+    after it.
 
     Parameters
     ----------
@@ -642,8 +648,8 @@ def since_reversal(t: Array, velocity: Array) -> tuple[Array, Array]:
     Returns
     -------
     tuple of (M,) arrays
-        Seconds since the nearest reversal, negative before it, and the direction (-1 or 1)
-        after it; infinity and zero where the joint never reverses.
+        Seconds since the nearest reversal, negative before it, and the direction (-1 or
+        1) after it; infinity and zero if the joint never reverses.
     """
     direction = np.sign(velocity)
     # The joint reverses between row turns[k] and the next one.
@@ -784,7 +790,7 @@ def cause_figure(
 
 
 def noise_band(floor: float) -> dict[str, Any]:
-    """Plotly shape of the band that holds 95 % of a joint's noise.
+    """Return the shape of the band that holds 95 % of a joint's noise, for plotly.
 
     Parameters
     ----------
@@ -794,7 +800,7 @@ def noise_band(floor: float) -> dict[str, Any]:
     Returns
     -------
     dict
-        A rectangle over the whole width of the panel.
+        A rectangle over the full width of the panel.
     """
     return {
         "type": "rect",
@@ -817,7 +823,7 @@ def friction_figure(
     joint: int,
     unit: str,
 ) -> Any:
-    """Friction torque of a joint over its velocity, with its 95 % band.
+    """Draw the friction torque of a joint over its velocity, with its 95 % band.
 
     Parameters
     ----------

@@ -101,7 +101,9 @@ class _Scale:
         return cls(largest, 0.5 * smallest)
 
     def place(self, error: float) -> str:
-        """Position of an error on the bar, from 0 to 1, as a CSS number."""
+        """Return where an error stands on the bar, 0 to 1 from left to right, as a
+        CSS number.
+        """
         above = np.log(max(error, self.smallest) / self.smallest)
         return f"{above / np.log(self.largest / self.smallest):.4f}"
 
@@ -115,7 +117,7 @@ def bars(
     what: str = "Error",
     chosen: int | None = None,
 ) -> Markup:
-    """One bar a joint: its error in multiples of its noise, before (orange) and after (blue),
+    """Draw one bar for each joint: its error over its noise, before (orange), after (blue),
     and both in N m or N.
 
     Parameters
@@ -240,7 +242,10 @@ def _kind_of_change(before: float, after: float) -> str:
 
 
 def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
-    """Share of each joint's error variance that each certain finding removes on held-out data.
+    """Return the share of error variance that each certain finding removes, for each
+    joint.
+
+    Shares are of held-out data.
 
     Parameters
     ----------
@@ -252,7 +257,7 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
     Returns
     -------
     dict of str to list of float
-        By finding, a share from 0 to 1 of each joint.
+        For each finding a share from 0 to 1 of each joint.
     """
     shares: dict[str, list[float]] = {}
     findings = () if diagnosis is None else diagnosis.effects
@@ -270,9 +275,9 @@ def found_shares(diagnosis: Diagnosis | None, n: int) -> dict[str, list[float]]:
 def heat_rows(
     failures: Sequence[Mapping[str, Any]], shares_found: Mapping[str, Sequence[float]]
 ) -> list[tuple[str, list[float]]]:
-    """Rows of the heat map: causes and findings, with the share that each explains per joint.
+    """Return the rows of the heat map: how much of each joint's error a cause explains.
 
-    Rows that explain nothing on any joint are left out.
+    Causes and findings that explain nothing on any joint are left out.
 
     Parameters
     ----------
@@ -312,7 +317,8 @@ def heat_map(
     n: int,
     shown_by: Mapping[str, str] | None = None,
 ) -> Markup:
-    """A table of causes by joints; a darker cell explains more of the joint's error.
+    """Draw a table of causes by joints; a darker cell explains more of the joint's
+    error.
 
     Parameters
     ----------
@@ -323,8 +329,8 @@ def heat_map(
     n : int
         Number of joints.
     shown_by : mapping or None
-        Signal that shows each cause. Cells are buttons then, with the attributes data-joint
-        and data-signal.
+        Signal that shows each cause. Cells are buttons then, with the attributes
+        data-joint and data-signal.
 
     Returns
     -------
@@ -352,7 +358,7 @@ def heat_map(
 
 
 def legend(causes: Sequence[str]) -> Markup:
-    """Colour legend of causes.
+    """Draw the legend of the colours of causes.
 
     Parameters
     ----------
@@ -370,7 +376,7 @@ def legend(causes: Sequence[str]) -> Markup:
 
 
 def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]]:
-    """Coloured stretches of time behind both panels of a torque figure.
+    """Return shapes that shade stretches of time in both panels of a torque figure.
 
     Parameters
     ----------
@@ -380,7 +386,7 @@ def shades(stretches: Sequence[tuple[float, float, str]]) -> list[dict[str, Any]
     Returns
     -------
     list of dict
-        Plotly shapes.
+        Plotly shapes in the colours of the causes.
     """
     return [
         {

@@ -61,8 +61,10 @@ def judged_cells(compared: Comparison, grade: str = "") -> list[str]:
 
 
 def _largest_error(compared: Comparison) -> str:
-    """The largest error in multiples of its noise, with its joint and size; without a
-    noise floor the size alone."""
+    """Return the largest error as text: multiples of its noise, size and joint.
+
+    If the noise floor is unknown, these are the size and the joint alone.
+    """
     facts = compared.facts()
     joint = compared.worst_joint
     unit = plain_unit(compared.estimate.robot.torque_units[joint - 1])
@@ -234,7 +236,7 @@ def parameter_cells(
     source: str = "",
     nominal: float | None = None,
 ) -> tuple[str, ...]:
-    """Cells of one parameter in a table of parameters.
+    """Return the cells of one parameter in a table of parameters.
 
     Parameters
     ----------

@@ -160,7 +160,7 @@ def describe_finding(
 
 
 def weak_title(n_weak: int) -> str:
-    """Heading of the weak findings, which are folded."""
+    """Return the heading above the weak findings, which are folded."""
     return f"Not worth adding yet: {formatting.count(n_weak, 'weak finding')}"
 
 
@@ -409,7 +409,10 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:
-    """Which joints err more in the later model, by more than 5 %; "" where none does."""
+    """Say which joints have a larger error (by more than 5 %) with the later model.
+
+    "" if there are none.
+    """
     joints = [
         j
         for j, (old, new) in enumerate(
@@ -424,15 +427,20 @@ def describe_worse(before: Comparison, after: Comparison) -> str:
 
 
 def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
-    """What the findings that are more than weak are on the arm, a sentence each."""
+    """Return a sentence for each finding, unless weak, on what the effect is on a
+    real arm.
+    """
     if diagnosis is None:
         return []
     return [f.on_the_arm for f in diagnosis.effects if f.rating != "weak"]
 
 
 def shown_cause(diagnosis: Diagnosis | None, failures: Failures, joint: int) -> str:
-    """What the picture of a joint's error (from 1) is drawn against: what shows its
-    first finding, else what the error depends on most."""
+    """Return the cause that the chart of a joint's error (from 1) is drawn against.
+
+    That is the one which shows the joint's first finding, or else the cause that the
+    error depends on most.
+    """
     for finding in () if diagnosis is None else diagnosis.effects:
         if finding.main_joint == joint and finding.rating != "weak":
             return finding.seen_against or cause_of(failures, joint)

@@ -464,8 +464,11 @@ def findings(data: ReportData) -> Context:
 
 
 def _picture_of_finding(data: ReportData, finding: Finding) -> Any:
-    """The error of a finding's joint against what shows it, before and after; "" for a
-    weak finding."""
+    """Draw the error of a finding's joint against its cause, before and after adding
+    effects.
+
+    "" for a weak finding.
+    """
     if finding.rating == "weak":
         return ""
     first = data.comparisons[0]

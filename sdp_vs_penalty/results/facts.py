@@ -110,6 +110,7 @@ class FactMethod(Generic[T]):
         record: object | None,
         owner: type,
     ) -> Self | T:
+        """Return the fact's value for a record; for the class, this descriptor."""
         return self if record is None else self.method(record)
 
     def of(self, record: object) -> Fact:

@@ -51,10 +51,9 @@ def solve_cvxpy(
     theta = cp.Variable(data.R.shape[1])
 
     def matrix(c: Any) -> Any:
-        flat = (
-            c.coefficients.reshape(len(c.indices), -1).T @ theta[c.indices]
-            + c.constant.ravel()
-        )
+        """Return the symmetric matrix F(theta) of a constraint."""
+        coefficients = c.coefficients.reshape(len(c.indices), -1)
+        flat = coefficients.T @ theta[c.indices] + c.constant.ravel()
         square = cp.reshape(flat, c.constant.shape, order="C")
         return 0.5 * (square + square.T)
 
@@ -64,23 +63,25 @@ def solve_cvxpy(
             constraints.append(matrix(c) >> 0)
             continue
         flat = c.coefficients.T @ theta[c.indices] + c.constant
-        constraints.append(cp.SOC(flat[0], flat[1:]) if c.cone == "soc" else flat >= 0)
+        if c.cone == "soc":
+            constraints.append(cp.SOC(flat[0], flat[1:]))
+        else:
+            constraints.append(flat >= 0)
     objective = cp.sum_squares(data.R @ theta - data.rho)
     if entropy is not None:
-        for link, p0 in zip(entropy.links, entropy.nominal, strict=True):
-            trace = cp.trace(np.linalg.inv(p0) @ matrix(link))
-            objective = objective + entropy.weight * (trace - cp.log_det(matrix(link)))
+        for link, nominal in zip(entropy.links, entropy.nominal, strict=True):
+            trace = cp.trace(np.linalg.inv(nominal) @ matrix(link))
+            divergence = trace - cp.log_det(matrix(link))
+            objective = objective + entropy.weight * divergence
     problem = cp.Problem(cp.Minimize(objective), constraints)
     try:
         with warnings.catch_warnings(action="ignore"):
             problem.solve(solver=solver)
     except cp.error.SolverError as error:
         return no_answer(instance, str(error))
-    value = (
-        np.full(data.R.shape[1], np.nan)
-        if theta.value is None
-        else np.asarray(theta.value)
-    )
+    value = np.full(data.R.shape[1], np.nan)
+    if theta.value is not None:
+        value = np.asarray(theta.value)
     status = f"{problem.status} ({problem.solver_stats.solver_name})"
     return Answer(value, CLAIMS.get(problem.status, "failed"), status)
 

@@ -154,11 +154,10 @@ def unscaled_sdp(
     constraints: Sequence[Constraint],
     formulation: str,
 ) -> SdpProblem:
-    """The problem as users write it, without a centre, without scales of parameters or
-    cones.
+    """Pose a problem as users write it, without a centre, and without scaling anything.
 
-    gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is left out;
-           "gram in float32" sums R^T R and R^T rho in single precision
+    gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is
+           left out; "gram in float32" sums R^T R and R^T rho in single precision
     rows   minimise |z|^2 subject to R theta - z = rho
 
     Parameters
@@ -166,25 +165,20 @@ def unscaled_sdp(
     data : LeastSquares
         R (r, p), rho (r,).
     constraints : sequence of Constraint
-        In theta.
+        On theta.
     formulation : str
         "gram", "gram in float32" or "rows".
 
     Returns
     -------
     SdpProblem
-        Without scales.
     """
     r, p = data.R.shape
     groups = list[ConeGroup]()
     offset = data.residual_norm**2
     if formulation == "rows":
-        equations = np.hstack(
-            [
-                data.R,
-                -np.eye(r),
-            ]
-        )
+        # Variables are theta (p) and z (r); P holds twice the quadratic form.
+        equations = np.hstack([data.R, -np.eye(r)])
         groups.append(plain_rows("zero", equations, -data.rho))
         P = scipy.sparse.diags(np.repeat([0.0, 2.0], [p, r])).tocsc()
         q = np.zeros(p + r)
@@ -207,11 +201,11 @@ def unscaled_sdp(
     conic = conic_problem([*groups, *more], P, q)
     return SdpProblem(
         conic,
-        np.zeros(p),
-        np.ones(p),
-        1.0,
-        placed,
-        offset,
+        centre=np.zeros(p),
+        theta_scale=np.ones(p),
+        loss_scale=1.0,
+        placed=placed,
+        offset=offset,
     )
 
 
@@ -300,7 +294,7 @@ class Units:
 
 
 def in_units(instance: Instance, mass: float, length: float) -> Instance:
-    """The problem in other units of mass and length; seconds stay.
+    """Return the same problem in other units of mass and length; seconds stay.
 
     Torques become tau / (mass length^2); parameters, bounds and constraint rows follow
     their units.
@@ -317,7 +311,6 @@ def in_units(instance: Instance, mass: float, length: float) -> Instance:
     Returns
     -------
     Instance
-        The same problem.
     """
     task = instance.task
     data = instance.data
@@ -419,9 +412,10 @@ def posed(task: Task, step: str, shape: str) -> Instance:
 
 
 def shape_cones(task: Task) -> list[Constraint]:
-    """Cones for the centres of mass, as the 2R has: |c across z| <= r + |slope| c_z.
+    """Return a cone for each link's centre of mass, |c across z| <= radius + slope c_z.
 
-    A cone opens along z from the nominal centre's plane, wide enough to hold it.
+    The 2R of the paper has such cones. Each opens along z, and is wide enough to hold
+    the link's nominal centre of mass.
 
     Parameters
     ----------
@@ -431,7 +425,7 @@ def shape_cones(task: Task) -> list[Constraint]:
     Returns
     -------
     list of Constraint
-        One a link.
+        One for each link.
     """
     cones = []
     for k, indices in enumerate(task.links):

@@ -583,6 +583,19 @@ def sentences(runs: pandas.DataFrame) -> list[str]:
     return advice(ranking(runs, tightest), f"at {tightest:.0e}")
 
 
+def _option_rows(runs: pandas.DataFrame) -> list[list[str]]:
+    """Return name and options of each solver that ran, at both ends of the accuracies."""
+    asked = accuracies(runs)
+    loosest_and_tightest = asked[0], asked[-1]
+    solvers = runs["solver"].unique()
+    return [
+        [contestant.name, contestant.options_in_words(accuracy)]
+        for name, contestant in contestants().items()
+        if name in solvers and contestant.options
+        for accuracy in contestant.asked(loosest_and_tightest)
+    ]
+
+
 def write_summary(
     folder: Path,
     runs: pandas.DataFrame,
@@ -612,29 +625,20 @@ def write_summary(
     """
     table = summary_table(runs, time_limit)
     missing = [f"{name}: {reason}" for name, reason in sorted(absent.items())]
-    for (solver, reason), count in sorted(
-        Counter(x[1:] for x in not_applicable).items()
-    ):
+    n_by_solver_and_reason = Counter(
+        (solver, reason) for _, solver, reason in not_applicable
+    )
+    for (solver, reason), count in sorted(n_by_solver_and_reason.items()):
         missing.append(f"{solver}: not applicable to {count} problem(s): {reason}")
-    accuracies_shown = accuracies(runs)
-    ran = [c for name, c in contestants().items() if name in runs["solver"].unique()]
-    option_rows = [
-        [c.name, c.options_in_words(a)]
-        for c in ran
-        if c.options
-        for a in c.asked((accuracies_shown[0], accuracies_shown[-1]))
-    ]
-    forms = {
+    option_rows = _option_rows(runs)
+    texts = {
         name: column.map(_SHOWN.get(name, ("", str))[1])
         for name, column in table.items()
     }
-    shown = pandas.DataFrame(forms).rename(
-        columns={name: head for name, (head, _) in _SHOWN.items()}
-    )
-    text = (
-        Path(__file__).with_suffix(".md").read_text("utf-8")
-    )  # a file beside this one
-    content = text.format(
+    headings = {name: heading for name, (heading, _) in _SHOWN.items()}
+    shown = pandas.DataFrame(texts).rename(columns=headings)
+    template = Path(__file__).with_suffix(".md").read_text("utf-8")
+    content = template.format(
         sentences="".join(f"- {sentence}\n" for sentence in sentences(runs)),
         minutes=runs["seconds"].sum() / 60.0,
         limit=time_limit,

@@ -258,3 +258,18 @@ def test_rows_that_a_fact_deletes_are_no_event(two_link, runs):
     tau[(since > 0.0) & (since < 0.05), 1] = 0.0
     (report,) = judged(two_link, replace(run, tau=tau))
     assert "one-off event" not in [f.kind for f in report.issues]
+
+
+@pytest.mark.parametrize("joint", [1, 2])
+def test_a_gain_of_two_joints_is_that_of_the_likelier_masses(two_link, runs, joint):
+    """Gains of x of one joint and of 1/x of the other fit alike."""
+    (report,) = judged(two_link, scaled(runs[0], joint, 1.5))
+    (issue,) = explanations(report)
+    assert (issue.kind, issue.figures["joints"]) == ("torque gain", [joint])
+
+
+def test_a_gain_names_the_other_joint_that_may_have_it(two_link, runs):
+    (report,) = judged(two_link, scaled(runs[0], 2, 1.5))
+    (issue,) = explanations(report)
+    assert issue.figures["as_likely"] == [{"kind": "torque gain", "joints": [1]}]
+    assert "As likely: the torque of joint 1" in issue.what

@@ -105,6 +105,7 @@ def _free_name(model: Path) -> Path:
     """Return the next free file name after a model: model2.json, model3.json ..."""
     stem = model.stem.rstrip("0123456789") or model.stem
     names = [path.stem for path in model.parent.glob(f"{stem}*.json")]
-    numbers = [name.removeprefix(stem) for name in names]
-    free = max((int(n) for n in numbers if n.isdigit()), default=1) + 1
+    endings = [name.removeprefix(stem) for name in names]
+    numbers = [int(ending) for ending in endings if ending.isdigit()]
+    free = max(numbers, default=1) + 1
     return model.with_name(f"{stem}{free}.json")

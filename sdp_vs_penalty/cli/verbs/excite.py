@@ -41,12 +41,13 @@ def verb(
     --joints J+J: With --payload: joints that move, such as 5+6; default: the last three.
     --urdf ARM.urdf: With --separate: shapes for the check of self-collision.
     """
-    usual, rounds = (21.0, 200) if separate else (2.0, 60) if payload else (21.0, 60)
+    default_duration = 2.0 if payload and not separate else 21.0
+    default_iterations = 200 if separate else 60
     how: dict[str, Any] = {
-        "duration": duration or usual,
-        "iterations": iterations or rounds,
+        "duration": duration or default_duration,
+        "iterations": iterations or default_iterations,
+        "seed": seed,
     }
-    how["seed"] = seed
     if separate is not None:
         return _separate(
             Path(problem),
@@ -106,16 +107,18 @@ def _payload(
     with console.progress("weighing") as progress:
         excitation = payload_run(estimate, joints=moving, progress=progress, **settings)
     save_trajectory(excitation.trajectory, out)
-    ends = (
-        np.maximum.reduceat(x, (0, 1, 4))
-        for x in (excitation.deviation, excitation.started)
-    )
+    # The largest of each kind: of the mass, three first moments, six inertias.
+    first_of_kind = (0, 1, 4)
+    designed_std = np.maximum.reduceat(excitation.deviation, first_of_kind)
+    random_std = np.maximum.reduceat(excitation.started, first_of_kind)
     names = {
         "mass": "kg",
         "mass times centre of mass": "kg m",
         "inertia about the flange": "kg m^2",
     }
-    for (name, unit), designed, random in zip(names.items(), *ends, strict=True):
+    for (name, unit), designed, random in zip(
+        names.items(), designed_std, random_std, strict=True
+    ):
         console.say(
             f"{name}: +- {designed:.2g} {unit} ({random:.2g} on a random motion)"
         )

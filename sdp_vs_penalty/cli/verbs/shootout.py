@@ -98,11 +98,10 @@ def verb(
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
     """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does, while this runs."""
-
-    own = os.getpid()
+    process = os.getpid()
 
     def interrupt(number: int, frame: Any) -> None:
-        if os.getpid() != own:  # a worker, forked meanwhile: its parent ends it
+        if os.getpid() != process:  # a worker, forked meanwhile: its parent ends it
             os._exit(1)
         raise KeyboardInterrupt
 
@@ -157,8 +156,6 @@ def _list() -> None:
 
 def _words(text: str | None) -> list[str] | None:
     """Split a comma-separated option into words; None if it was not given."""
-    return (
-        None
-        if text is None
-        else [word.strip() for word in text.split(",") if word.strip()]
-    )
+    if text is None:
+        return None
+    return [word.strip() for word in text.split(",") if word.strip()]

@@ -202,8 +202,7 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
     numbers = [token for token in others if token.isdigit()]
     has_joint = joint is not None or bool(words & _JOINTS and numbers)
     if has_joint:
-        units_of_one_quantity = TELLING_UNITS.get(unit.quantity, ())
-        is_read = words <= FILLERS and unit.text in units_of_one_quantity
+        is_read = words <= FILLERS and _is_telling(unit)
     else:
         is_read = unit.quantity == "t" and bool(words & _COUNTERS) and not numbers
     is_other = bool(words & _OTHERS)  # a target, an error
@@ -219,6 +218,11 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
         factor=unit.factor,
         words=("current",) if unit.text in _AMPERES else (),
     )
+
+
+def _is_telling(unit: NamedUnit) -> bool:
+    """Tell whether a unit is one of its quantity alone, as "deg/s" is of velocities."""
+    return unit.text in TELLING_UNITS.get(unit.quantity, ())
 
 
 def _read_tokens(tokens: list[str], joints: JointNames | None) -> Reading | None:

@@ -123,7 +123,15 @@ def describe_columns(
         for our_name, name in pairs.items()
         for their_name in parts_of(name, names)
     }
-    rows = [_row(name, meanings.get(name, ""), table, scale) for name in names]
+    rows = [
+        _row(
+            name,
+            meanings.get(name, ""),
+            table,
+            scale,
+        )
+        for name in names
+    ]
     report = ColumnReport(
         place,
         tuple(rows),

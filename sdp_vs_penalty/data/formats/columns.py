@@ -744,19 +744,13 @@ def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, s
         The file's name by the group, "NAME" where no column fits. "q*" has a pattern
         with a star for the number.
     """
-    from sdp_vs_penalty.data.formats.column_names import is_no_measurement
-
     families = {
         pattern: columns
         for pattern, columns in _numbered_families(names).items()
         if len(columns) > 1
     }
     quantities = {pattern: _quantity_of(x[0]) for pattern, x in families.items()}
-    unknown = [
-        pattern
-        for pattern, quantity in quantities.items()
-        if quantity in (None, "t") and not is_no_measurement(pattern)
-    ]
+    unknown = _unknown_families(quantities)
     # Families without a known word are proposed where nothing else is possible.
     open_groups = set(missing) - {"t"} - set(quantities.values())
     have_equal_sizes = len({len(columns) for columns in families.values()}) == 1
@@ -773,6 +767,18 @@ def propose_columns(names: Sequence[str], missing: Sequence[str]) -> dict[str, s
         else:
             pairs[group] = "NAME"
     return pairs
+
+
+def _unknown_families(quantities: Mapping[str, str | None]) -> list[str]:
+    """List the patterns of numbered columns whose names say no quantity; ``quantities``
+    are by pattern. Targets, limits and the like are left out."""
+    from sdp_vs_penalty.data.formats.column_names import is_no_measurement
+
+    return [
+        pattern
+        for pattern, quantity in quantities.items()
+        if quantity in (None, "t") and not is_no_measurement(pattern)
+    ]
 
 
 def _scale_of_proposal(

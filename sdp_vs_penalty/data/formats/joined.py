@@ -320,7 +320,9 @@ def _rows_of_parts(
         # nearest_rows asks for rising stamps; `order` leads back to the file's rows.
         order = np.argsort(clock, kind="stable")
         nearest, is_near = nearest_rows(
-            base_clock, clock[order], half_period(base_clock)
+            base_clock,
+            clock[order],
+            half_period(base_clock),
         )
         rows.append(order[nearest])
         is_matched &= is_near

@@ -248,7 +248,11 @@ def _columns_of_labels(
         has_label = distinct_of_row.ravel() == k
         for channel, values in channels.items():
             words = [*name, channel] if form.channel is None else name
-            columns["/".join(words)] = np.where(has_label, values, np.nan)
+            columns["/".join(words)] = np.where(
+                has_label,
+                values,
+                np.nan,
+            )
     return columns
 
 

@@ -399,7 +399,11 @@ def _by_logger(
             continue
         keys_in_file = list(groups["q"])
         joint_names, keys = _joints_of_logger(
-            logger, keys_in_file, names, joints, table
+            logger,
+            keys_in_file,
+            names,
+            joints,
+            table,
         )
         rename = {"t": clock}
         for group, columns in groups.items():

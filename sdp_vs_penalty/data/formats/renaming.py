@@ -63,7 +63,7 @@ def rename_words(rename: Mapping[str, str], names: Sequence[str]) -> str:
     Parameters
     ----------
     rename : Mapping[str, str]
-        The file's names by ours.
+        The file's column names by ours (t, q1, tau1 ...).
     names : Sequence[str]
         Names of the file's columns.
 
@@ -159,7 +159,7 @@ def expanded(rename: Mapping[str, str], names: Sequence[str]) -> dict[str, str]:
     Parameters
     ----------
     rename : Mapping[str, str]
-        The file's names by ours, as the user writes them.
+        The file's column names by ours (t, q1 ...), as the user writes them.
     names : Sequence[str]
         Names of the file's columns.
 

@@ -263,6 +263,18 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
     """
     if '"' not in line and "[" not in line and "(" not in line:
         return [cell.strip() for cell in line.split(delimiter)]
+    cells = _split_outside_brackets(line, delimiter)
+    if delimiter is None:
+        cells = [cell for cell in cells if cell.strip()]
+    return [cell.strip().strip('"').strip() for cell in cells]
+
+
+def _split_outside_brackets(line: str, delimiter: str | None) -> list[str]:
+    """Split a row at separators that stand outside of quotes and brackets.
+
+    Where a bracket or quote is never closed it is a stray mark in a name: then the row is
+    split at every separator. ``delimiter`` None stands for any blank.
+    """
     cells = list[str]()
     cell = ""
     n_open_brackets = 0
@@ -281,11 +293,7 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
             cell += character
     cells.append(cell)
     is_unbalanced = in_quotes or n_open_brackets != 0
-    if is_unbalanced:  # a stray bracket of a name: it encloses nothing
-        cells = line.split(delimiter)
-    if delimiter is None:
-        cells = [cell for cell in cells if cell.strip()]
-    return [cell.strip().strip('"').strip() for cell in cells]
+    return line.split(delimiter) if is_unbalanced else cells
 
 
 def inspect_table(path: Path) -> TextTable:

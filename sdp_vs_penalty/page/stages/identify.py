@@ -367,7 +367,7 @@ def _figures(model: ModelStep) -> None:
         f"Judged on {seconds} s of {judged}, {new} % of it not used for fitting, below"
         f" {band} Hz; identified in {model.seconds:.2g} s."
     )
-    for line in model.comparison["verdict"]["lines"][1:]:  # the first one stands above
+    for line in model.comparison["verdict"]["lines"][1:]:
         text = f"{line['about'].capitalize()}: {spoken(line['text'])}"
         draw.tag("p", text, "line")
 

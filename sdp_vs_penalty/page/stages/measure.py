@@ -319,7 +319,7 @@ def _split_bar(
 
 
 def _kept_of(run: dict[str, Any]) -> str:
-    """What of a run is kept for testing, in words; "" where nothing is."""
+    """Say what of a run is kept for testing; "" for nothing."""
     if run["use"] == "test":
         return str(run["name"])
     if run["use"] == "split":
@@ -416,7 +416,7 @@ def _findings(session: Session) -> None:
 def _issues_with_runs(
     session: Session,
 ) -> list[tuple[dict[str, Any], list[dict[str, Any]]]]:
-    """Each issue once, with the runs of which the check says the same."""
+    """Return each issue of the check once, with the runs that have it."""
     groups: dict[tuple[str, str, str], tuple[dict[str, Any], list[dict[str, Any]]]] = {}
     for run in session.runs:
         for issue in run["findings"]:
@@ -426,7 +426,7 @@ def _issues_with_runs(
 
 
 def _repairs(session: Session) -> None:
-    """A button a run that the check can repair, and one for all of them."""
+    """Draw a button for each run that the check can repair, and one for all of them."""
     runs = [
         run
         for run in session.runs

@@ -77,7 +77,8 @@ def interval_of(values: Array, coverage: float = 0.95) -> FoldInterval:
 
 
 def difference(one: CrossValidation, other: CrossValidation) -> FoldInterval:
-    """Difference of two methods' errors, fold by fold.
+    """Return the difference of two methods' errors on the same folds, with its
+    interval.
 
     Parameters
     ----------

@@ -183,11 +183,11 @@ class Table:
         )
 
     def markdown(self) -> str:
-        """The table as Markdown."""
+        """Return the table as Markdown."""
         return self.form.markdown()
 
     def latex(self) -> str:
-        """The table as LaTeX."""
+        """Return the table as LaTeX."""
         return self.form.latex()
 
     def write(self, folder: str | Path) -> list[Path]:

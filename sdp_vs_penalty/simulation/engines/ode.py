@@ -205,18 +205,15 @@ class Ode(Engine):
         self.bodies: list[c_void_p] = []
         self.motors = []
         self.feedback = (_Feedback * self.robot.n)()
-        placed = zip(
-            self.robot.joints,
-            self.robot.poses(start[None])[0],
-            strict=True,
-        )
-        for k, (joint, frame) in enumerate(placed):
-            self.bodies.append(body := c_void_p(ode.dBodyCreate(world)))
-            rows = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
-            ode.dBodySetRotation(body, (c_double * 12)(*rows.ravel()))
-            ode.dBodySetPosition(
-                body, *(frame[:3, :3] @ self.centres[k] + frame[:3, 3])
-            )
+        (frames,) = self.robot.poses(start[None])
+        for k, (joint, frame) in enumerate(zip(self.robot.joints, frames, strict=True)):
+            body = c_void_p(ode.dBodyCreate(world))
+            self.bodies.append(body)
+            # ODE's origin of a body is its centre of mass; its matrices are (3, 4).
+            rotation = np.pad(frame[:3, :3], ((0, 0), (0, 1)))
+            ode.dBodySetRotation(body, (c_double * 12)(*rotation.ravel()))
+            centre = frame[:3, :3] @ self.centres[k] + frame[:3, 3]
+            ode.dBodySetPosition(body, *centre)
             ode.dBodySetMass(body, byref(self.masses[k]))
             kind = "Hinge" if joint.kind == "revolute" else "Slider"
             joint_made = c_void_p(getattr(ode, f"dJointCreate{kind}")(world, None))
@@ -228,9 +225,8 @@ class Ode(Engine):
             )
             if kind == "Hinge":
                 ode.dJointSetHingeAnchor(joint_made, *frame[:3, 3])
-            getattr(ode, f"dJointSet{kind}Axis")(
-                joint_made, *(frame[:3, :3] @ joint.axis)
-            )
+            set_axis = getattr(ode, f"dJointSet{kind}Axis")
+            set_axis(joint_made, *(frame[:3, :3] @ joint.axis))
             set_parameter = getattr(ode, f"dJointSet{kind}Param")
             set_parameter(joint_made, _MAX_FORCE, np.inf)
             self.motors.append(partial(set_parameter, joint_made, _VELOCITY))
