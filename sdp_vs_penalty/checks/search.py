@@ -229,9 +229,14 @@ class RepairSearch:
         now: LogTransform,
         likely: Sequence[LogTransform],
     ) -> list[LogTransform]:
-        """Of the likely repairs those that are told from a confirmed one by less than
-        the odds against a fault: two joints about one line have one zero, and of two
-        joints either may have the wrong gain."""
+        """List the repairs that are as likely as a confirmed one, and confirmed as
+        well.
+
+        Their posterior is lower by less than the odds against a fault: two joints about
+        one line have one zero, and of two joints either may have the wrong gain.
+        ``likely`` : repairs whose posterior exceeds that of ``now`` by these odds; laws
+        are left out.
+        """
         names = {fault.name for fault in self.new_faults(repair, now)}
         least = self.posterior(repair) - c.ODDS
         tied = []
@@ -250,7 +255,8 @@ class RepairSearch:
         tied: Sequence[LogTransform],
         now: LogTransform,
     ) -> LogTransform:
-        """The first of tied repairs; of gains that with which the joints' torques are
+        """Return the first of tied repairs; but if it is a torque gain, and the links'
+        masses are known, that gain of the tied ones with which the joints' torques are
         nearest to those of the problem's masses."""
         gains = [
             repair
@@ -269,8 +275,8 @@ class RepairSearch:
         tied: Sequence[LogTransform],
         now: LogTransform,
     ) -> None:
-        """Keep what explains as much as the repair that is added, where that is one
-        fault."""
+        """Record the faults that explain as much as the repair that is added, if it
+        adds one fault: the report names them beside it."""
         new = self.new_faults(best, now)
         others = [self.new_faults(repair, now) for repair in tied if repair != best]
         single = tuple(faults[0] for faults in others if len(faults) == 1)
@@ -831,7 +837,9 @@ class RepairSearch:
         )
 
     def _rivals_of(self, fault: Fault, net: LogTransform) -> list[Rival]:
-        """What explains as much as one fault of the net repair."""
+        """List what explains the log as well as one fault of the net repair: faults
+        that were tied with it when it was added and, for signs, other sets of torques.
+        """
         rivals = [
             Rival(other.kind, other.joints, other.what)
             for other in self.rivals.get(fault.name, ())
@@ -859,8 +867,8 @@ class RepairSearch:
 
         Returns
         -------
-        tuple of str
-            A sentence for each set.
+        list of Rival
+            One for each set, with its sentence.
         """
         others = []
         for j in self.log.joints:

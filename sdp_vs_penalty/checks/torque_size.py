@@ -173,20 +173,21 @@ class _Size:
 
 
 def far_from_nominal(log: Likelihood, repair: LogTransform) -> float:
-    """How far the torques of a repaired log are from those of the problem's masses.
+    """Return how far the torques of a repaired log are from those of the problem's
+    masses.
 
     Parameters
     ----------
     log : Likelihood
-        The rows.
+        Rows of the log.
     repair : LogTransform
-        Of the log.
+        How the log is repaired.
 
     Returns
     -------
     float
         Sum over moving joints of the squared natural logarithm of the fitted links'
-        torque over the nominal links' torque (root mean squares) [-].
+        torque over the nominal links' torque (root mean squares) [-]; 0 if they agree.
     """
     rows = log.rows(repair)
     nominal = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
