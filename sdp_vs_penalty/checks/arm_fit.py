@@ -32,6 +32,8 @@ class RepairedRows:
     """
 
     def __init__(self, basis: Array, raw: Array) -> None:
+        """Project the basis (n, M, k) of own columns out of the shared columns raw (n,
+        M, s)."""
         self.basis = basis
         self.raw = raw
         in_basis = np.swapaxes(basis, 1, 2) @ raw  # (n, k, s)

@@ -83,6 +83,11 @@ class LoggerJudge:
         reports: Sequence[Report],
         settings: Preprocessing,
     ) -> None:
+        """Filter the rows of each run whose dynamics can be judged; a run too short for
+        the filters gets an issue instead.
+
+        reports : of all runs, with their facts.
+        """
         self.problem = problem
         self.settings = settings
         self.reports = [*reports]

@@ -22,13 +22,13 @@ class Issue:
     would be worse than it need be) or "note" (a fact worth knowing).
 
     what, remedy : one sentence each; certainty : "certain", "likely" or "possible", and
-    why; repair : how a run is repaired, where that is safe (``remedy`` in words); figures
-    : the numbers behind it; gravity : where gravity points instead [m/s^2], for an issue
-    about it.
+    why; repair : how a run is repaired, where that is safe (``remedy`` in words);
+    figures : the numbers behind it; gravity : where gravity points instead [m/s^2], for
+    an issue about it.
 
     nature : FACT, which is read from the file, or EXPLANATION, which a model of the arm
-    gives: it competes with other explanations and is never an error. apply : the word of
-    `check --fix --apply`; equivalents : what explains as much, in words.
+    gives: it competes with other explanations and is never an error. apply : the word
+    of `check --fix --apply`; equivalents : what explains as much, in words.
     """
 
     kind: str

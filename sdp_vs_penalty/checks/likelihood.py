@@ -66,6 +66,7 @@ class Likelihood:
     """
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
+        """Prepare fits to the rows ``data`` of one log; nothing is computed yet."""
         self.problem = problem
         self.data = data
         self.n = len(data.moving)

@@ -152,6 +152,7 @@ class RunComparison:
     def __init__(self, runs: Sequence[RunLog]) -> None:
         # An event "at" a name is a law of a joint's motion (a spring, drag): laws belong
         # to the arm, so that each run gets those of all runs.
+        """Compute the normal equations of each of R runs, all its rows as one part."""
         all_laws = {
             event: None
             for run in runs

@@ -64,6 +64,11 @@ class RepairSearch:
         logs: Sequence[Likelihood] = (),
         facts: Sequence[Sequence[Issue]] = (),
     ) -> None:
+        """Prepare a search over the rows ``log`` of all runs together.
+
+        logs : rows of each run, in which each fault has to hold as well; facts : issues
+        of each run that are known already.
+        """
         self.log = log
         self.logs = logs or [log]
         self.samples = log.count_independent_samples(log.fit(log.as_logged))

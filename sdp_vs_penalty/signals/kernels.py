@@ -23,6 +23,7 @@ class LowPass:
     convolve samples with."""
 
     def __init__(self, value: Array) -> None:
+        """Make a low-pass of a symmetric kernel ``value`` (2 half + 1,)."""
         self.value = value
         self.half = len(value) // 2
 
@@ -44,6 +45,8 @@ class Decimator:
         kernel: LowPass,
         at: NDArray[np.int64],
     ) -> None:
+        """Make the blocks of the matrix whose outputs are the low-passed signal at the
+        samples ``at`` (M,), in ascending order."""
         self.kernel = kernel
         self.at = at
         size = len(kernel.value)
@@ -110,6 +113,12 @@ class Kernel(LowPass):
     """
 
     def __init__(self, cutoff: float, dt: float) -> None:
+        """Sample the low-pass of a cut-off [Hz], and its first two derivatives, every
+        ``dt`` [s].
+
+        Each is a product of sinc, Hann window and polynomial, by the product rule; each
+        is then multiplied by a polynomial that makes the moments of its samples exact.
+        """
         self.cutoff = cutoff
         self.dt = dt
         self.half = int(np.ceil(2.0 / cutoff / dt))

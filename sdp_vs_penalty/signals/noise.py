@@ -265,6 +265,8 @@ class _RepeatedRows:
         runs: SegmentedRuns,
         repeats: tuple[Repeat, ...],
     ) -> None:
+        """Take the differences of the residuals of ``runs`` between rows with the same
+        motion."""
         self.runs = runs
         self.n_rows = len(runs.t)
         self.difference = differences(runs, repeats)
@@ -450,12 +452,15 @@ def _without_events(
 
 
 def rate_features(runs: SegmentedRuns) -> Array:
-    """Square what may swell the noise: the rate of the modelled torque, the velocity.
+    """Return the squares of two rates that may swell the noise of a torque: the rate of
+    change of the modelled torque, and the velocity.
+
+    A clock that jitters turns rates into noise.
 
     Parameters
     ----------
     runs
-        The rows.
+        The rows, with a model's torque.
 
     Returns
     -------

@@ -240,8 +240,8 @@ class PhaseFolds:
         return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
-        """Return the first and last instant of a fold's stretch on the clock of the first
-        run's motion.
+        """Return the first and last instant of a fold's stretch on the clock of the
+        first run's motion.
 
         Parameters
         ----------

@@ -146,6 +146,11 @@ class RunFilter:
     """
 
     def __init__(self, run: Measurements, settings: Preprocessing) -> None:
+        """Make the kernels and grids of one run's filters.
+
+        settings : resolved, so that its cut-off frequencies are numbers. Raises
+        InputError for a run shorter than the filters.
+        """
         assert settings.state_cutoff is not None
         assert settings.torque_cutoff is not None
         self.run = run

@@ -31,8 +31,8 @@ _FEWEST_ROWS = 2 * ORDER
 def motion_scale(q: Array) -> Array | None:
     """Measure the size of each joint's motion, by its standard deviation.
 
-    It is at least ALIKE times the largest joint's: the noise of a joint that hardly moves
-    is no motion.
+    It is at least ALIKE times the largest joint's: the noise of a joint that hardly
+    moves is no motion.
 
     Parameters
     ----------
@@ -404,8 +404,8 @@ def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
 def new_differences(both: NDArray[np.intp], count: int) -> int:
     """Count the independent differences between rows with the same motion.
 
-    Of K rows with the same motion K - 1 differences are independent. Six equal runs make
-    fifteen pairs of each row, but five independent differences.
+    Of K rows with the same motion K - 1 differences are independent. Six equal runs
+    make fifteen pairs of each row, but five independent differences.
 
     Parameters
     ----------

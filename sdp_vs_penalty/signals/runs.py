@@ -95,6 +95,11 @@ class Movement:
     """
 
     def __init__(self, run: Measurements, share: float) -> None:
+        """Find the samples of a run at which the arm moves.
+
+        share : of the largest displacement in half a second of each joint, below which
+        it stands still [-].
+        """
         self.t = run.t
         way = concatenate_chunks(_ways(run))
         largest = np.max([x.max(axis=0) for _, x in iter_chunks(way)], axis=0)

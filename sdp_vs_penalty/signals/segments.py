@@ -220,8 +220,8 @@ class SegmentedRuns:
         return np.concatenate(shares)
 
     def seen(self, joint: int) -> JointCoverage:
-        """Return how much of a joint all runs show: its travel, and the resolution of its
-        positions.
+        """Return how much of a joint all runs show: its travel, and the resolution of
+        its positions.
 
         Parameters
         ----------
