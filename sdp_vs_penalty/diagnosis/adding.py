@@ -486,7 +486,13 @@ def _uncertainty_beside(
     base_of_held = base_rows(estimate.problem, estimate.model)
     regression = compress(runs, wide)
     return beside_held(
-        fit.task, regression, held, base_of_held, fit.theta, base, gain_errors
+        fit.task,
+        regression,
+        held,
+        base_of_held,
+        fit.theta,
+        base,
+        gain_errors,
     )
 
 

@@ -467,7 +467,9 @@ class SplitError:
             energy = np.sum(columns**2, axis=0)
             is_visible = np.sum(left**2, axis=0) > _ABSORBED * energy
             share_beyond = held_out_share(
-                left[:, is_visible], self.beyond_model, self.fold
+                left[:, is_visible],
+                self.beyond_model,
+                self.fold,
             )
             of_beyond = max(of_beyond, share_beyond)
             of_error = max(of_error, held_out_share(columns, self.error, self.fold))

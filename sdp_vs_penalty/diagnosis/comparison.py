@@ -1,5 +1,4 @@
-"""Measured against modelled torque: how large the error of each joint is, beside the
-noise."""
+"""Compares measured with modelled torque: the error of each joint, beside its noise."""
 
 from __future__ import annotations
 
@@ -43,8 +42,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Signals:
-    """What a comparison compares, behind the filter: t (M,) s; q, dq, measured,
-    modelled (M, n)."""
+    """The filtered signals that are compared: t (M,) in s; position q, velocity dq,
+    measured and modelled torque, (M, n) each in SI units.
+    """
 
     t: Array
     q: Array
@@ -54,7 +54,7 @@ class Signals:
 
     @property
     def seconds(self) -> float | None:
-        """How long the motion of all rows lasts [s]; None of a single row."""
+        """Duration of the motion of all rows [s]; None for a single row."""
         if len(self.t) < 2:
             return None
         return float(len(self.t) * np.median(np.diff(self.t)))
@@ -67,18 +67,17 @@ class Signals:
 
 @dataclass(frozen=True, repr=False)
 class Comparison(Record):
-    """One model against measurements, all joints in the same stated band.
+    """Errors of one model on measurements, all joints behind the same low-pass.
 
     estimate : the model; rmse [N m or N], mse, r2 (1 - mse / variance of the measured
-    torque): (n,) each; noise_floor (n,) of the measurements, or None where it is not
-    known, and noise_source; relative_error_percent: 100 |tau - tau_hat| / |tau| over
-    all joints; band_hz: the low-pass that both sides passed; signals: the filtered rows
-    themselves; new_motion_share: of the rows, those whose motion the model has not been
-    trained on (see :mod:`~sdp_vs_penalty.signals.motion`); None where its model.json
-    does not record that; outside: by effect the share of the rows that lie outside of
-    its table (a measured curve), where it is held constant; runs: the names of the
-    measurements; judged_on: a sentence where the recording is so long that the noise
-    was measured in windows of it.
+    torque) : (n,) each; noise_floor (n,) : of the measurements, or None where it is not
+    known, and noise_source; relative_error_percent : 100 |tau - tau_hat| / |tau| over
+    all joints; band_hz : cut-off of the low-pass; signals : the filtered rows;
+    new_motion_share : share of the rows whose motion the model was not trained on (see
+    :mod:`~sdp_vs_penalty.signals.motion`), None where its model.json does not record
+    that; outside : by effect the share of rows outside of its table (a measured curve),
+    where it is held constant; runs : names of the measurements; judged_on : a sentence
+    where the recording is so long that the noise was measured in windows of it.
     """
 
     name: str
@@ -174,18 +173,20 @@ class Comparison(Record):
 
     @property
     def is_within_noise(self) -> bool:
-        """Whether no joint's error is more than ABOVE_NOISE times its noise."""
+        """Whether the error of every joint is at most ABOVE_NOISE times its noise
+        floor.
+        """
         largest = self.largest_error_over_noise
         return largest is not None and largest <= ABOVE_NOISE
 
     @property
     def links_can_exist(self) -> bool:
-        """Whether every link is physically consistent, within its bounds."""
+        """Whether every link of the model is physically consistent, up to rounding."""
         return self.estimate.certificate.worst <= ROUNDING
 
     @property
     def verdict(self) -> Verdict:
-        """How good the model is on these measurements."""
+        """The judgement of the model on these measurements."""
         return self.verdict_with()
 
     def verdict_with(
@@ -194,10 +195,16 @@ class Comparison(Record):
         forward: str = "",
         has_open_finding: bool = False,
     ) -> Verdict:
-        """The same with what a diagnosis and a forward simulation say.
+        """Return the verdict with sentences from a diagnosis and a forward simulation.
 
-        has_open_finding : whether the diagnosis has found an effect that the model
-        lacks, which is then at most usable.
+        The grade is that of the comparison alone.
+
+        Parameters
+        ----------
+        missing
+            What a diagnosis says is missing.
+        forward
+            What a forward simulation shows.
         """
         links = self.estimate.model.rigid_indices[::10]
         return judge(
@@ -228,12 +235,26 @@ class Comparison(Record):
         against: str = "time",
         axes: Any = None,
     ) -> Any:
-        """Draw each joint's error beside the noise floor, or one joint's residual;
-        returns the axes.
+        """Plot the error of each joint beside the noise floor, or one joint's residual.
 
-        joint : counts from 1; against : "time", "position" or "velocity", for one
-        joint's residual. Raises InputError without matplotlib (extra [plot]), or for
-        another joint or quantity.
+        Parameters
+        ----------
+        joint
+            The joint (from 1) whose residual is plotted; default: errors of all joints.
+        against
+            "time", "position" or "velocity", for a residual.
+        axes
+            Axes of matplotlib to draw in; default: new ones.
+
+        Returns
+        -------
+        matplotlib axes
+            What was drawn in.
+
+        Raises
+        ------
+        InputError
+            matplotlib is missing (extra [plot]), or there is no such joint or quantity.
         """
         if joint is None:
             return plot_errors(axes, {self.name: self.rmse}, self.noise_floor)
@@ -243,49 +264,48 @@ class Comparison(Record):
                 f"choose one from 1 to {len(self.rmse)}",
             )
         j = joint - 1
-        s = self.signals
-        x = {"time": s.t, "position": s.q[:, j], "velocity": s.dq[:, j]}.get(against)
-        if x is None:
+        signals = self.signals
+        values_and_labels = {
+            "time": (signals.t, "time [s]"),
+            "position": (signals.q[:, j], f"position of joint {joint} [rad or m]"),
+            "velocity": (signals.dq[:, j], f"velocity of joint {joint} [rad/s or m/s]"),
+        }
+        if against not in values_and_labels:
             raise InputError(
                 f"plot(against={against!r}) is unknown",
                 "write time, position or velocity",
             )
-        unit = {"time": "s", "position": "rad or m", "velocity": "rad/s or m/s"}[
-            against
-        ]
-        label = (
-            f"{against} of joint {joint} [{unit}]" if against != "time" else "time [s]"
-        )
+        x, label = values_and_labels[against]
         axes = formatting.axes(axes)
-        axes.plot(x, s.residual[:, j], lw=0.8)
+        axes.plot(x, signals.residual[:, j], lw=0.8)
         title = f"{self.name}: RMSE {self.rmse[j]:.3g}"
         axes.set(xlabel=label, ylabel="measured - modelled [N m or N]", title=title)
         return axes
 
     def _summary(self) -> Summary:
-        floor = (
-            []
-            if self.noise_floor is None
-            else [", ".join(f"{x:.3g}" for x in self.noise_floor)]
-        )
-        return f"Comparison of {self.name}. {self.verdict.headline}", [
-            *(
-                (f"{line.about} ({line.grade})", line.text)
-                for line in self.verdict.lines
-            ),
-            ("RMSE", ", ".join(f"{x:.3g}" for x in self.rmse)),
-            *(("noise floor", text) for text in floor),
-            ("band", f"below {self.band_hz:.3g} Hz"),
-            ("new motion", new_motion(self.new_motion_share)),
-        ]
+        """Return the headline, and rows of label and text for the printed summary."""
+
+        def in_words(values: Array) -> str:
+            return ", ".join(f"{x:.3g}" for x in values)
+
+        verdict = self.verdict
+        rows = [(f"{line.about} ({line.grade})", line.text) for line in verdict.lines]
+        rows.append(("RMSE", in_words(self.rmse)))
+        if self.noise_floor is not None:
+            rows.append(("noise floor", in_words(self.noise_floor)))
+        rows.append(("band", f"below {self.band_hz:.3g} Hz"))
+        rows.append(("new motion", new_motion(self.new_motion_share)))
+        return f"Comparison of {self.name}. {verdict.headline}", rows
 
     @property
     def noise(self) -> tuple[Array | None, str]:
-        """The floor and its source."""
+        """Noise floor (n,) [N m or N], or None, and its source."""
         return self.noise_floor, self.noise_source
 
     def to_frame(self) -> pandas.DataFrame:
-        """One row a joint (from 1): error, noise floor, their ratio, R2."""
+        """Return a table with one row a joint (from 1): error, noise floor, their
+        ratio, R2.
+        """
         import pandas
 
         over = self.error_over_noise
@@ -307,7 +327,7 @@ class Comparison(Record):
         data: Mapping[str, Any],
         estimate: Estimate,
     ) -> Self:
-        """What :meth:`to_dict` wrote of this model; without the signals."""
+        """Restore a comparison from what :meth:`to_dict` wrote, without its signals."""
         floor = data["noise_floor"]
         known = bool(floor) and floor[0] is not None
         none = np.zeros((0, len(data["rmse"])))
@@ -329,7 +349,7 @@ class Comparison(Record):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Return plain JSON of all but the signals."""
         return {
             "model": self.name,
             "verdict": self.verdict.to_dict(),
@@ -356,28 +376,42 @@ _STRETCH = 1.0
 
 
 def upper_relative_error(errors: Array, torques: Array) -> float | None:
-    """The upper end of the 95 % interval of 100 sqrt(sum errors / sum torques) [%], by
-    the jackknife.
+    """Return the upper end of the 95 % interval of a relative error [%], by the
+    jackknife.
 
-    errors, torques (K,) : squared sums of stretches. Of fewer than three nothing can be
-    said: infinite; None without torque.
+    The relative error is 100 sqrt(sum errors / sum torques). Each stretch of time is
+    left out in turn.
+
+    Parameters
+    ----------
+    errors
+        (K,) sums of squared errors of each stretch.
+    torques
+        (K,) sums of squared torque of each stretch.
+
+    Returns
+    -------
+    float or None
+        Infinite for fewer than three stretches; None without any torque.
     """
     if not np.sum(torques) > 0.0:
         return None
     n = len(errors)
     if n < 3:
         return float("inf")
-    error = 100.0 * np.sqrt(errors.sum() / torques.sum())
-    left = torques.sum() - torques
-    if not np.all(left > 0.0):
+    relative_error = 100.0 * np.sqrt(errors.sum() / torques.sum())
+    # (K,) sums without each stretch.
+    torques_left = torques.sum() - torques
+    errors_left = errors.sum() - errors
+    if not np.all(torques_left > 0.0):
         return float("inf")
-    without = 100.0 * np.sqrt((errors.sum() - errors) / left)
+    without = 100.0 * np.sqrt(errors_left / torques_left)
     variance = (n - 1) / n * np.sum((without - without.mean()) ** 2)
-    return float(error + NORMAL_95 * np.sqrt(variance))
+    return float(relative_error + NORMAL_95 * np.sqrt(variance))
 
 
 def new_motion(new_share: float | None) -> str:
-    """The share of the judged motion that the model has not been trained on, as text."""
+    """Write the share of the judged motion that the model was not trained on."""
     return "not recorded" if new_share is None else formatting.percent(new_share, 2)
 
 
@@ -386,12 +420,28 @@ def plot_errors(
     errors: Mapping[str, Array],
     floor: Array | None,
 ) -> Any:
-    """RMSE of each joint as bars, models side by side, with the noise floor as steps."""
+    """Plot the RMS error of each joint as bars, models side by side, and the noise as
+    steps.
+
+    Parameters
+    ----------
+    axes
+        Axes of matplotlib to draw in; None for new ones.
+    errors
+        (n,) RMS errors [N m or N] by the model's name.
+    floor
+        (n,) noise floor [N m or N], or None.
+
+    Returns
+    -------
+    matplotlib axes
+        What was drawn in.
+    """
     axes = formatting.axes(axes)
     width = 0.8 / len(errors)
     for k, (name, rmse) in enumerate(errors.items()):
-        x = np.arange(1, len(rmse) + 1) + (k - 0.5 * (len(errors) - 1)) * width
-        axes.bar(x, rmse, width, label=name)
+        offset = (k - 0.5 * (len(errors) - 1)) * width
+        axes.bar(np.arange(1, len(rmse) + 1) + offset, rmse, width, label=name)
     if floor is not None:
         axes.step(
             np.arange(1, len(floor) + 1),
@@ -406,50 +456,51 @@ def plot_errors(
 
 
 class Comparisons(list[Comparison]):
-    """Comparisons of several models with the same measurements: a list that can show
-    itself."""
+    """A list of comparisons of several models with the same measurements, for
+    display.
+    """
 
     def to_frame(self) -> pandas.DataFrame:
-        """One row a model and joint (from 1): rmse, r2, noise_floor."""
+        """Return a table with one row a model and joint (from 1): rmse, r2,
+        noise_floor.
+        """
         import pandas
 
-        rows = [
-            {
-                "model": c.name,
-                "joint": j + 1,
-                "rmse": c.rmse[j],
-                "r2": c.r2[j],
-                "noise_floor": np.nan if c.noise_floor is None else c.noise_floor[j],
-            }
-            for c in self
-            for j in range(len(c.rmse))
-        ]
+        rows = []
+        for comparison in self:
+            floor = comparison.noise_floor
+            for j in range(len(comparison.rmse)):
+                row = {
+                    "model": comparison.name,
+                    "joint": j + 1,
+                    "rmse": comparison.rmse[j],
+                    "r2": comparison.r2[j],
+                    "noise_floor": np.nan if floor is None else floor[j],
+                }
+                rows.append(row)
         return pandas.DataFrame(rows).set_index(["model", "joint"])
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the errors of all models joint by joint, beside the noise floor; returns
+        """Plot the errors of all models joint by joint, beside the noise floor; return
         the axes.
 
         Raises InputError without matplotlib (extra [plot]).
         """
-        return plot_errors(
-            axes,
-            {c.name: c.rmse for c in self},
-            self[0].noise_floor,
-        )
+        errors = {c.name: c.rmse for c in self}
+        return plot_errors(axes, errors, self[0].noise_floor)
 
     def __repr__(self) -> str:
+        """Show the headline of each model, of the first four."""
         if len(self) == 1:
             return repr(self[0])
-        return "\n".join(
-            ["Comparisons", *(f"  {c.name}: {c.verdict.headline}" for c in self[:4])]
-        )
+        headlines = [f"  {c.name}: {c.verdict.headline}" for c in self[:4]]
+        return "\n".join(["Comparisons", *headlines])
 
     def _repr_html_(self) -> str:
-        return (
-            "".join(f"<p>{escape(f'{c.name}: {c.verdict.headline}')}</p>" for c in self)
-            + self.to_frame().to_html()
-        )
+        """Show headlines and the table of errors in a notebook."""
+        headlines = [escape(f"{c.name}: {c.verdict.headline}") for c in self]
+        paragraphs = "".join(f"<p>{text}</p>" for text in headlines)
+        return paragraphs + self.to_frame().to_html()
 
 
 def compare(
@@ -510,48 +561,44 @@ def compare_filtered(
     runs: FilteredRuns,
     noise_from: Source | None = None,
 ) -> Comparisons:
-    """:func:`compare` once the runs are read, possible for the robot, and filtered."""
+    """Compare models on runs that are filtered already, and possible for the robot.
+
+    See :func:`compare` for the arguments.
+    """
     first = next(iter(models.values()))
     settings = runs.settings
     _, measurements = driven(first, runs.measurements)
     if measurements is not runs.measurements:
         runs = FilteredRuns.of(measurements, settings)
-    models = {
-        name: plant(m) if m.model.drives.any() else m for name, m in models.items()
-    }
     all_measurements = measurements
+    runs_of_noise = runs
     if noise_from is not None:
         _, all_measurements = driven(first, as_measurements(noise_from))
-    shown = (
-        runs
-        if all_measurements is measurements
-        else FilteredRuns.of(all_measurements, settings)
-    )
-    floor = _noise_floor(first, shown)
+        if all_measurements is not measurements:
+            runs_of_noise = FilteredRuns.of(all_measurements, settings)
+    floor = _noise_floor(first, runs_of_noise)
     remark = subsample_sentence(
         window_subsample(all_measurements, settings),
         all_measurements,
         "errors are those of all samples, noise and dependences of",
     )
-    judged = [
-        _compare_one(
-            name,
-            model,
-            runs,
-            floor,
-        )
-        for name, model in models.items()
-    ]
-    return Comparisons(replace(one, judged_on=remark) for one in judged)
+    judged = Comparisons()
+    for name, model in models.items():
+        # Joint torque is compared: a model of drives is compared without them.
+        at_the_joints = plant(model) if model.model.drives.any() else model
+        comparison = _compare_one(name, at_the_joints, runs, floor)
+        judged.append(replace(comparison, judged_on=remark))
+    return judged
 
 
 def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, str]:
-    """The noise floor (n,) [N m or N] that models are judged beside, and its source.
+    """Return the noise floor (n,) [N m or N], or None, beside which models are judged,
+    and its source.
 
-    It depends on the first model's problem and on the recordings that are judged, and on
-    nothing else, so that every verb has the same one. What the model keeps of these very
-    recordings is not measured again. Where they show no repetition, and the model's own
-    recordings did, it is the latter's: the same arm, behind the same filters.
+    It depends only on the first model's problem and on the recordings, so that every
+    command shows the same one. A floor that the model keeps is used if it was measured
+    in the same recordings, or if it comes from repetition and these recordings do not
+    repeat: it is the same arm behind the same filters.
     """
     kept = _kept_noise(first, shown.settings)
     if kept is not None and kept.data_hash == shown.measurements.data_hash:
@@ -563,22 +610,28 @@ def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, st
 
 
 def _kept_noise(model: Estimate, settings: Preprocessing) -> NoiseFloor | None:
-    """The floor of the recordings that a model comes from, where it keeps that and the
-    filters are its own."""
+    """Return the noise floor that a model keeps of its own recordings, or None.
+
+    None also where its filters differ from ``settings``: the floor is that behind
+    filters.
+    """
     if model.preprocessing != settings or model.provenance.get("noise") is None:
         return None
     return NoiseFloor.from_dict(model.provenance["noise"])
 
 
 def noise_floor(model: Estimate, recordings: Measurements) -> tuple[Array | None, str]:
-    """The noise floor (n,) [N m or N] beside which :func:`compare` judges models on
-    these recordings, the first of them ``model``; and its source."""
+    """Return the noise floor that :func:`compare` judges a model beside, and its
+    source.
+
+    The floor is (n,) in N m or N, or None.
+    """
     _, given = driven(model, recordings)
     return _noise_floor(model, FilteredRuns.of(given, model.preprocessing))
 
 
 def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:
-    """Let a model keep the noise floor of the recordings that it comes from."""
+    """Store the noise floor of a model's own recordings in its provenance."""
     floor = NoiseFloor(*noise_floor(estimate, recordings), recordings.data_hash)
     estimate.provenance["noise"] = floor.to_dict()
 
@@ -589,8 +642,10 @@ def _compare_one(
     runs: FilteredRuns,
     floor: tuple[Array | None, str],
 ) -> Comparison:
-    """Errors of one model on filtered runs; floor : noise floor (n,) [N m or N] and its
-    source."""
+    """Compute the errors of one model on filtered runs.
+
+    floor : noise floor (n,) [N m or N], or None, and its source.
+    """
     signals, outside_shares = _predict_runs(model, runs)
     statistics = _ErrorStatistics.of(signals)
     band = runs.settings.torque_cutoff
@@ -617,8 +672,17 @@ def _compare_one(
 def _predict_runs(
     model: Estimate, runs: FilteredRuns
 ) -> tuple[Signals, dict[str, float]]:
-    """Measured and modelled torque of all rows; and by effect, named by its first
-    parameter, the share of rows that leave what it is known for, where there are any."""
+    """Predict the torque of all rows of filtered runs.
+
+    Returns
+    -------
+    Signals
+        Measured and modelled torque with the motion.
+    dict of str to float
+        For effects that are known in a limited range only (such as a measured curve):
+        share of rows outside, by the name of the effect's first parameter. Zeros are
+        left out.
+    """
     columns = {
         name: AppendableArray() for name in ("t", "q", "dq", "measured", "modelled")
     }
@@ -645,8 +709,10 @@ def _predict_runs(
 
 @dataclass(frozen=True)
 class _ErrorStatistics:
-    """mean_squared_error (n,) [(N m or N)^2]; r2 (n,) : coefficient of determination, NaN
-    for a torque that is constant; relative_error [%] : of all joints together."""
+    """Errors of a model: mean_squared_error (n,) in (N m)^2 or N^2; r2 (n,), the
+    coefficient of determination, NaN for a constant torque; relative_error of all
+    joints together [%].
+    """
 
     mean_squared_error: Array
     r2: Array
@@ -654,31 +720,31 @@ class _ErrorStatistics:
 
     @classmethod
     def of(cls, signals: Signals) -> Self:
-        """Of measured and modelled torque, a chunk of rows at a time."""
-        measured = signals.measured
-        pairs = zip(
-            iter_chunks(measured),
-            iter_chunks(signals.modelled),
-            strict=True,
+        """Compute the statistics of measured and modelled torque, chunk by chunk of
+        rows.
+        """
+        # Views of consecutive rows; all sums are over rows, (n,) each.
+        chunks = [chunk for _, chunk in iter_chunks(signals.measured)]
+        modelled_chunks = iter_chunks(signals.modelled)
+        squares = sum(
+            np.sum((measured - modelled) ** 2, axis=0)
+            for measured, (_, modelled) in zip(chunks, modelled_chunks, strict=True)
         )
-        squares = sum(np.sum((a - b) ** 2, axis=0) for (_, a), (_, b) in pairs)
         n_rows = len(signals.t)
         error = squares / n_rows
-        mean = sum(a.sum(axis=0) for _, a in iter_chunks(measured)) / n_rows
-        scatter = sum(np.sum((a - mean) ** 2, axis=0) for _, a in iter_chunks(measured))
+        mean = sum(chunk.sum(axis=0) for chunk in chunks) / n_rows
+        scatter = sum(np.sum((chunk - mean) ** 2, axis=0) for chunk in chunks)
         variance = scatter / n_rows
         with np.errstate(divide="ignore", invalid="ignore"):
-            r2 = np.where(
-                variance > 0.0,
-                1.0 - error / variance,
-                np.nan,
-            )
+            r2 = np.where(variance > 0.0, 1.0 - error / variance, np.nan)
             mean_square = np.sum(variance + mean**2)
             relative = 100.0 * np.sqrt(np.sum(error) / mean_square)
         return cls(error, r2, float(relative))
 
 
 def predicted(rows: Rows, theta: Array) -> Array:
-    """Modelled torque (M, n) of filtered rows: the columns passed the same filter as
-    the torque."""
+    """Return the modelled torque (M, n) of filtered rows [N m or N].
+
+    theta (p,) : parameters; the columns have passed the same filter as the torque.
+    """
     return np.column_stack([c.columns @ theta[c.indices] for c in rows.columns])

@@ -190,7 +190,9 @@ class Conclusion:
     @property
     def described_curves(self) -> tuple[Curve, ...]:
         """The accepted curves as they are reported: points, values and band."""
-        floor = self.data.noise.floor if self.data.known else np.zeros(self.data.n)
+        floor = (
+            self.data.noise.floor if self.data.noise_is_known else np.zeros(self.data.n)
+        )
         return tuple(
             c.to_curve(self.seed + k, float(floor[c.joint]))
             for k, c in enumerate(self.curves)

@@ -49,7 +49,7 @@ class Judged:
 
     @property
     def effect(self) -> Effect:
-        """The effect that was found."""
+        """The effect of the finding, with its shape constants."""
         return self.term.form.effect
 
     @property
@@ -115,7 +115,7 @@ def _leaves_more(x: Judged) -> bool:
     too. Always False where the size of the noise is unknown, since what is left is then
     not known either.
     """
-    if not x.search.data.known:
+    if not x.search.data.noise_is_known:
         return False
     gained = x.errors[0] ** 2 - x.errors[1] ** 2
     on_joints = float(np.sum(np.maximum(gained[x.joints], 0.0)))

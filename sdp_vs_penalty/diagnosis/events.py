@@ -1,10 +1,10 @@
-"""What happens once, of which no function of the motion is the cause: a contact, a
-knock, a hum.
+"""Isolated disturbances: what happens once and is no function of the motion, such as a
+contact or a knock; and hums.
 
-Events are rows of which the final model's residual is an outlier: windows of whitened
-residual with too much energy (:mod:`~sdp_vs_penalty.signals.coloured_noise`), in one
-repetition of the motion only where it repeats. A hum is a line in the spectrum: at the
-frequencies of a periodogram the power of whitened noise is exponential.
+Events are rows in which the final model's residual is an outlier: windows of whitened
+residual with too much energy (:mod:`~sdp_vs_penalty.signals.coloured_noise`), in only
+one repetition where the motion repeats. A hum is a line in the spectrum: the power of
+whitened noise at the frequencies of a periodogram is distributed exponentially.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ Mask = NDArray[np.bool_]
 @dataclass(frozen=True)
 class Event(JsonRecord):
     """joint from 1; t_start, t_end [s] on the clock of the measurements; what : "local"
-    or "hum"."""
+    for an isolated disturbance, or "hum"; frequency [Hz] : of a hum.
+    """
 
     joint: int
     t_start: float
@@ -54,12 +55,23 @@ def find_events(
     residual: Array,
     unexplained: Sequence[int],
 ) -> list[Event]:
-    """Outliers of the final model: windows of too much energy, cut to the rows that hold
-    it, and lines of the spectrum.
+    """List the isolated disturbances and hums that the final model leaves.
 
-    residual (M, n) [N m or N] : what the model leaves; outlier_rows (M, n) : its
-    outliers; unexplained : the joints (from 0) on which something without a name is left,
-    whose peaks are no events.
+    Parameters
+    ----------
+    data
+        White rows.
+    outlier_rows
+        (M, n) rows in which the residual is an outlier.
+    residual
+        (M, n) what the model leaves [N m or N].
+    unexplained
+        Joints (from 0) with unexplained torque: their outliers are no events.
+
+    Returns
+    -------
+    list of Event
+        By time. A disturbance is cut to the rows that hold nearly all of its energy.
     """
     rows = data.rows
     mask = outlier_rows.copy()
@@ -68,13 +80,9 @@ def find_events(
     for j in range(rows.n):
         for group in _groups_in_time(data, mask[:, j], j):
             core = _core_of_event(group, residual[:, j])
-            out.append(
-                Event(
-                    j + 1,
-                    float(rows.t[core[0]]),
-                    float(rows.t[core[-1]]),
-                )
-            )
+            begin = float(rows.t[core[0]])
+            end = float(rows.t[core[-1]])
+            out.append(Event(j + 1, begin, end))
     return sorted(out, key=lambda e: (e.t_start, e.joint))
 
 
@@ -83,10 +91,15 @@ def _groups_in_time(
     outlier_rows: NDArray[np.bool_],
     joint: int,
 ) -> list[NDArray[np.intp]]:
-    """A joint's outlier rows (M,), those apart that are far in time."""
+    """Divide a joint's outlier rows into groups that are apart by more than 2
+    SAME_PHASE.
+
+    outlier_rows (M,); returns the numbers of the rows of each group.
+    """
     rows = data.rows
     out = []
-    for piece in replace(rows, masked=np.zeros((0, 0), bool)).pieces[joint]:
+    all_rows = replace(rows, masked=np.zeros((0, 0), bool))  # masked ones, too
+    for piece in all_rows.pieces[joint]:
         event_rows = piece[outlier_rows[piece]]
         if len(event_rows):
             is_far = np.diff(rows.t[event_rows]) > 2.0 * SAME_PHASE
@@ -95,23 +108,36 @@ def _groups_in_time(
 
 
 def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
-    """From the first to the last row of those that hold nearly all of a window's
-    energy: windows are longer than what happens in them."""
+    """Return the rows from the first to the last of those that hold 99 % of the energy.
+
+    Windows are longer than what happens in them. group : numbers of rows; residual
+    (M,).
+    """
     squares = residual[group] ** 2
-    order = np.argsort(-squares)
-    enough = (1.0 - MINOR) * squares.sum()
-    count = int(np.searchsorted(np.cumsum(squares[order]), enough)) + 1
-    core_rows = np.sort(order[:count])
-    return group[core_rows[0] : core_rows[-1] + 1]
+    largest_first = np.argsort(-squares)
+    most_of_energy = (1.0 - MINOR) * squares.sum()
+    energy = np.cumsum(squares[largest_first])
+    n_needed = int(np.searchsorted(energy, most_of_energy)) + 1
+    places = largest_first[:n_needed]
+    return group[places.min() : places.max() + 1]
 
 
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
-    """(M, n) rows of which the residual, white (M, n), is an outlier: what happens once.
+    """Flag the rows (M, n) whose residual is an outlier: isolated disturbances.
 
-    An outlier that comes back with the motion is an error of the model. Where no motion
-    comes back, an event stands out of all windows in the same state of motion. So does
-    what one repetition has near reversals, where any law of friction is only nearly
-    right.
+    An outlier that comes back with the motion is an error of the model. Where the
+    motion does not repeat, a disturbance stands out of all windows in the same state of
+    motion. So does one in a single repetition near a reversal, where friction laws are
+    only approximate.
+
+    Parameters
+    ----------
+    data
+        White rows.
+    white
+        (M, n) whitened residual.
+    residual
+        (M, n) residual [N m or N].
     """
     rows = data.rows
     noise = data.noise
@@ -140,7 +166,9 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
 
 
 def _rows_that_come_back(repeats: Sequence[Repeat], count: int) -> Mask:
-    """(M,) whether the motion of a row comes back."""
+    """Flag the rows (M,) whose motion is repeated in the log; count : number of rows
+    M.
+    """
     out = np.zeros(count, bool)
     for repeat in repeats:
         out[repeat.rows] = True
@@ -154,8 +182,12 @@ def _lone_rows(
     joint: int,
     slow: Mask,
 ) -> Mask:
-    """(M,) rows of a joint's series (M,) to which no window in the same state of motion
-    comes near."""
+    """Flag the rows (M,) of windows without a similar window in the same state of
+    motion.
+
+    series : (M,) residual of the joint; slow : (M,) rows in which it moves slowly or
+    reverses.
+    """
     rows = data.rows
     return lone_windows(
         series,
@@ -171,25 +203,30 @@ def _stands_out(
     pieces: Sequence[NDArray[np.intp]],
     tests: int,
 ) -> Mask:
-    """(M,) rows of windows in which a residual (M,) [N m or N] swells as in no others."""
+    """Flag the rows (M,) of windows in which a residual swells as in no other window.
+
+    torque (M,) [N m or N]; tests : number of joints, for the chance of a false one.
+    """
     degrees = max(float(np.count_nonzero(torque)), 1.0)
     usual = float(nonzero_or_one(np.sqrt(np.sum(torque**2) / degrees)))
     return local_excess(torque / usual, pieces, tests, degrees)
 
 
 def _near_in_time(mask: Mask, rate: float) -> Mask:
-    """(M, n) rows within which two windows are at the same phase of those of a mask."""
+    """Flag the rows (M, n) that are within SAME_PHASE of a flagged row; rate [Hz]."""
     return np.asarray(_sums_near_in_time(mask.astype(float), rate) > 0.5)
 
 
 def _sums_near_in_time(series: Array, rate: float) -> Array:
-    """(M, n) sums of a series over the rows at the same phase."""
+    """Sum a series (M, n) over the rows within SAME_PHASE of each row; rate [Hz]."""
     width = np.ones(2 * max(1, round(SAME_PHASE * rate)) + 1)
     return np.array([np.convolve(x, width, mode="same") for x in series.T]).T
 
 
 def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
-    """(M, n) outliers that another repetition of the motion has, too."""
+    """Flag the outliers (M, n) that another repetition of the motion has near the same
+    phase.
+    """
     near = _near_in_time(is_outlier, data.rows.rate)
     out = np.zeros_like(is_outlier)
     for repeat in data.noise.repeats:
@@ -200,50 +237,53 @@ def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
 
 
 def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
-    """(M, n) where the repetitions of a motion differ: an event, in the one that leaves
-    more error."""
+    """Flag the rows (M, n) in which repetitions of a motion disagree.
+
+    Of two repetitions the one with the larger residual near that phase is flagged.
+    """
     rows = data.rows
     repeats = data.noise.repeats
     suspect = data.noise.suspect
     if not suspect.any():
         return suspect
-    near = _near_in_time(suspect, rows.rate)
+    is_near_suspect = _near_in_time(suspect, rows.rate)
     energy = _sums_near_in_time(residual**2, rows.rate)
     out = suspect.copy()
-    for one, other in ((r.rows, r.there) for r in repeats):
-        first_less = energy[one] <= energy[other]
-        out[one] &= ~(near[other] & first_less)
-        lost = np.zeros_like(out)
-        np.logical_or.at(lost, other, near[one] & ~first_less)
-        out &= ~lost
+    for repeat in repeats:
+        first = repeat.rows
+        second = repeat.there
+        first_has_less = energy[first] <= energy[second]
+        out[first] &= ~(is_near_suspect[second] & first_has_less)
+        cleared = np.zeros_like(out)
+        second_has_less = is_near_suspect[first] & ~first_has_less
+        np.logical_or.at(cleared, second, second_has_less)  # rows may come twice
+        out &= ~cleared
     return out
 
 
 def find_hums(data: WhiteData, residual: Array) -> list[Event]:
-    """One event a run for each joint in whose residual (M, n) a spectral line stands."""
+    """List the hums: one event a run for each joint whose residual (M, n) has spectral
+    lines.
+
+    The frequency is that of the lowest line.
+    """
     out = []
     for j, lines in hum_lines(data, residual).items():
         for segment in data.rows.segments:
             begin = float(segment.t[0])
             end = float(segment.t[-1])
-            out.append(
-                Event(
-                    j + 1,
-                    begin,
-                    end,
-                    "hum",
-                    lines[0],
-                )
-            )
+            hum = Event(j + 1, begin, end, what="hum", frequency=lines[0])
+            out.append(hum)
     return out
 
 
 def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
-    """By joint (from 0) the frequencies [Hz] of spectral lines, of joints that have any.
+    """Return the frequencies [Hz] of spectral lines, by joint (from 0) that has any.
 
-    Where the motion repeats they are looked for in what does not: a model's error is a
-    comb of lines. The residual is not whitened for it: an autoregression takes a sine
-    for its own colour.
+    Where the motion repeats, lines are looked for in the differences of repetitions,
+    since a model's error has the motion's harmonics. The residual (M, n) is not
+    whitened: the autoregressive model of the noise would take a sine for its own
+    colour.
     """
     rows = data.rows
     repeats = data.noise.repeats
@@ -273,33 +313,46 @@ def spectral_lines(
     lowest: float = 0.8,
     smooth: float = 1.0,
 ) -> list[float]:
-    """Frequencies [Hz] at which the pooled periodogram of the series stands out of its
-    surroundings.
+    """Find frequencies [Hz] at which a periodogram stands out of its surroundings.
 
-    series : records of the same channel, each at least 2 s long; lowest [Hz] : below,
-    lines are the motion's own harmonics; smooth [Hz] : the width over which the noise's
-    spectrum is taken as flat.
+    Parameters
+    ----------
+    series
+        Records of one channel, each at least 2 s long; their periodograms are summed.
+    rate
+        Sampling rate [Hz].
+    tests
+        Number of channels tested, for the chance of a false line.
+    lowest
+        Frequency [Hz] below which lines are the motion's own harmonics.
+    smooth
+        Width [Hz] over which the noise's spectrum is taken as flat.
+
+    Returns
+    -------
+    list of float
+        The frequencies.
     """
-
     length = min((len(s) for s in series), default=0)
     if length < 2.0 * rate:
         return []
-    pieces = [
-        s[k : k + length] for s in series for k in range(0, len(s) - length + 1, length)
-    ]
+    pieces = list[Array]()
+    for values in series:
+        starts = range(0, len(values) - length + 1, length)
+        pieces += [values[start : start + length] for start in starts]
     power = periodograms(np.stack(pieces, axis=1), length)[0].sum(axis=1)
     pooled = len(pieces)
     frequency = np.fft.rfftfreq(length, 1.0 / rate)
-    half = max(8, min(int(smooth / frequency[1]), length))  # a clock may say anything
-    level = scipy.ndimage.median_filter(
-        power,
-        size=2 * half + 1,
-        mode="nearest",
-    )
-    level = level / float(scipy.special.gammaincinv(pooled, 0.5)) * pooled
+    # At least 8 neighbours on each side, and no more than there are, whatever the clock.
+    half = max(8, min(int(smooth / frequency[1]), length))
+    median = scipy.ndimage.median_filter(power, size=2 * half + 1, mode="nearest")
+    # The sum of ``pooled`` exponentials has a gamma distribution: its mean from its
+    # median, and 2 pooled times power over mean is chi-squared.
+    level = median / float(scipy.special.gammaincinv(pooled, 0.5)) * pooled
     with np.errstate(divide="ignore", invalid="ignore"):
         excess = np.where(level > 0.0, power / level, 0.0) * 2 * pooled
-    limit = float(scipy.special.chdtri(2 * pooled, FALSE_EVENT / (len(power) * tests)))
+    false_chance = FALSE_EVENT / (len(power) * tests)
+    limit = float(scipy.special.chdtri(2 * pooled, false_chance))
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
     is_line = (excess > limit) & (frequency > lowest)

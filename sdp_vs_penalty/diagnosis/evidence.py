@@ -205,15 +205,15 @@ class EvidenceScorer(WhiteFitter):
         fit = beside.to_beat
         columns_in_fit = set(fit.columns_kept)
         T = beside.T
-        for key, derivatives in self.data.constants.items():
+        for key, derivatives in self.data.constant_derivatives.items():
             _, joint = key
-            is_present = columns_in_fit.issuperset(fit.design.model[key])
+            is_present = columns_in_fit.issuperset(fit.design.columns_of_model[key])
             if joint not in columns or not is_present:
                 continue
-            if key not in fit.moved:
+            if key not in fit.derivatives_left:
                 scaled = fit.scaled({joint: derivatives})
-                fit.moved[key] = fit.residual_of(scaled)
-            T = np.concatenate([T, fit.moved[key]], axis=2)
+                fit.derivatives_left[key] = fit.residual_of(scaled)
+            T = np.concatenate([T, fit.derivatives_left[key]], axis=2)
         n_moving = T.shape[2] - beside.k
         if not n_moving or not T[:, :, : beside.k].any():
             return None
@@ -303,7 +303,7 @@ class EvidenceScorer(WhiteFitter):
         solved = np.linalg.solve(
             with_ridge(beside.information[part]), beside.gram[part]
         )
-        return float(np.trace(solved)) + beside.form.constants
+        return float(np.trace(solved)) + beside.form.n_constants
 
     @staticmethod
     def parameter_price(freedom: float, n_independent: float) -> float:
@@ -450,7 +450,7 @@ class EvidenceScorer(WhiteFitter):
         k = batch.forms[0].n_coefficients
         weights = fit.level[list(batch.joints)] ** -2.0
         # By joint: its weight, A'Z (p, F k) and Z'y (F k,).
-        by_joint = list(zip(weights, fit.design.of(batch), strict=True))
+        by_joint = list(zip(weights, fit.design.products_with(batch), strict=True))
         cross = sum(w * AZ for w, (AZ, _) in by_joint)
         pull = sum(w * Zy for w, (_, Zy) in by_joint) - fit.theta @ cross
         raw = np.tensordot(weights, batch.grams, axes=1)

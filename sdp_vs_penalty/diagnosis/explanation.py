@@ -139,7 +139,9 @@ def drop_harmful(
     terms = explanation.terms
     n_own = len(explanation.constants)
     # Evidence against a noise that is guessed proves nothing by itself.
-    order = held_out.drop_harmful(range(len(terms)), needed=not search.data.known)
+    order = held_out.drop_harmful(
+        range(len(terms)), needed=not search.data.noise_is_known
+    )
     constants = [terms[k] for k in order if k < n_own]
     findings = [terms[k] for k in order if k >= n_own]
     if len(order) < len(terms):

@@ -484,7 +484,10 @@ class Diagnosis(Record, JsonRecord):
                 "name the effect itself, or leave the model as it is",
             )
         return replace(
-            self, effects=tuple(chosen), retuned=tuple(retuned), curves=curves
+            self,
+            effects=tuple(chosen),
+            retuned=tuple(retuned),
+            curves=curves,
         )
 
     def _refuse_unknown(self, numbers: Sequence[float]) -> None:

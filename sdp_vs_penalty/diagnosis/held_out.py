@@ -56,19 +56,22 @@ class HeldOutSplit:
     frozen: bool
 
     def columns_of(self, estimate: Estimate, chosen: Sequence[int]) -> Columns:
-        """Columns of this split that a model with some of the effects needs.
+        """Select the columns of a model with some of the effects.
+
+        Effects of the model are left out on joints where a chosen effect of the same
+        name replaces them.
 
         Parameters
         ----------
         estimate : Estimate
-            The model in question.
+            The model.
         chosen : sequence of int
             Numbers of the effects that are added to it.
 
         Returns
         -------
         Columns
-            Effects of the model that stay, the chosen ones, and which columns are theirs.
+            The model's effects that stay, the chosen ones, and flags of their columns.
         """
         new = [effect for k, effect in enumerate(self.effects) if k in chosen]
         of_model = () if self.frozen else estimate.model.effects

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from sdp_vs_penalty.diagnosis.library import Candidate, Key
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.white_rows import whitened, with_estimate
+from sdp_vs_penalty.diagnosis.white_rows import whiten_with_noise, with_estimate
 from sdp_vs_penalty.effects.effect import Effect
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimators.estimator import Progress, no_progress
@@ -160,7 +160,7 @@ def beside_model(
     if without is not None:
         masked = rows.masked | without if rows.masked.size else without
         rows = replace(rows, masked=masked)
-    data = whitened(rows, data.noise, estimate, data.frozen)
+    data = whiten_with_noise(rows, data.noise, estimate, data.frozen)
     out = Search(data, search.library, search.rules, like=search)
     out.nuisances.frequencies = search.nuisances.frequencies  # hums stay what they are
     out.in_reference = {t.key for t, _ in in_reference}

@@ -41,7 +41,7 @@ class Candidate:
         return len(self.effect.parameters)
 
     @cached_property
-    def constants(self) -> int:
+    def n_constants(self) -> int:
         """The number of continuous shape constants, each of which costs evidence.
 
         Zero for another value of the model's own constant: it adds no constant to the
@@ -167,7 +167,7 @@ class Batch:
             np.stack([np.hstack([z[j] for z in white]) for j in joints]),
         )
 
-    def made_anew(self, data: WhiteData) -> Batch:
+    def with_columns_on(self, data: WhiteData) -> Batch:
         """Return a batch of the same candidates, with their columns on other white
         rows.
         """
@@ -202,7 +202,8 @@ class Library:
         friction); all other columns follow from the motion and stay.
         """
         batches = [
-            b.made_anew(data) if depends(b.forms[0].effect) else b for b in self.batches
+            b.with_columns_on(data) if depends(b.forms[0].effect) else b
+            for b in self.batches
         ]
         return replace(self, batches=tuple(batches))
 
@@ -217,7 +218,7 @@ class Library:
         """
         parts = [(b, tuple(filter(which, b.forms))) for b in self.batches]
         batches = [
-            replace(b, forms=forms).made_anew(data) for b, forms in parts if forms
+            replace(b, forms=forms).with_columns_on(data) for b, forms in parts if forms
         ]
         return replace(self, batches=tuple(batches))
 

@@ -78,14 +78,17 @@ Term = ScoredEffect | Nuisance
 
 @dataclass(frozen=True, eq=False)
 class BasisProducts:
-    """Products of candidates' columns with those of the model, basis (n, M, r), and with
-    the torque y (n, M), each worked out once."""
+    """Products of candidates' columns with the model's columns and with the torque.
+
+    basis (n joints, M, r) : the model's columns; y (n, M) : white torque; known : what
+    was computed, by batch of candidates.
+    """
 
     basis: Array
     y: Array
     known: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
-    def of(self, batch: Batch) -> list[tuple[Array, Array]]:
+    def with_batch(self, batch: Batch) -> list[tuple[Array, Array]]:
         """Return, by joint of a batch, the products B'Z (r, F k) and Z'y (F k,).
 
         B are the model's columns, Z the batch's white columns, y the torque. They are
@@ -101,32 +104,34 @@ class BasisProducts:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """White columns of the model and of some terms, and their products.
+    """White columns of the model and of some terms (effects or nuisances), with
+    products.
 
-    A (n, M, p) : columns of unit length; y (n, M) : torque; gram (n, p, p), pull (n, p) :
-    A'A and A'y; model : by key the column of each effect of the model whose constant may
-    be another one, under None those of all others; at : the columns of each term, by
-    text; keys : of a term's column; extra (n,) : rows of a joint behind the log's, each
-    of which says that the coefficient of a nuisance is zero, or a share of one where
-    several joints say it.
+    A (n joints, M + prior rows, p) : columns of unit length, the model's first; y (n, M
+    + prior rows) : torque, 0 in prior rows; gram (n, p, p), pull (n, p) : A'A and A'y;
+    columns_of_model : numbers of the model's columns, by key of an effect with a shape constant
+    that might be re-estimated, all others under None; at : numbers of each term's
+    columns, by its text; keys : key of the effect that a column belongs to; extra (n,)
+    : how many prior rows each joint counts. A prior row says that a nuisance's
+    coefficient is zero, up to its standard deviation.
     """
 
     A: Array
     y: Array
     gram: Array
     pull: Array
-    model: Mapping[Key | None, list[int]]
-    at: dict[str, list[int]]
+    columns_of_model: Mapping[Key | None, list[int]]
+    columns_by_text: dict[str, list[int]]
     keys: dict[int, Key]
-    extra: Array
+    n_prior_rows: Array
     basis_products: BasisProducts
     products: dict[Batch, list[tuple[Array, Array]]] = field(default_factory=dict)
 
     def holds(self, terms: Sequence[Term]) -> bool:
         """Return whether the design has columns of all terms."""
-        return all(t.text in self.at for t in terms)
+        return all(t.text in self.columns_by_text for t in terms)
 
-    def of(self, batch: Batch) -> list[tuple[Array, Array]]:
+    def products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
         """Return, by joint of a batch, A'Z (p, F k) and Z'y (F k,) of the batch's
         columns Z.
 
@@ -135,7 +140,7 @@ class Design:
         """
         if batch not in self.products:
             M = batch.whitened_columns.shape[1]
-            known = self.basis_products.of(batch)
+            known = self.basis_products.with_batch(batch)
             r = self.basis_products.basis.shape[2]
             out = []
             for j, Z, (of_basis, pull) in zip(
@@ -163,7 +168,7 @@ class WhiteFit:
     by which its rows are divided; whitener W (p, r) : A W / level is orthonormal; theta
     (p,) : coefficients; residual (n, M) : weighted; rss (n,) : unweighted squared
     errors; degrees (n,) : rows less the joint's share of the rank; floor : lowest
-    variance of a joint; apart, moved : results computed once, by key of a model's own
+    variance of a joint; fits_without, derivatives_left : results computed once, by key of a model's own
     effect: the fit without it, and what the fit leaves of its constants' derivatives.
     """
 
@@ -176,8 +181,8 @@ class WhiteFit:
     rss: Array
     degrees: Array
     floor: float
-    apart: dict[Key, WhiteFit] = field(default_factory=dict)
-    moved: dict[tuple[str, int], Array] = field(default_factory=dict)
+    fits_without: dict[Key, WhiteFit] = field(default_factory=dict)
+    derivatives_left: dict[tuple[str, int], Array] = field(default_factory=dict)
 
     @property
     def target(self) -> Array:
@@ -241,7 +246,7 @@ class WhiteFitter:
         known: white rows are in units of it.
         """
         self.data = data
-        self.floor = 1.0 if data.known else 1e-12
+        self.floor = 1.0 if data.noise_is_known else 1e-12
         if like is not None and like.has_rows_of(data):
             self._basis = like._basis
             self._basis_products = like._basis_products
@@ -318,11 +323,11 @@ class WhiteFitter:
         }
         columns = [
             i
-            for key, its_columns in design.model.items()
+            for key, its_columns in design.columns_of_model.items()
             if key not in replaced
             for i in its_columns
         ]
-        columns += sorted(i for t in terms for i in design.at[t.text])
+        columns += sorted(i for t in terms for i in design.columns_by_text[t.text])
         level = np.ones(len(design.y)) if near is None else near.level
         return self._fitted(design, tuple(columns), level)
 
@@ -334,16 +339,16 @@ class WhiteFitter:
         """
         if not form.replaces_own_constant:
             return fit
-        if form.key not in fit.apart:
-            replaced = fit.design.model[form.key]
+        if form.key not in fit.fits_without:
+            replaced = fit.design.columns_of_model[form.key]
             left = tuple(i for i in fit.columns_kept if i not in replaced)
-            fit.apart[form.key] = self._fitted(
+            fit.fits_without[form.key] = self._fitted(
                 fit.design,
                 left,
                 fit.level,
                 rounds=1,
             )
-        return fit.apart[form.key]
+        return fit.fits_without[form.key]
 
     def _design(self, terms: Sequence[Term]) -> Design:
         """Assemble the columns of the model and of the terms, with their products.
@@ -379,10 +384,10 @@ class WhiteFitter:
             y=y,
             gram=G,
             pull=pull,
-            model=model,
-            at=at,
+            columns_of_model=model,
+            columns_by_text=at,
             keys=keys,
-            extra=extra,
+            n_prior_rows=extra,
             basis_products=self._basis_products,
         )
 
@@ -456,7 +461,7 @@ class WhiteFitter:
         pull = design.pull[:, kept]
         flat_gram = G.reshape(len(G), -1)
         squares_of_torque = np.sum(design.y**2, axis=1)
-        degrees = self.data.count + design.extra
+        degrees = self.data.count + design.n_prior_rows
         for _ in range(rounds):
             L = _triangle((level**-2.0 @ flat_gram).reshape(G.shape[1:]))
             weighted_pull = level**-2.0 @ pull

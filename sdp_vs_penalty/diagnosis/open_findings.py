@@ -7,7 +7,9 @@ from sdp_vs_penalty.estimation.estimate import Estimate
 
 
 def findings_not_added(diagnosis: Diagnosis, estimate: Estimate) -> list[Finding]:
-    """Findings of a diagnosis whose effect a model lacks on one of their joints.
+    """List the findings of a diagnosis that a model does not have.
+
+    A finding counts as missing if the model lacks its effect on one of its joints.
 
     Parameters
     ----------
@@ -19,28 +21,31 @@ def findings_not_added(diagnosis: Diagnosis, estimate: Estimate) -> list[Finding
     Returns
     -------
     list of Finding
-        In the order of adding.
+        In the order of the diagnosis.
     """
-    held = {(e.name, j + 1) for e in estimate.model.effects for j in e.joints}
-    whole_robot_effects = {e.name for e in estimate.model.effects if e.whole_robot}
-    return [
-        f
-        for f in diagnosis.effects
-        if f.effect not in whole_robot_effects
-        and not (f.joints and {(f.effect, j) for j in f.joints} <= held)
-    ]
+    effects = estimate.model.effects
+    of_whole_robot = {e.name for e in effects if e.whole_robot}
+    on_joints = {(e.name, j + 1) for e in effects for j in e.joints}
+    missing = []
+    for finding in diagnosis.effects:
+        keys = {(finding.effect, joint) for joint in finding.joints}
+        is_on_its_joints = bool(keys) and keys <= on_joints
+        if finding.effect not in of_whole_robot and not is_on_its_joints:
+            missing.append(finding)
+    return missing
 
 
 def has_open_finding(diagnosis: Diagnosis, estimate: Estimate) -> bool:
-    """Whether a model lacks an effect that a diagnosis has found and calls more than
-    weak."""
+    """Return whether a model lacks a finding that is confident or a near-tie."""
     missing = findings_not_added(diagnosis, estimate)
     return any(finding.rating != "weak" for finding in missing)
 
 
 def still_missing(diagnosis: Diagnosis, estimate: Estimate) -> str:
-    """What a diagnosis of this model, or of one that it grew from, has found that the
-    model lacks."""
+    """Say in a sentence which findings of a diagnosis a model does not have.
+
+    The diagnosis is one of this model, or of one that it grew from.
+    """
     if not diagnosis.effects:
         return diagnosis.headline
     missing = findings_not_added(diagnosis, estimate)

@@ -52,7 +52,7 @@ def least_squares_refit(
     for j in range(n):
         white = data.white(columns[j], j)
         triangles.append(_triangle_of(white, data.y[j] - white @ first))
-    smallest_variance = 1.0 if data.known else 1e-12
+    smallest_variance = 1.0 if data.noise_is_known else 1e-12
     level = np.ones(n)
     for _ in range(3):
         step = _weighted_step(triangles, level, prior, -prior @ first)

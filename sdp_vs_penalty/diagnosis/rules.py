@@ -9,20 +9,21 @@ from dataclasses import dataclass, fields
 
 @dataclass(frozen=True)
 class Rules:
-    """Which rules apply.
+    """Switches of the optional rules of the search; all are on by default.
 
-    joints_alike : beside findings half of the odds are for effects that act on another
-    joint already; merge_one_effect : terms of one effect give way to one that acts on all
-    of their joints; free_constants : the constants of the model's own effects may move
-    with a candidate; law_misfits : what a term's law gets wrong is a nuisance;
-    mounting_tolerances : so is what any arm is mounted wrong; simplest : of candidates
-    that do about as well the simplest is named; exchange : a term may give way to
-    another; coarsening : no law is right beyond what some 3000 rows can tell;
-    curve_laws : a curve may be a law of the dictionary; curves_of_two : a curve may
-    depend on two variables; second_veto : confident findings are judged once more on
-    data left out, without the weak ones; without_events : findings are judged again
-    without the rows of events; hums_first : lines of the torque's spectrum stand beside
-    whatever is judged.
+    joints_alike : once there are findings, half of the prior odds go to effects that
+    act on another joint already. merge_one_effect : findings of one effect on several
+    joints may be replaced by one that acts on all of them. free_constants : shape
+    constants of the model's own effects may move beside a candidate. law_misfits :
+    errors of a finding's law are tolerated beside it. mounting_tolerances : so are
+    plausible errors of the mounting. simplest : of candidates that do about as well the
+    simplest one is named. exchange : a finding may be replaced by another effect.
+    coarsening : evidence is limited to what some 3000 rows can tell, since no law is
+    exact. curve_laws : a curve may follow a law of the dictionary. curves_of_two : a
+    curve may depend on two variables. second_veto : certain findings are judged once
+    more on data left out, without the weak ones. without_events : findings are judged
+    again without the rows of events. hums_first : lines of the torque's spectrum are
+    part of every fit.
     """
 
     joints_alike: bool = True

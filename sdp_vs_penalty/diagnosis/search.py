@@ -420,7 +420,7 @@ class Search:
         for term in terms:
             others = [t for t in terms if t is not term]
             judged = self.beside(term, others)
-            candidates = self._candidates_instead([term], others, judged.evidence)
+            candidates = self._candidates_to_replace([term], others, judged.evidence)
             exchanged = self._exchange(judged, candidates, others)
             if exchanged is not None:
                 return exchanged
@@ -432,7 +432,7 @@ class Search:
         self.terms = with_rivals
         return None
 
-    def _candidates_instead(
+    def _candidates_to_replace(
         self,
         group: Sequence[ScoredEffect],
         others: Sequence[ScoredEffect],
@@ -472,7 +472,7 @@ class Search:
         plus 4 %) or within the margin while it is simpler, or while the effect only
         refines it.
         """
-        other = self._best_instead([term], candidates)
+        other = self._best_replacement([term], candidates)
         if other is None:
             return None
         J = term.evidence
@@ -486,7 +486,7 @@ class Search:
         is_as_good = J - margin < J_other
         replaces = is_better or (is_as_good and is_preferred)
         if replaces and self.rules.exchange:
-            return self._if_it_stays(other, others)
+            return self._with_candidate_if_it_stays(other, others)
         return None
 
     def merge_one_effect(
@@ -502,16 +502,16 @@ class Search:
         for group in self.mergeable_groups(terms):
             others = [t for t in terms if t not in group]
             J = sum(t.evidence for t in self.score_jointly(group, others))
-            candidates = self._candidates_instead(group, others, J)
-            merged = self._best_instead(group, candidates)
+            candidates = self._candidates_to_replace(group, others, J)
+            merged = self._best_replacement(group, candidates)
             margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
             if merged is not None and J - margin < merged.evidence:
-                after = self._if_it_stays(merged, others)
+                after = self._with_candidate_if_it_stays(merged, others)
                 if after is not None:
                     return after
         return None
 
-    def _best_instead(
+    def _best_replacement(
         self,
         group: Sequence[ScoredEffect],
         candidates: Sequence[ScoredEffect],
@@ -527,7 +527,7 @@ class Search:
             return None
         return replacement
 
-    def _if_it_stays(
+    def _with_candidate_if_it_stays(
         self,
         other: ScoredEffect,
         others: Sequence[ScoredEffect],
@@ -671,7 +671,7 @@ def simplicity(form: Candidate) -> tuple[int, int, bool]:
     whether the effect refines a plainer one.
     """
     return (
-        form.n_coefficients + form.constants,
+        form.n_coefficients + form.n_constants,
         len(form.effect.joints),
         bool(form.effect.refines),
     )

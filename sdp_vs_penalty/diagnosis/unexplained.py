@@ -125,7 +125,7 @@ def remainder(
     squares = mean(residual**2, slides)
     floor = noise.floor
     rise = (1.0 + MIN_ERROR_RISE) ** 2
-    raised = np.flatnonzero((squares > rise * floor**2) & data.known)
+    raised = np.flatnonzero((squares > rise * floor**2) & data.noise_is_known)
     if raised.size:  # not all encoders are fine
         floor = np.sqrt(floor**2 + mean(rows.steps**2, slides))
         raised = raised[squares[raised] > rise * floor[raised] ** 2]

@@ -1,13 +1,13 @@
-"""Where a model fails: what its residual torque depends on, when it is large, with
-which waves.
+"""Where a model fails: on which quantities its residual torque depends, when it is
+large, and which waves it has.
 
-Nothing here names a physical effect (`diagnose` does); it shows what the error looks
-like, joint by joint, beside the noise. Causes are what a person sees in a log: a
-reversal, a standstill, high speed, a position, a wave per turn, time, another joint.
-Shares are held out: a smooth function of the quantity is fitted to some stretches of
-the motion and judged on others, so that a share above zero is no accident of the fit,
-nor of a motion that comes back. They are shares of what other parameters of the model
-would leave: what those would take looks like the model, whatever it comes from.
+No physical effect is named here (`diagnose` does that); the error is shown joint by
+joint, beside the noise. Causes are what a person sees in a log: a reversal, a
+standstill, high speed, a position, a wave per turn, time, another joint. Shares are on
+data left out: a smooth function of the quantity is fitted to some stretches of the
+motion and judged on others, so that chance explains nothing. They are shares of what
+other parameters of the model would leave: the rest resembles the model, whatever its
+cause.
 """
 
 from __future__ import annotations
@@ -77,8 +77,9 @@ _ORDER = ("per_revolution", "amplitude", "over_surroundings")
 
 
 class FailingStretch(NamedTuple):
-    """Instants [s] of a run between which an error is large, and the cause that is seen
-    there."""
+    """A stretch of a run, between two instants [s], in which an error is large, with
+    its cause.
+    """
 
     run: str
     start: float
@@ -88,16 +89,16 @@ class FailingStretch(NamedTuple):
 
 @dataclass(frozen=True)
 class JointFailure(JsonRecord):
-    """How one joint's residual looks (joint from 1).
+    """How the residual of one joint (from 1) behaves.
 
-    rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, of the
-    residual's variance, which repeats; refit_share : of the residual's variance, which
-    other parameters of the model would take; held_out_shares : by cause the share of
-    what they would leave that a function of it explains on data left out, by which
-    causes are ranked; shares_of_error : the same of all of the residual; reversal_lift : RMS within
-    0.15 s of velocity reversals over that elsewhere; orders : (waves per revolution,
-    amplitude [N m], amplitude over its surroundings), most conspicuous first; stretches
-    : where the error is large, with the cause seen there.
+    rmse, noise_floor [N m or N]; explainable_share : 1 - floor^2 / rmse^2, the share of
+    the residual's variance that repeats; refit_share : share of the variance that other
+    parameters of the model would remove; held_out_shares : by cause, the share of what
+    a refit would leave that a function of the cause explains on data left out; causes
+    are ranked by it; shares_of_error : the same of the whole residual; reversal_lift :
+    RMS within 0.15 s of velocity reversals over that elsewhere; orders : waves per
+    revolution, amplitude [N m], and amplitude over its surroundings, the most
+    conspicuous first; stretches : where the error is large, with the cause seen there.
     """
 
     joint: int
@@ -113,13 +114,18 @@ class JointFailure(JsonRecord):
 
     @property
     def causes(self) -> CauseShares:
-        """What each cause explains; older files have one kind of share only."""
+        """Shares that each cause explains; files of older versions hold one kind of
+        share only.
+        """
         of_error = self.shares_of_error or self.held_out_shares
         return CauseShares(of_error, self.held_out_shares, self.refit_share)
 
     def numbers(self) -> dict[str, float | None]:
-        """Every number by its name; shares in per cent of the error's variance, those of
-        causes of what a refit would leave of it."""
+        """Return every number by its label.
+
+        Shares are in per cent: of the error's variance, and those of causes of what a
+        refit would leave of it.
+        """
         shares = {
             "all that repeats": self.explainable_share,
             "a refit would take": self.refit_share,
@@ -136,7 +142,7 @@ class JointFailure(JsonRecord):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON; the joint counts from 1."""
+        """Return plain JSON; the joint counts from 1."""
         return super().to_dict() | {
             "orders": [dict(zip(_ORDER, one, strict=True)) for one in self.orders],
             "stretches": [s._asdict() for s in self.stretches],
@@ -144,7 +150,7 @@ class JointFailure(JsonRecord):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote."""
+        """Restore a joint's failure from what :meth:`to_dict` wrote."""
         lift = data["reversal_lift"]
         return cls(
             joint=int(data["joint"]),
@@ -164,8 +170,23 @@ class JointFailure(JsonRecord):
 
 
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
-    """The ``most_named`` likeliest causes of an error, with the share that each explains
-    of what a refit would leave; none that explains less than 5 % of the error."""
+    """Return the likeliest causes of an error, with the share that each explains.
+
+    The shares are of what a refit of the model would leave. Causes that explain less
+    than CHANGES (5 %) of the error are left out.
+
+    Parameters
+    ----------
+    failure
+        A joint's failure.
+    most_named
+        The most causes to return.
+
+    Returns
+    -------
+    list of (str, float)
+        Cause and share, the likeliest first.
+    """
     causes = failure.causes
     return [
         (name, causes.beyond_model[name])
@@ -175,7 +196,7 @@ def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, f
 
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
-    """Where one joint's error is large, in words; unit : of its torque."""
+    """Describe in sentences where one joint's error is large; unit : of its torque."""
     strongest = dependences(failure)
     named = [f"{name} ({100.0 * share:.0f} %)" for name, share in strongest]
     if named:
@@ -205,13 +226,14 @@ def sentences(failure: JointFailure, unit: str) -> list[str]:
 
 
 class Failures(Record, list[JointFailure]):
-    """Where a model fails on a run, joint by joint; units : of the joints' torques."""
+    """Where a model fails, joint by joint; units : of the joints' torques."""
 
     def __init__(
         self,
         failures: Iterable[JointFailure] = (),
         units: Sequence[str] = (),
     ) -> None:
+        """Hold the joints' failures in order, with the units of their torques."""
         super().__init__(failures)
         self.units = tuple(units)
 
@@ -230,12 +252,14 @@ class Failures(Record, list[JointFailure]):
 
     @property
     def worst_first(self) -> list[JointFailure]:
-        """By error over noise, or by the error where the noise is not known."""
+        """The joints by error over noise, or by error where the noise is unknown, worst
+        first.
+        """
         above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
         return [self[int(k)] for k in np.argsort(above)[::-1]]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain JSON."""
+        """Return plain JSON of all joints."""
         return {
             "units": list(self.units),
             "joints": [failure.to_dict() for failure in self],
@@ -243,11 +267,13 @@ class Failures(Record, list[JointFailure]):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
-        """What :meth:`to_dict` wrote."""
+        """Restore the failures from what :meth:`to_dict` wrote."""
         return cls(map(JointFailure.from_dict, data["joints"]), data["units"])
 
     def to_frame(self) -> pandas.DataFrame:
-        """One row a joint (from 1): rmse, noise_floor, what the error depends on most."""
+        """Return a table with one row a joint (from 1): rmse, noise_floor, share of
+        each cause.
+        """
         import pandas
 
         rows = [
@@ -259,6 +285,7 @@ class Failures(Record, list[JointFailure]):
         )
 
     def _summary(self) -> Summary:
+        """Return the headline, and a row of sentences for each joint."""
         return "Where the model fails, the worst joints first", [
             (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1])))
             for f in self.worst_first
@@ -272,7 +299,7 @@ def where_it_fails(
     *,
     noise: tuple[Array | None, str] | None = None,
 ) -> Failures:
-    """What each joint's residual depends on, and when it is large.
+    """Find what each joint's residual depends on, and when it is large.
 
     Of a long recording windows are judged (:mod:`~sdp_vs_penalty.signals.segments`).
 
@@ -285,8 +312,8 @@ def where_it_fails(
     preprocessing : Preprocessing, optional
         Filter settings; default: the model's.
     noise : tuple of (n,) array or None, and str, optional
-        Noise floor of each joint [N m or N], and where it comes from, as a comparison
-        with these measurements has them. Default: it is measured.
+        Noise floor of each joint [N m or N], and its source, as a comparison with these
+        measurements has them. Default: it is measured.
 
     Returns
     -------
@@ -338,10 +365,11 @@ def where_it_fails(
 
 @dataclass(frozen=True)
 class _Judge:
-    """All that the joints' failures are judged by.
+    """All that joints' failures are judged by.
 
-    rows : filtered; runs : the recordings; folds (M,) : by phase; keep (M,) : rows that
-    count; repeats : whether repetition shows the noise.
+    rows : filtered; runs : the recordings; states : motion and torque of every row;
+    folds (M,) : by phase of the motion; keep (M,) : rows that count; repeats : whether
+    repetition shows the noise.
     """
 
     estimate: Estimate
@@ -358,7 +386,22 @@ class _Judge:
         residual: Array,
         floor: float | None,
     ) -> JointFailure:
-        """Of one joint (from 0); residual (M,) and noise floor [N m or N]."""
+        """Judge the error of one joint.
+
+        Parameters
+        ----------
+        j
+            The joint (from 0).
+        residual
+            (M,) measured minus modelled torque [N m or N].
+        floor
+            Noise floor of the joint [N m or N], or None.
+
+        Returns
+        -------
+        JointFailure
+            Its size, causes, waves and stretches.
+        """
         keep = self.keep
         error = residual - residual[keep].mean()
         rmse = float(np.sqrt(np.mean(residual[keep] ** 2)))
@@ -366,13 +409,8 @@ class _Judge:
         if floor is not None and self.repeats and rmse > 0.0:
             explainable = max(0.0, 1.0 - (floor / rmse) ** 2)
         orders = self.orders(j)
-        shares = self.shares(
-            JointError(
-                j,
-                error,
-                [k for k, _, _ in orders],
-            )
-        )
+        waves_per_turn = [order for order, _, _ in orders]
+        shares = self.shares(JointError(j, error, waves_per_turn))
         velocity = self.states.dq[:, j]
         still = self.rows.still[:, j]
         return JointFailure(
@@ -396,22 +434,19 @@ class _Judge:
         )
 
     def orders(self, j: int) -> tuple[tuple[int, float, float], ...]:
-        """Waves per turn in a revolute joint's residual."""
+        """Return the waves per turn in joint j's residual; none for a prismatic joint.
+
+        Each is (waves per turn, amplitude [N m], amplitude over its surroundings).
+        """
         if self.estimate.robot.joints[j].kind != "revolute":
             return ()
-        return _orders(
-            [
-                _full_rate(
-                    self.runs[s.run],
-                    s,
-                    j,
-                )
-                for s in self.rows.segments
-            ]
-        )
+        segments = self.rows.segments
+        return _orders([_full_rate(self.runs[s.run], s, j) for s in segments])
 
     def shares(self, error: JointError) -> CauseShares:
-        """By cause what it explains on data left out."""
+        """Return the shares of a joint's error that each cause explains on data left
+        out.
+        """
         keep = self.keep
         errors = SplitError(
             error=error.error[keep],
@@ -429,7 +464,7 @@ class _Judge:
 
     @cached_property
     def model_columns(self) -> Array:
-        """(n, M, p) of the model's own parameters."""
+        """(n, M, p) filtered columns of the model's own parameters."""
         return model_columns(self.rows, self.estimate)
 
 
@@ -439,13 +474,20 @@ def _reversal_lift(
     rows: SegmentedRuns,
     keep: NDArray[np.bool_],
 ) -> float:
-    """RMS near velocity reversals over elsewhere; NaN where one of them does not occur."""
-    near = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
-    if not (keep & near).any() or not np.any(error[keep & ~near]):
+    """Return the RMS error within NEAR (0.15 s) of velocity reversals over that
+    elsewhere.
+
+    velocity, error, keep : (M,) each. NaN where there are no rows of one kind, or no
+    error elsewhere.
+    """
+    seconds, _ = from_reversal(velocity, rows)
+    is_near = np.abs(seconds) <= NEAR
+    error_near = error[keep & is_near]
+    error_elsewhere = error[keep & ~is_near]
+    if not len(error_near) or not np.any(error_elsewhere):
         return float("nan")
-    return float(
-        np.sqrt(np.mean(error[keep & near] ** 2) / np.mean(error[keep & ~near] ** 2))
-    )
+    ratio = np.mean(error_near**2) / np.mean(error_elsewhere**2)
+    return float(np.sqrt(ratio))
 
 
 def _full_rate(
@@ -453,56 +495,64 @@ def _full_rate(
     segment: Segment,
     j: int,
 ) -> tuple[Array, Array, float]:
-    """Angle (N,), residual (N,) at the log's rate, and that rate."""
+    """Return one joint's angle (N,), residual (N,) [N m], and rate [Hz], as logged.
+
+    At the full rate fast waves per turn are still visible. j counts from 0; the
+    modelled torque is interpolated.
+    """
     motion = segment.motion
-    inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
-    t = run.t[inside]
-    modelled = np.interp(
-        t,
-        motion.t,
-        motion.modelled[:, j],
-    )
-    return (
-        run.q[inside, j],
-        run.tau[inside, j] - modelled,
-        1.0 / float(np.median(np.diff(run.t))),
-    )
+    is_inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
+    modelled = np.interp(run.t[is_inside], motion.t, motion.modelled[:, j])
+    angle = run.q[is_inside, j]
+    residual = run.tau[is_inside, j] - modelled
+    rate = 1.0 / float(np.median(np.diff(run.t)))
+    return angle, residual, rate
 
 
 def _orders(
     full: list[tuple[Array, Array, float]], bins: int = 4096
 ) -> tuple[tuple[int, float, float], ...]:
-    """The orders whose amplitude 2 |mean of r exp(-i k q)| stands out most of their
-    surroundings; bins : of one revolution, of which eight show a wave."""
+    """Find waves per turn in residuals, by their amplitude over that of neighbouring
+    orders.
 
+    The amplitude of order k is 2 |mean of r exp(-i k q)| for residual r and angle q. A
+    wave is a local maximum that is four times the median of its 31 neighbours.
+
+    Parameters
+    ----------
+    full
+        Angle (N,) [rad], residual (N,) [N m] and rate [Hz] of each segment.
+    bins
+        Bins of one revolution; orders up to an eighth of it are looked at.
+
+    Returns
+    -------
+    tuple of (int, float, float)
+        Order, amplitude and ratio of up to five waves, the largest amplitude first.
+    """
     spectrum = np.zeros(bins, complex)
     count = 0
+    turn = 2.0 * np.pi
     for q, error, _ in full:
-        # A window of 101 samples, or of a short segment all.
+        # What is slow in time goes: a moving mean over 101 samples (or all of a short
+        # segment).
         width = min(101, len(error))
-        smooth = np.convolve(
-            error,
-            np.ones(width) / width,
-            mode="same",
-        )
-        turned = (
-            np.floor((q % (2.0 * np.pi)) / (2.0 * np.pi) * bins).astype(np.intp) % bins
-        )
-        spectrum += np.fft.fft(
-            np.bincount(
-                turned,
-                error - smooth,
-                bins,
-            )
-        )
+        slow = np.convolve(error, np.ones(width) / width, mode="same")
+        bin_of_row = np.floor((q % turn) / turn * bins).astype(np.intp) % bins
+        sum_by_bin = np.bincount(bin_of_row, error - slow, bins)
+        spectrum += np.fft.fft(sum_by_bin)
         count += len(q)
+    # Eight bins a wave show it well.
     amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
     amplitude[0] = 0.0
-    ratio = amplitude / np.maximum(scipy.ndimage.median_filter(amplitude, 31), 1e-300)
-    peak = (amplitude == scipy.ndimage.maximum_filter(amplitude, 3)) & (ratio > 4.0)
-    peaks = [k for k in np.flatnonzero(peak).tolist() if k > 1]
-    peaks.sort(key=lambda k: -amplitude[k])
-    return tuple((k, float(amplitude[k]), float(ratio[k])) for k in peaks[:5])
+    surroundings = scipy.ndimage.median_filter(amplitude, 31)
+    ratio = amplitude / np.maximum(surroundings, 1e-300)
+    is_maximum = amplitude == scipy.ndimage.maximum_filter(amplitude, 3)
+    peaks = np.flatnonzero(is_maximum & (ratio > 4.0)).tolist()
+    # An offset (0) and gravity (1) are no waves of a gear.
+    waves = [k for k in peaks if k > 1]
+    waves.sort(key=lambda k: -amplitude[k])
+    return tuple((k, float(amplitude[k]), float(ratio[k])) for k in waves[:5])
 
 
 def failing_stretches(
@@ -513,40 +563,45 @@ def failing_stretches(
     rows: SegmentedRuns,
     shares: CauseShares,
 ) -> tuple[FailingStretch, ...]:
-    """Where a joint's error (M,) is large, with the cause that is seen there: its RMS
-    over 2 NEAR beyond the factor within which a floor may be known, or of its own RMS
-    without one; for NEAR at least."""
+    """List the stretches in which a joint's error is large, with the cause seen there.
+
+    Large: its RMS over 2 NEAR (0.3 s) is more than SPECTRUM_NOISE_FACTOR times the
+    noise floor, or times the error's own RMS without a floor. Stretches shorter than
+    NEAR are left out.
+
+    Parameters
+    ----------
+    error
+        (M,) error of the joint [N m or N].
+    floor
+        Its noise floor [N m or N], or None.
+    velocity
+        (M,) of the joint.
+    still
+        (M,) share of standstill in each filtered row.
+    rows
+        The rows, with their times, runs and segments.
+    shares
+        What each cause explains of the error.
+    """
     width = max(1, round(2.0 * NEAR * rows.rate))
-    size = np.sqrt(
-        np.convolve(
-            error**2,
-            np.ones(width) / width,
-            mode="same",
-        )
-    )
+    window = np.ones(width) / width
+    rms_nearby = np.sqrt(np.convolve(error**2, window, mode="same"))
     usual = floor or float(np.sqrt(np.mean(error**2)))
     names = _causes_of_rows(velocity, still, rows, shares)
-    names[size <= SPECTRUM_NOISE_FACTOR * usual] = ""
-    changes = (names[1:] != names[:-1]) | (rows.segment[1:] != rows.segment[:-1])
-    edges = [
-        0,
-        *(np.flatnonzero(changes) + 1).tolist(),
-        len(names),
-    ]
+    names[rms_nearby <= SPECTRUM_NOISE_FACTOR * usual] = ""  # not large
+    # A stretch ends where the name or the segment changes.
+    has_new_name = names[1:] != names[:-1]
+    is_new_segment = rows.segment[1:] != rows.segment[:-1]
+    changes = np.flatnonzero(has_new_name | is_new_segment) + 1
     out = []
-    for a, b in pairwise(edges):
-        begin = float(rows.t[a])
-        end = float(rows.t[b - 1])
-        if names[a] and end - begin >= NEAR:
-            run = rows.names[rows.run[a]]
-            out.append(
-                FailingStretch(
-                    run,
-                    begin,
-                    end,
-                    str(names[a]),
-                )
-            )
+    for first, end in pairwise([0, *changes.tolist(), len(names)]):
+        t_start = float(rows.t[first])
+        t_stop = float(rows.t[end - 1])
+        if names[first] and t_stop - t_start >= NEAR:
+            run = rows.names[rows.run[first]]
+            cause = str(names[first])
+            out.append(FailingStretch(run, t_start, t_stop, cause))
     return tuple(out)
 
 
@@ -556,19 +611,26 @@ def _causes_of_rows(
     rows: SegmentedRuns,
     shares: CauseShares,
 ) -> NDArray[np.object_]:
-    """(M,) the cause that is seen at each row: what explains most of the error, if that
-    is said at all; else what is particular to the instant."""
+    """Return the name (M,) of the cause that is seen at each row.
+
+    It is the cause that explains most of the error, if that is 5 % at least. Instants
+    of high speed, standstill or (without such a cause) of a reversal have that name
+    instead, where it explains more.
+    """
     best = next(name for name in shares.ranking if name not in _AT_INSTANTS)
-    share = shares.beyond_model[best]
-    known = shares.of_error[best] >= CHANGES
-    names = np.array([best if known else UNNAMED], dtype=object).repeat(len(velocity))
-    places = {
-        HIGH_SPEED: np.abs(velocity) > FAST * np.abs(velocity).max(),
+    share_of_best = shares.beyond_model[best]
+    is_known = shares.of_error[best] >= CHANGES
+    usual_name = best if is_known else UNNAMED
+    names = np.array([usual_name], dtype=object).repeat(len(velocity))
+    speed = np.abs(velocity)
+    rows_of_cause = {
+        HIGH_SPEED: speed > FAST * speed.max(),
         STANDSTILL: still > STILL,
     }
-    if not known:
-        places[REVERSAL] = np.abs(from_reversal(velocity, rows)[0]) <= NEAR
-    for name, at in places.items():
-        if not known or shares.beyond_model.get(name, 0.0) > share:
-            names[at] = name
+    if not is_known:
+        seconds, _ = from_reversal(velocity, rows)
+        rows_of_cause[REVERSAL] = np.abs(seconds) <= NEAR
+    for name, its_rows in rows_of_cause.items():
+        if not is_known or shares.beyond_model.get(name, 0.0) > share_of_best:
+            names[its_rows] = name
     return names

@@ -127,7 +127,7 @@ class WhiteData:
         return self.rows.n
 
     @property
-    def known(self) -> bool:
+    def noise_is_known(self) -> bool:
         """Whether the noise was measured, and not taken from the model's own residual."""
         return self.noise.source != RESIDUAL
 
@@ -183,7 +183,7 @@ class WhiteData:
         return [(d, self.columns(d)) for d in derivatives]
 
     @cached_property
-    def constants(self) -> dict[tuple[str, int], Array]:
+    def constant_derivatives(self) -> dict[tuple[str, int], Array]:
         """White derivatives of torque by the free constants of the effects in
         ``own_effects``.
 
@@ -261,7 +261,7 @@ def whiten_rows(
     masked = noise.suspect | mask_unsettled_rows(rows)
     if masked.any():
         rows = replace(rows, masked=masked)
-    return whitened(rows, noise, estimate, frozen)
+    return whiten_with_noise(rows, noise, estimate, frozen)
 
 
 def mask_unsettled_rows(rows: SegmentedRuns) -> NDArray[np.bool_]:
@@ -283,7 +283,7 @@ def mask_unsettled_rows(rows: SegmentedRuns) -> NDArray[np.bool_]:
     return is_unsettled & ~never_settles
 
 
-def whitened(
+def whiten_with_noise(
     rows: SegmentedRuns,
     noise: Noise,
     estimate: Estimate,
@@ -377,7 +377,7 @@ def cluster_rows(
     The second, since an error of the model comes back whenever the motion repeats.
     Labels are (M,) each.
     """
-    return time_clusters(rows), stretches(rows, CLUSTERS)[1]
+    return time_clusters(rows), phase_stretches(rows, CLUSTERS)[1]
 
 
 def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
@@ -401,10 +401,10 @@ def time_clusters(rows: SegmentedRuns) -> NDArray[np.intp]:
 
 def folds_of(rows: SegmentedRuns, count: int) -> NDArray[np.intp]:
     """Return folds (M,) by the phase of the motion, numbered from 0, at most ``count``."""
-    return np.unique(stretches(rows, count)[0], return_inverse=True)[1]
+    return np.unique(phase_stretches(rows, count)[0], return_inverse=True)[1]
 
 
-def stretches(
+def phase_stretches(
     rows: SegmentedRuns, count: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Divide the phase of each motion into ``count`` stretches.

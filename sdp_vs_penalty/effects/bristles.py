@@ -340,8 +340,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
 
     @property
     def even(self) -> bool:
-        """Whether its three elements are equally strong, so that each joint has one
-        parameter."""
+        """Whether its three elements are equally strong (law = even, number 2), so that
+        each joint has one parameter."""
         return self.shape["law"] == 2.0
 
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:

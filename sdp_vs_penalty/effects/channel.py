@@ -152,8 +152,8 @@ class TorqueDelay(Delay, JointEffect):
     symbol = "T_d"
 
     def column(self, motion: Motion, joint: int) -> Array:
-        """Return minus the rate of the current model's torque over the delay T (N,) [N
-        m/s, N/s]."""
+        """Return the change of the current model's torque over the delay T, divided by
+        -T (N,) [N m/s, N/s]: a later torque is tau - T dtau/dt to first order."""
         return -motion.late_torque_rate(self.shape["T"])[:, joint]
 
 
@@ -168,8 +168,9 @@ class GlobalDelay(Delay):
     whole_robot = True
 
     def torques(self, motion: Motion) -> Array:
-        """Return minus the rate of the current model's torque over the delay T, of all
-        joints (N, n, 1)."""
+        """Return the change of the current model's torque over the delay T, divided by
+        -T, of all joints (N, n, 1): a later torque is tau - T dtau/dt to first order.
+        """
         return -motion.late_torque_rate(self.shape["T"])[:, :, None]
 
 
@@ -246,11 +247,10 @@ class TorqueFilter(DelayedTorque):
         A filter that looks both ways changes the torque by the square of its time
         constant: T_f = T_true^2 / T.
         """
-        return (
-            size
-            if self.shape["phase"] == 1.0
-            else float(np.sqrt(self.shape["T"] * max(size, 0.0)))
-        )
+        is_late = self.shape["phase"] == 1.0
+        if is_late:
+            return size
+        return float(np.sqrt(self.shape["T"] * max(size, 0.0)))
 
 
 def first_order_lag(x: Array, t: Array, T: float) -> Array:

@@ -66,8 +66,13 @@ class State(NamedTuple):
 
 @dataclass(frozen=True)
 class _Probe(Motion):
-    """A motion whose dry friction is told its direction: signs (N, m) along the
-    contacts."""
+    """A motion in which the direction of dry friction is prescribed.
+
+    Parameters
+    ----------
+    contacts : (m, n) ratios of the joints along which there is dry friction
+    signs : (N, m) direction of the friction along each contact, -1 to 1
+    """
 
     contacts: Array | None = None
     signs: Array | None = None

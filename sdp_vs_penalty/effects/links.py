@@ -178,9 +178,8 @@ class ExternalWrench(Effect):
     def torques(self, motion: Motion) -> Array:
         """Compute the torque (N, n, 6) per unit force and moment: minus the transposed
         Jacobian."""
-        return -self.robot.jacobians(motion.q, self.robot.link_joints[-1]).swapaxes(
-            1, 2
-        )
+        jacobians = self.robot.jacobians(motion.q, self.robot.link_joints[-1])
+        return -jacobians.swapaxes(1, 2)
 
 
 class RotorInertia(JointEffect):
@@ -273,12 +272,10 @@ class BaseTilt(Effect):
     def parameter_names_and_units(self, joint: int) -> Iterable[tuple[str, str]]:
         """Name the two components of gravity across the assumed one, "g_x" and "g_y"
         [m/s^2]."""
-        straight = np.count_nonzero(self.robot.gravity) < 2
-        names = (
-            ["xyz"[int(np.argmax(np.abs(a)))] for a in self.across]
-            if straight
-            else ["1", "2"]
-        )
+        names = ["1", "2"]
+        is_along_an_axis = np.count_nonzero(self.robot.gravity) < 2
+        if is_along_an_axis:
+            names = ["xyz"[int(np.argmax(np.abs(axis)))] for axis in self.across]
         return [(f"g_{name}", "m/s^2") for name in names]
 
     def torques(self, motion: Motion) -> Array:
@@ -538,16 +535,17 @@ class KinematicError(Effect):
         interpolated by cubic splines.
         """
         thinned = _thinned(motion)
-        q = motion.q[thinned]
-        dq = motion.dq[thinned]
-        ddq = motion.ddq[thinned]
-        by = self.robot.placement_derivatives(motion.model_links, q, dq, ddq)
-        columns = np.stack([by[:, :, j, k] for j, k in self._places], axis=2)
-        return (
-            columns
-            if len(thinned) == len(motion.t)
-            else scipy.interpolate.CubicSpline(motion.t[thinned], columns)(motion.t)
+        derivatives = self.robot.placement_derivatives(
+            motion.model_links,
+            motion.q[thinned],
+            motion.dq[thinned],
+            motion.ddq[thinned],
         )
+        columns = np.stack([derivatives[:, :, j, k] for j, k in self._places], axis=2)
+        if len(thinned) == len(motion.t):
+            return columns
+        spline = scipy.interpolate.CubicSpline(motion.t[thinned], columns)
+        return np.asarray(spline(motion.t))
 
 
 def _thinned(motion: Motion) -> NDArray[np.intp]:
@@ -563,12 +561,8 @@ def _thinned(motion: Motion) -> NDArray[np.intp]:
         return instants
     for stride in (16, 8, 4, 2):
         chosen = np.unique(np.append(instants[::stride], instants[-1]))
-        error = (
-            scipy.interpolate.CubicSpline(motion.t[chosen], motion.ddq[chosen])(
-                motion.t
-            )
-            - motion.ddq
-        )
+        spline = scipy.interpolate.CubicSpline(motion.t[chosen], motion.ddq[chosen])
+        error = spline(motion.t) - motion.ddq
         if np.all(error.std(axis=0) <= _THINNED * motion.ddq.std(axis=0)):
             return chosen
     return instants

@@ -364,7 +364,7 @@ class MeasuredCurve(JointEffect):
         }
 
     def variables(self, joint: int) -> tuple[Variable, ...]:
-        """Return what the curve of a joint runs over.
+        """Return the variables over which the table of a joint runs.
 
         Parameters
         ----------

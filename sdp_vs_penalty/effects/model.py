@@ -491,7 +491,9 @@ class Model:
         """
         theta = np.asarray(theta, float)
         count = len(motion.t)
-        if count > _PART and not any(effect.has_memory for effect in self.effects):
+        # Effects with memory need the whole motion at once.
+        has_memory = any(effect.has_memory for effect in self.effects)
+        if count > _PART and not has_memory:
             parts = (motion.part(slice(k, k + _PART)) for k in range(0, count, _PART))
             return np.concatenate([self.torque(theta, part) for part in parts])
         if self.needs_reference:

@@ -10,6 +10,8 @@ from math import asin, degrees, hypot, radians, sqrt
 from sdp_vs_penalty import formatting
 from sdp_vs_penalty.robot.robot import STANDARD_GRAVITY
 
+#: How a sentence of :func:`on_the_arm` begins.
+ON_THE_ARM = "On the arm: "
 #: Names that are not their code name with spaces.
 _NAMES = {
     "asymmetric_coulomb_friction": "asymmetric Coulomb friction",
@@ -315,7 +317,7 @@ def on_the_arm(fitted: FittedEffect) -> str:
     """
     default = f"{{joint}} has {effect_name(fitted.name)} of {{size}}"
     sentence = SENTENCES.get(fitted.name, default)
-    return f"On the arm: {sentence.format(**_fields(fitted))}."
+    return f"{ON_THE_ARM}{sentence.format(**_fields(fitted))}."
 
 
 def _fields(fitted: FittedEffect) -> dict[str, object]:

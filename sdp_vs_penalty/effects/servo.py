@@ -106,7 +106,11 @@ class ServoPosition(Servo):
 
     def blocks(self, motion: Motion) -> list[Block]:
         """Compute the columns (N, 2) of each joint: minus the position error, and the
-        velocity d ago."""
+        velocity.
+
+        The error is minus, because a drive's torque counts as a negative load. The
+        command is T old; the velocity is d old: dq - d ddq to first order.
+        """
         error = motion.logged_command.position(motion.t - self.shape["T"]) - motion.q
         rate = motion.dq - self.shape["d"] * motion.ddq
         return self.blocks_per_joint(
@@ -126,8 +130,11 @@ class ServoIntegral(ServoGain):
     units = ("N*m/rad/s", "N/m/s")
 
     def drive(self, motion: Motion, at: Array) -> Array:
-        """Return minus the integral (N, n) of the position error [rad s, m s]; the
-        command is read at the instants ``at``."""
+        """Return minus the integral (N, n) of the position error [rad s, m s].
+
+        Minus, because a drive's torque counts as a negative load. The command is read
+        at the instants ``at`` (N,) [s].
+        """
         return motion.integral - motion.logged_command.integral(at)
 
 
@@ -149,8 +156,12 @@ class ServoVelocityLoop(ServoGain):
     units = ("N*m/rad", "N/m")
 
     def drive(self, motion: Motion, at: Array) -> Array:
-        """Return the positions (N, n): the integral of the velocity, up to a
-        constant."""
+        """Return the positions (N, n) [rad, m]: the integral of the velocity, up to a
+        constant.
+
+        The drive pulls against it, and a drive's torque counts as a negative load: the
+        sign is plus.
+        """
         return motion.q
 
 
@@ -166,5 +177,8 @@ class ServoFeedforward(ServoGain):
     units = ("N*m*s/rad", "N*s/m")
 
     def drive(self, motion: Motion, at: Array) -> Array:
-        """Return minus the commanded velocity (N, n) at the instants ``at``."""
+        """Return minus the commanded velocity (N, n) at the instants ``at`` (N,) [s].
+
+        Minus, because a drive's torque counts as a negative load.
+        """
         return -motion.logged_command.velocity(at)

@@ -126,9 +126,15 @@ class ShapeConstant:
         Returns
         -------
         str
-            A number, or a word where the constant has words.
+            A word, or a number with six digits. An instant that six digits would move by
+            more than a millisecond (seconds since 1970) has all its digits.
         """
-        return self.words[self.choices.index(value)] if self.words else f"{value:.6g}"
+        if self.words:
+            return self.words[self.choices.index(value)]
+        text = f"{value:.6g}"
+        if self.role == "clock" and abs(float(text) - value) > 1e-3:
+            return repr(float(value))
+        return text
 
     def unit_on(self, kind: str) -> str:
         """Return the unit on one kind of joint.

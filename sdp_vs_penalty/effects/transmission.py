@@ -121,14 +121,20 @@ class JointCoupling(JointEffect):
         the sum or difference of both velocities."""
         partner = self.partner(joint)
         form = int(self.shape["form"])
-        if form == 1:
+        if form == 1:  # viscous
             return np.array(motion.dq[:, partner])
-        if form == 2:
+        if form == 2:  # dry, along the partner's motion
             return motion.sign(partner)
-        other = 1.0 if form == 3 else -1.0
-        velocity = motion.dq[:, joint] + other * motion.dq[:, partner]
-        rate = motion.ddq[:, joint] + other * motion.ddq[:, partner]
-        return smooth_sign(velocity, motion.width(joint), rate, motion.within)
+        # Dry, along the sum (form 3) or the difference (form 4) of both motions.
+        ratio = 1.0 if form == 3 else -1.0
+        velocity = motion.dq[:, joint] + ratio * motion.dq[:, partner]
+        acceleration = motion.ddq[:, joint] + ratio * motion.ddq[:, partner]
+        return smooth_sign(
+            velocity,
+            width=motion.width(joint),
+            rate=acceleration,
+            within=motion.within,
+        )
 
 
 #: What turns with an axis: friction by four laws, and inertia. Their numbers are those

@@ -181,12 +181,11 @@ class SigmoidFriction(JointEffect):
         Zeros where v0 is less than twice the sign's own width: the difference of two
         equal curves would determine nothing.
         """
-        rises = _RISES[self.shapes["law"].written(self.shape["law"])]
+        sigmoid = _RISES[self.shapes["law"].written(self.shape["law"])]
         v0 = self.shape["v0"]
-        rise = rises(motion.dq[:, joint] / v0) - motion.sign(joint)
-        return (
-            rise if v0 >= WIDER_THAN_SIGN * motion.width(joint) else np.zeros_like(rise)
-        )
+        deviation = sigmoid(motion.dq[:, joint] / v0) - motion.sign(joint)
+        is_wider = v0 >= WIDER_THAN_SIGN * motion.width(joint)
+        return deviation if is_wider else np.zeros_like(deviation)
 
 
 class StribeckFriction(JointEffect):
@@ -245,9 +244,9 @@ class StribeckFriction(JointEffect):
         """Return sign(dq) times exp(-x), or times 1 / (1 + x) for law = tail, x = (|dq|
         / vs)^delta; (N,)."""
         x = (np.abs(motion.dq[:, joint]) / self.shape["vs"]) ** self.shape["delta"]
-        return motion.sign(joint) * (
-            np.exp(-x) if self.shape["law"] == 1.0 else 1.0 / (1.0 + x)
-        )
+        is_dip = self.shape["law"] == 1.0
+        fall = np.exp(-x) if is_dip else 1.0 / (1.0 + x)
+        return motion.sign(joint) * fall
 
 
 class LoadDependentFriction(JointEffect):

@@ -532,22 +532,21 @@ class Estimate(Record):
             f"Estimate: {self.problem.name}, {self.method}, {len(self.theta)}"
             " parameters"
         )
-        return title, [
-            ("effects", ", ".join(dict.fromkeys(e.name for e in self.model.effects))),
-            (
-                "data",
-                (
-                    f"{self.provenance['samples']} samples of"
-                    f" {', '.join(self.provenance['runs'])}"
-                ),
-            ),
-            *self.certificate.summary()[::2][:2],
-            (
-                "from the data",
-                f"{self.sources.count('data')} of {len(self.theta)} parameters",
-            ),
-            *([("masses", self.unweighed)] if self.unweighed else []),
+        names = dict.fromkeys(effect.name for effect in self.model.effects)
+        samples = self.provenance["samples"]
+        runs = ", ".join(self.provenance["runs"])
+        violation, _, gap, *_ = self.certificate.summary()
+        n_from_data = self.sources.count("data")
+        lines = [
+            ("effects", ", ".join(names)),
+            ("data", f"{samples} samples of {runs}"),
+            violation,
+            gap,
+            ("from the data", f"{n_from_data} of {len(self.theta)} parameters"),
         ]
+        if self.unweighed:
+            lines.append(("masses", self.unweighed))
+        return title, lines
 
     def _table(self) -> Table:
         """Return the printed table: one row a parameter with its 95 % interval."""

@@ -329,16 +329,13 @@ def _kernel(regression: Regression, inflation: float) -> scipy.sparse.csr_array:
         middle = 0.5 * (start + stop)
         length = min(window, 0.5 * float(stop.max() - start.min()))
         distance = np.abs(np.subtract.outer(middle, middle))
-        parts.append(
-            np.maximum(1.0 - distance / length, 0.0)
-            if length > 0.0
-            else np.eye(len(middle))
-        )
-    return (
-        scipy.sparse.csr_array(scipy.sparse.block_diag(parts))
-        if parts
-        else scipy.sparse.csr_array((0, 0))
-    )
+        if length > 0.0:
+            parts.append(np.maximum(1.0 - distance / length, 0.0))
+        else:
+            parts.append(np.eye(len(middle)))
+    if not parts:
+        return scipy.sparse.csr_array((0, 0))
+    return scipy.sparse.csr_array(scipy.sparse.block_diag(parts))
 
 
 NOT_SEEN = "not seen"

@@ -520,6 +520,7 @@ def changes(
     after: Array,
     floor: Array | None,
     units: Sequence[str] = (),
+    is_brief: bool = False,
 ) -> str:
     """Describe the changes of the joints' errors, the largest fall first.
 
@@ -536,6 +537,8 @@ def changes(
         Noise floor [N m or N].
     units : sequence of str
         Torque unit of each joint; empty: "N m or N".
+    is_brief : bool
+        Name the joint of the largest fall only, and count the others.
 
     Returns
     -------
@@ -569,6 +572,10 @@ def changes(
     ]
     if not better and not worse:
         return ""
+    if is_brief and len(better) > 1:
+        others = formatting.count(len(better) - 1, "more joint")
+        verb = "errs" if len(better) == 2 else "err"
+        better = [better[0], f"{others} {verb} less"]
     return f"{'; '.join([*better, *worse])}."
 
 

@@ -49,8 +49,8 @@ class PayloadPrior:
         """
         self.mass = mass
         self.reach = reach
-        #: (10,) from scaled parameters to kg, kg m, kg m^2.
         powers = [0.0] + [1.0] * 3 + [2.0] * 6  # of a length: m, m c, inertia
+        #: (10,) from scaled parameters to kg, kg m, kg m^2.
         self.scale = reach ** np.array(powers)
         self.information = np.eye(SIZE) / mass**2
         self.log_det = -2.0 * SIZE * np.log(mass)

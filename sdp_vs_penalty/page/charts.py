@@ -141,6 +141,8 @@ def data_chart(read: Mapping[str, Any], units: Sequence[str]) -> dict[str, Any]:
 
 #: Spikes that make an axis so many times longer than all else leave the picture.
 _SPIKE = 3.0
+#: Between these percentiles measured values stay in the picture.
+_USUAL = (2.0, 98.0)
 
 
 def _span_without_spikes(read: Mapping[str, Any], name: str) -> list[float] | None:
@@ -155,8 +157,9 @@ def _span_without_spikes(read: Mapping[str, Any], name: str) -> list[float] | No
         return None
     raw = np.asarray(read[name])
     mended = np.where(np.isfinite(repaired), repaired, raw)
-    low = float(np.nanmin(mended))
-    high = float(np.nanmax(mended))
+    usual = np.nanpercentile(raw, _USUAL)
+    low = float(min(np.nanmin(mended), usual[0]))
+    high = float(max(np.nanmax(mended), usual[1]))
     room = 0.1 * (high - low)
     if not 0.0 < _SPIKE * (high - low) < float(np.nanmax(raw) - np.nanmin(raw)):
         return None

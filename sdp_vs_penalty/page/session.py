@@ -180,6 +180,7 @@ class Session:
             np.array(last["rmse"]),
             known,
             self.robot["units"],
+            is_brief=True,
         )
         return sentence or "no joint's error changed by more than 5 %."
 

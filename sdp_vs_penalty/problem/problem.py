@@ -175,7 +175,9 @@ class Problem(Shown):
         """Raise InputError for bounds that contradict each other or have another
         robot's shape.
         """
-        n, (low, high) = self.robot.links, self.total_mass
+        n = self.robot.links
+        low, high = self.total_mass
+        # Each array with its shape behind the number of links.
         shapes: dict[str, tuple[Any, ...]] = {
             "bounds": (self.box, 10, 2),
             "nominal links": (self.nominal_links, 10),
@@ -196,9 +198,10 @@ class Problem(Shown):
         if not low <= high:
             what = f"total_mass has its lower bound {low:g} above its upper {high:g}"
             raise InputError(what, "swap them")
-        for link in (cone.link for cone in self.cones if not 1 <= cone.link <= n):
-            what = f"centre_of_mass_cone names link {link}, there are {n}"
-            raise InputError(what, "correct the link")
+        for cone in self.cones:
+            if not 1 <= cone.link <= n:
+                what = f"centre_of_mass_cone names link {cone.link}, there are {n}"
+                raise InputError(what, "correct the link")
         require_known("torque_side", self.torque_side, tuple(_TORQUE_SIDES))
 
     @cached_property

@@ -772,7 +772,7 @@ def cause_figure(
             added = (after.modelled[:, j] - before.modelled[:, j]) * axis.sign
             centres, means = mean_curve(x, added[inside])
             line = {"color": ADDED, "width": 2, "dash": "dash"}
-            name = "torque that was added"
+            name = "added"
             plot.add(
                 "scatter",
                 x=centres,

@@ -34,6 +34,7 @@ from sdp_vs_penalty.diagnosis.where_it_fails import (
 )
 from sdp_vs_penalty.effects import effect_in_words, effect_name, effects_in_words
 from sdp_vs_penalty.effects.effect import Effect
+from sdp_vs_penalty.effects.plain_words import ON_THE_ARM
 from sdp_vs_penalty.estimation.constants import CHANGES
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.verdict import changes
@@ -364,8 +365,11 @@ def error_in_words(compared: Comparison, joint: int) -> str:
     return f"{facts['error_over_noise'].of_joint(joint)} times its noise ({error})"
 
 
-def describe_worst(compared: Comparison, failures: Failures) -> str:
-    """Say which joint has the largest error, how large it is, and when it occurs."""
+def describe_worst(compared: Comparison, cause: str) -> str:
+    """Say which joint has the largest error, how large it is, and when it occurs.
+
+    ``cause`` is what the error depends on (:func:`shown_cause`).
+    """
     joint = compared.worst_joint
     error = error_in_words(compared, joint)
     if compared.error_over_noise is None:
@@ -374,7 +378,7 @@ def describe_worst(compared: Comparison, failures: Failures) -> str:
         return f"No joint errs more than {error.removesuffix(')')} on joint {joint})."
     else:
         size = f"Joint {joint} errs {error}"
-    when = _WHEN.get(cause_of(failures, joint))
+    when = _WHEN.get(cause)
     return f"{size}, {when}." if when else f"{size}."
 
 
@@ -432,7 +436,8 @@ def on_the_arm_of(diagnosis: Diagnosis | None) -> list[str]:
     """
     if diagnosis is None:
         return []
-    return [f.on_the_arm for f in diagnosis.effects if f.rating != "weak"]
+    said = [f.on_the_arm for f in diagnosis.effects if f.rating != "weak"]
+    return [formatting.sentence(text.removeprefix(ON_THE_ARM)) for text in said]
 
 
 def shown_cause(diagnosis: Diagnosis | None, failures: Failures, joint: int) -> str:

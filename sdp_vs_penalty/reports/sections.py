@@ -202,7 +202,7 @@ def verdict(data: ReportData) -> Context:
     return {
         "grade": record.grade.replace(" ", "-"),
         "headline": record.headline,
-        "story": words.describe_worst(first, data.failures[first.name]),
+        "story": words.describe_worst(first, cause),
         "change": change,
         "on_the_arm": words.on_the_arm_of(data.sized_diagnosis),
         "picture": pieces.figure(

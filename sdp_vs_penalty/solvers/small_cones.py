@@ -114,10 +114,12 @@ class SmallCones:
         """
         self.weight = np.zeros_like(self.weight)
         self.weight[: self._count] = entropy.weight
-        slope = entropy.entries.adjoint(
-            entropy.nominal_terms[0].ravel(), len(self.linear)
+        # tr(P_0^-1 P(theta)) is linear in theta.
+        nominal_inverse, _ = entropy.nominal_terms
+        p = len(self.linear)
+        self.linear = entropy.weight * entropy.entries.adjoint(
+            nominal_inverse.ravel(), p
         )
-        self.linear = entropy.weight * slope
 
     def with_entropy(self, entropy: Entropy | None) -> Self:
         """Return the same cones with another prior on the same links.

@@ -63,9 +63,9 @@ def made(seed: int = 0, size: float = 0.0) -> tuple[Any, np.ndarray]:
         n=n,
         clusters=clusters,
         count=np.full(n, float(M)),
-        known=True,
+        noise_is_known=True,
     )
-    data.own_effects = data.constants = {}
+    data.own_effects = data.constant_derivatives = {}
     return data, z[:, None]
 
 
@@ -274,7 +274,7 @@ def test_what_a_law_gets_wrong_is_a_share_of_what_it_makes(two_link):
         f
         for b in search.library.batches
         for f in b.forms
-        if f.constants and not f.replaces_own_constant
+        if f.n_constants and not f.replaces_own_constant
     ]
     term = max(
         (search.evidence_of(search.fit, f) for f in forms),
@@ -387,7 +387,7 @@ def test_a_shape_constant_is_where_it_explains_most(two_link, monkeypatch):
     evidence is."""
     search = searched(two_link)
     vars(search.data)[
-        "constants"
+        "constant_derivatives"
     ] = {}  # what they add is chosen by what rows are worth
     forms = [
         f

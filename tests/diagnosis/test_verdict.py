@@ -55,7 +55,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
         source=REPETITION,
         degrees=np.full(2, 1000.0),
     )
-    data = SimpleNamespace(rows=rows, noise=noise, known=True)
+    data = SimpleNamespace(rows=rows, noise=noise, noise_is_known=True)
     return data, fit, FLOOR * white, np.zeros((M, 2), bool)
 
 
@@ -68,7 +68,7 @@ def left(size: float, seed: int = 0) -> tuple[Any, Any, np.ndarray, np.ndarray]:
 )
 def test_what_is_beyond_the_noise_matters(size, change, matters):
     data, fit, residual, none = left(size)
-    data.known = change.get("known", True)
+    data.noise_is_known = change.get("known", True)
     data.noise.degrees[:] = change.get("degrees", 1000.0)
     for name in ("still", "slow", "steps"):
         getattr(data.rows, name)[:, 0] = change.get(name, 0.0)
@@ -236,7 +236,7 @@ def test_each_doubt_about_a_finding_has_a_ground_of_its_own(
         score=SimpleNamespace(fit=fit),
         fit=None,
     )
-    search.data = SimpleNamespace(rows=rows, known=case.known)
+    search.data = SimpleNamespace(rows=rows, noise_is_known=case.known)
     curves = [SimpleNamespace(replaced=(own,) * case.replaced)]
     left = SimpleNamespace(beyond=np.array([case.beyond, 0.0]))
     beta = 1.0 if case.plausible else case.beta

@@ -157,6 +157,20 @@ def test_a_variable_reads_back_as_it_is_written(name):
 
 
 @pytest.mark.parametrize(
+    ("start", "written"),
+    [(0.0, "0"), (12.34567, "12.3457"), (1732650123.25, "1732650123.25")],
+)
+def test_the_instant_from_which_time_counts_reads_back_to_the_millisecond(
+    start, written
+):
+    robot = robots()["arm"]
+    effect = effect_types()["drift_friction"](robot, [0], t0=start)
+    assert effect.text.endswith(f"@t0={written}")
+    (again,) = parse_effects(effect.text, robot)
+    assert again.shape["t0"] == pytest.approx(start, abs=1e-3, rel=0.0)
+
+
+@pytest.mark.parametrize(
     "text", ["q", "q0", "speed2", "t3", "q5+dq6", "phase(q4)", "sign(q4)", "none1"]
 )
 def test_what_is_no_variable_is_refused(text):

@@ -399,7 +399,8 @@ class _Merge:
         source = self.sources[joint, field_name]
         if source is None:
             return np.full(len(part), np.nan)
-        return source.column(field_name, joint)[self.rows[id(source)][part]]
+        rows_of_source = self.rows[id(source)][part]
+        return source.column(field_name, joint)[rows_of_source]
 
 
 def _merge(

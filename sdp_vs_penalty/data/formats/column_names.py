@@ -221,7 +221,8 @@ def _read_by_unit(unit: NamedUnit, joints: JointNames | None) -> Reading | None:
 
 
 def _is_telling(unit: NamedUnit) -> bool:
-    """Tell whether a unit is one of its quantity alone, as "deg/s" is of velocities."""
+    """Tell whether a unit belongs to one quantity alone, as "deg/s" to velocities; a
+    length in "m" can be anything."""
     return unit.text in TELLING_UNITS.get(unit.quantity, ())
 
 

@@ -515,13 +515,15 @@ def _small_pieces(path: Path) -> Iterator[tuple[int, list[str]]]:
         with open_text(path) as file:
             text = file.read(size)
             text += file.readline(PIECE)
+        is_readable = "\0" not in text and len(text) < PIECE
     except (UnicodeDecodeError, *BROKEN):
-        text = "\0"
-    if "\0" in text or len(text) >= PIECE:
-        yield from iter_rows(path)  # says what is wrong
+        is_readable = False
+    if not is_readable:
+        yield from iter_rows(path)
     elif text:
         lines = text.removesuffix("\n").split("\n")
-        yield 1, _join_wrapped(lines) if '"' in text else lines
+        first_row = 1
+        yield first_row, _join_wrapped(lines) if '"' in text else lines
 
 
 def _split_comments(

@@ -33,8 +33,8 @@ from sdp_vs_penalty.signals.segments import SegmentedRuns
 
 _DEGREE = 3
 #: Splines along one variable, and along each of a pair.
-_ALONE = 32
-_PAIR = 9
+_SPLINES_ALONE = 32
+_SPLINES_OF_PAIR = 9
 
 
 @dataclass(frozen=True)
@@ -92,25 +92,27 @@ class Basis:
     axes: tuple[Axis, ...]
 
     @property
-    def of(self) -> tuple[str, ...]:
+    def variable_names(self) -> tuple[str, ...]:
         """The names of the variables, such as ("q1", "dq1")."""
         return tuple(a.variable.name for a in self.axes)
 
-    def at(self, *values: Array) -> Array:
+    def evaluate(self, *values: Array) -> Array:
         """Return all functions (N, size) at values (N,) of each variable."""
         return _products(
             [axis.columns(x) for axis, x in zip(self.axes, values, strict=True)]
         )
 
     @property
-    def roughly(self) -> Basis:
+    def coarser(self) -> Basis:
         """The same with two thirds of the splines for a pair, for a fast first
         comparison.
 
         Over one variable it is the basis itself.
         """
         coarse_axes = [
-            replace(a, count=2 * _PAIR // 3) if a.count == _PAIR else a
+            replace(a, count=2 * _SPLINES_OF_PAIR // 3)
+            if a.count == _SPLINES_OF_PAIR
+            else a
             for a in self.axes
         ]
         return Basis(tuple(coarse_axes))
@@ -128,7 +130,7 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
 
     The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace,
     with first and second differences D1 and D2 of the coefficients. c is (2 pi /
-    count)^2 for more than _PAIR splines, else 0: first differences then count as much
+    count)^2 for more than _SPLINES_OF_PAIR splines, else 0: first differences then count as much
     as second ones do for a wave as long as the range, and where few measurements lie,
     the curve levels off instead of going on straight. A sign has no penalty.
 
@@ -150,7 +152,7 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
             continue
         D1 = np.diff(np.eye(count), 1, axis=0)
         D2 = np.diff(np.eye(count), 2, axis=0)
-        c = 0.0 if count <= _PAIR else (2.0 * np.pi / count) ** 2
+        c = 0.0 if count <= _SPLINES_OF_PAIR else (2.0 * np.pi / count) ** 2
         penalty = D2.T @ D2 + c * D1.T @ D1
         # Splines of the variables before this one, and of those behind it.
         before = np.eye(int(np.prod(counts[:k])))
@@ -187,10 +189,10 @@ _PAIRS = (
 _MIXED_PAIRS = (("q", "q"), ("q", "dq"), ("q", "sign(dq)"), ("dq", "dq"))
 
 
-def pairs_of(
+def list_variables(
     j: int,
     robot: Robot,
-    warm: bool = False,
+    has_temperature: bool = False,
 ) -> list[tuple[Variable, ...]]:
     """List the variables, and pairs of variables, that a curve of joint j may run over.
 
@@ -203,7 +205,7 @@ def pairs_of(
         The joint (from 0).
     robot
         The robot.
-    warm
+    has_temperature
         True: the log has temperatures, and the joint's one is a variable.
 
     Returns
@@ -213,7 +215,7 @@ def pairs_of(
     """
     other_joints = [i for i in range(robot.n) if i != j]
     singles = [Variable(word, j) for word in _SINGLE]
-    if warm:
+    if has_temperature:
         singles.append(Variable("temp", j))
     singles.append(Variable("t"))
     for i in other_joints:
@@ -257,7 +259,9 @@ class Variables:
         self.rows = rows
         self.robot = robot
         self.keep = np.asarray(rows.keep.any(axis=1), bool)
-        self.warm = all(s.motion.temperature is not None for s in rows.segments)
+        self.has_temperature = all(
+            s.motion.temperature is not None for s in rows.segments
+        )
         self.on_rows = lru_cache(self._on_rows_of)
         self._splines = lru_cache(self._splines_of)
 
@@ -280,7 +284,7 @@ class Variables:
         """
         axes = []
         continuous = [v for v in of if v.word != "sign(dq)"]
-        count = _PAIR if len(continuous) > 1 else _ALONE
+        count = _SPLINES_OF_PAIR if len(continuous) > 1 else _SPLINES_ALONE
         for variable in of:
             if variable.word == "sign(dq)":
                 axes.append(Axis(variable, low=-1.0, high=1.0, count=2))
@@ -294,11 +298,11 @@ class Variables:
             axes.append(Axis(variable, low, high, count))
         return Basis(tuple(axes))
 
-    def coarse(self, basis: Basis) -> Array:
+    def approximate_splines(self, basis: Basis) -> Array:
         """Return nearly the filtered splines (M, size): splines of the filtered
         variables.
 
-        This is faster than :meth:`exact`, for a first comparison.
+        This is faster than :meth:`filtered_splines`, for a first comparison.
         """
         return _products([self._splines(a) for a in basis.axes])
 
@@ -306,11 +310,11 @@ class Variables:
         """Return the splines (M, count) of one variable at its filtered values."""
         return axis.columns(self.on_rows(axis.variable))
 
-    def exact(self, basis: Basis) -> Array:
+    def filtered_splines(self, basis: Basis) -> Array:
         """Return the filtered splines (M, size), as the torque's filter would see them."""
-        return self.of_law(basis, lambda x: basis.at(*x.T))
+        return self.filtered_law(basis, lambda x: basis.evaluate(*x.T))
 
-    def of_law(
+    def filtered_law(
         self,
         basis: Basis,
         law: Callable[[Array], Array],
@@ -326,13 +330,13 @@ class Variables:
 
         return self._filtered(along)
 
-    def supported(self, basis: Basis) -> Array:
+    def points_near_motion(self, basis: Basis) -> Array:
         """Return the points (P, number of variables) of the grid that the motion has
         come near.
         """
-        return basis.points[self.met(basis, self.keep)]
+        return basis.points[self.is_near_motion(basis, self.keep)]
 
-    def met(
+    def is_near_motion(
         self,
         basis: Basis,
         which: NDArray[np.bool_],
@@ -537,7 +541,7 @@ class SplineFit:
         return self.columns.joint
 
     @cached_property
-    def c(self) -> Array:
+    def solution(self) -> Array:
         """(k,) the coefficients (D + P)^-1 s."""
         return np.asarray(np.linalg.solve(self.columns.D + self.P, self.columns.s))
 
@@ -559,10 +563,10 @@ class SplineFit:
         """(k,) coefficients without the part that the model's own columns could make as
         well.
         """
-        return np.asarray(self.projector @ self.c)
+        return np.asarray(self.projector @ self.solution)
 
 
-def smoothed(
+def fit_spline(
     basis: Basis,
     raw: Array,
     columns: CurveColumns,
@@ -616,7 +620,7 @@ def smoothed(
     )
 
 
-def band(
+def confidence_band(
     fit: SplineFit,
     grid: Array,
     seed: int,

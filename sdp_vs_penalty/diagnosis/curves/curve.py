@@ -19,15 +19,17 @@ CURVE = MeasuredCurve.name
 
 @dataclass(frozen=True)
 class Curve(JsonRecord):
-    """The missing torque of a joint (from 1) as a function of what ``of`` names.
+    """The missing torque of a joint (from 1) as a measured function of one or two
+    variables.
 
-    x (P,) or (P, 2) : values of the variables, where measurements lie; torque, lower,
-    upper (P,) : the curve and its simultaneous 95 % band [N m or N]: its law, or where
-    that is not all what the model's own columns cannot make; explained_share : of the
-    joint's squared error beyond the noise's, what the curve takes on data left out, its
-    values and the model fitted to the others; formula : the simplest law within the
-    band, or None; held_out_rmse_before, _after : of the joint. filled_x, filled_torque
-    : between the ends of x, where nothing was measured, what the law says.
+    of : names of the variables. x (P,) or (P, 2) : their values where measurements lie.
+    torque, lower, upper (P,) : the curve and its simultaneous 95 % band [N m or N]; it
+    is the law, or without one the part of the spline that the model's own columns
+    cannot make. explained_share : share of the joint's squared error beyond the noise
+    that the curve removes on data left out. formula : the simplest law within the band,
+    or None. held_out_rmse_before, held_out_rmse_after : error of the joint on data left
+    out [N m or N]. filled_x, filled_torque : values of the law between the ends of x
+    where nothing was measured.
     """
 
     joint: int

@@ -27,12 +27,12 @@ from sdp_vs_penalty.formatting import plain_unit
 from sdp_vs_penalty.robot.arrays import Array
 
 #: Steps of a scan over a constant; a quarter as many over each of two.
-_SCAN = 56
+_SCAN_STEPS = 56
 
 Function = Callable[[Array], Array]
 #: Functions of a variable, of one in units of a constant, and of each of a pair, as
 #: they read.
-_PLAIN: Mapping[str, Function] = {
+_FUNCTIONS: Mapping[str, Function] = {
     "{x}": lambda v: v,
     "{x}^2": np.square,
     "{x}^3": lambda v: v**3,
@@ -41,7 +41,7 @@ _PLAIN: Mapping[str, Function] = {
     "{x} |{x}|": lambda v: v * np.abs(v),
     "sign({x}) sqrt(|{x}|)": lambda v: np.sqrt(np.abs(v)) * np.sign(v),
 }
-_SCALED: Mapping[str, Function] = {
+_SCALED_FUNCTIONS: Mapping[str, Function] = {
     "tanh({x} / {b})": np.tanh,
     "sat({x} / {b})": lambda v: np.clip(v, -1.0, 1.0),
     "exp(-|{x} / {b}|)": lambda v: np.exp(-np.abs(v)),
@@ -113,33 +113,37 @@ def _number(x: float) -> str:
 
 def dictionary(axes: Sequence[Axis]) -> list[Law]:
     """List the laws that a curve over one variable, or over two, may follow."""
-    return _of_one(axes[0]) if len(axes) == 1 else _of_two(*axes)
+    return (
+        _laws_of_one_variable(axes[0])
+        if len(axes) == 1
+        else _laws_of_two_variables(*axes)
+    )
 
 
-def _of_one(axis: Axis) -> list[Law]:
+def _laws_of_one_variable(axis: Axis) -> list[Law]:
     """List the laws of one variable: powers, saturations, exponentials, waves, bumps."""
     if axis.is_sign:
         return [_power_law("{x}")]
     largest = max(abs(axis.low), abs(axis.high))
     widths = np.geomspace(0.01, 3.0, 20) * largest
-    laws = [_power_law(reads) for reads in _PLAIN]
+    laws = [_power_law(reads) for reads in _FUNCTIONS]
     laws.append(_power_law("{x}", "{x}^2"))
     laws.append(_power_law("{x}", "{x}^2", "{x}^3"))
-    laws += [_scaled_law(g, reads, widths) for reads, g in _SCALED.items()]
+    laws += [_scaled_law(g, reads, widths) for reads, g in _SCALED_FUNCTIONS.items()]
     # exp(x / b) overflows for narrow widths b; it may rise or fall.
     wide = widths[widths > 0.05 * largest]
     laws.append(_scaled_law(np.exp, "exp({x} / {b})", np.concatenate([wide, -wide])))
-    frequencies = [(float(b),) for b in _waves(axis, _SCAN)]
+    frequencies = [(float(b),) for b in _waves(axis, _SCAN_STEPS)]
     laws.append(_wave(lambda p, b: b[0] * p[0], "{b} {x}", frequencies))
     laws.append(_bump_law(axis))
     return laws
 
 
 def _power_law(*reads: str) -> Law:
-    """Make the law of a sum of functions of _PLAIN, each with an amplitude."""
+    """Make the law of a sum of functions of _FUNCTIONS, each with an amplitude."""
 
     def terms(variables: Array, _: Array) -> list[Array]:
-        return [_PLAIN[r](variables[0]) for r in reads]
+        return [_FUNCTIONS[r](variables[0]) for r in reads]
 
     return Law(terms, reads)
 
@@ -160,13 +164,13 @@ def _bump_law(axis: Axis) -> Law:
         place, width = constants
         return [np.exp(-(((variables[0] - place) / width) ** 2))]
 
-    places = np.linspace(axis.low, axis.high, _SCAN // 2)
+    places = np.linspace(axis.low, axis.high, _SCAN_STEPS // 2)
     widths = np.geomspace(0.03, 0.5, 8) * (axis.high - axis.low)
     starts = [(float(b), float(c)) for b, c in product(places, widths)]
     return Law(terms, ("exp(-(({x} - {b}) / {c})^2)",), starts)
 
 
-def _of_two(first: Axis, second: Axis) -> list[Law]:
+def _laws_of_two_variables(first: Axis, second: Axis) -> list[Law]:
     """List the laws of two variables: products, waves times a factor, mixed waves."""
     laws = [
         _product_law(of_first, of_second)
@@ -188,10 +192,12 @@ def _factors(axis: Axis) -> Sequence[str]:
 
 
 def _product_law(of_first: str, of_second: str) -> Law:
-    """Make the law of a product of two functions of _PLAIN, one of each variable."""
+    """Make the law of a product of two functions of _FUNCTIONS, one of each variable."""
 
     def terms(variables: Array, _: Array) -> list[Array]:
-        return [_PLAIN[of_first](variables[0]) * _PLAIN[of_second](variables[1])]
+        return [
+            _FUNCTIONS[of_first](variables[0]) * _FUNCTIONS[of_second](variables[1])
+        ]
 
     return Law(terms, (f"{of_first} {_other(of_second)}",))
 
@@ -201,8 +207,8 @@ def _wave_of_first(axis: Axis, factor: str) -> Law:
     return _wave(
         lambda p, b: b[0] * p[0],
         "{b} {x}",
-        [(float(b),) for b in _waves(axis, _SCAN // 2)],
-        factor=lambda p: _PLAIN[factor](p[1]),
+        [(float(b),) for b in _waves(axis, _SCAN_STEPS // 2)],
+        factor=lambda p: _FUNCTIONS[factor](p[1]),
         other_factor=f" {_other(factor)}",
     )
 
@@ -212,8 +218,8 @@ def _wave_of_second(axis: Axis, factor: str) -> Law:
     return _wave(
         lambda p, b: b[0] * p[1],
         "{b} {y}",
-        [(float(b),) for b in _waves(axis, _SCAN // 2)],
-        factor=lambda p: _PLAIN[factor](p[0]),
+        [(float(b),) for b in _waves(axis, _SCAN_STEPS // 2)],
+        factor=lambda p: _FUNCTIONS[factor](p[0]),
         other_factor=f" {factor}",
     )
 
@@ -221,8 +227,8 @@ def _wave_of_second(axis: Axis, factor: str) -> Law:
 def _wave_of_both(first: Axis, second: Axis) -> Law:
     """Make the law of a wave whose phase is b x + c y; b > 0, since the sign is free."""
     fastest_second = _fastest(second)
-    of_first = np.linspace(0.0, _fastest(first), _SCAN // 4)[1:]
-    of_second = np.linspace(-fastest_second, fastest_second, _SCAN // 2)
+    of_first = np.linspace(0.0, _fastest(first), _SCAN_STEPS // 4)[1:]
+    of_second = np.linspace(-fastest_second, fastest_second, _SCAN_STEPS // 2)
     return _wave(
         lambda p, b: b[0] * p[0] + b[1] * p[1],
         "{b} {x} + {c} {y}",
@@ -247,15 +253,15 @@ def _wave(
     Parameters
     ----------
     phase
-        Maps variables and constants to the phase [rad].
+        Maps variables (v, P) and constants (c,) to the phase [rad].
     reads
-        How the phase reads.
+        Text of the phase, such as "{b} {x}".
     starts
         Constants to begin with.
     factor
         Function of the variables that multiplies the wave; default: 1.
     other_factor
-        How the factor reads.
+        Text of the factor.
     """
 
     def terms(p: Array, b: Array) -> list[Array]:
@@ -306,12 +312,12 @@ class LawFit:
         """The number of amplitudes and constants."""
         return len(self.amplitudes) + len(self.constants)
 
-    def at(self, points: Array) -> Array:
+    def torque_at(self, points: Array) -> Array:
         """Return the torque (P,) at points (P, number of variables)."""
         return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
 
 
-def recognised(
+def recognise_law(
     f: SplineFit,
     on_rows: Callable[[Law, Array], CurveColumns],
     looked: int,
@@ -339,7 +345,9 @@ def recognised(
     """
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        return _normal(_in_splines(f.basis, law, constants), f.columns)
+        return _normal_equations(
+            _coefficients_in_splines(f.basis, law, constants), f.columns
+        )
 
     def evidence_of(fit: LawFit) -> float:
         n_numbers = np.array(fit.size)
@@ -347,9 +355,9 @@ def recognised(
 
     # Every law at the best of its starts, in the curve's splines.
     fits = []
-    for law, coefficients in _scanned(f.basis):
-        gram, pull = _normal(coefficients, f.columns)
-        amplitudes, chi2 = _amplitudes(gram, pull)
+    for law, coefficients in _laws_with_starts(f.basis):
+        gram, pull = _normal_equations(coefficients, f.columns)
+        amplitudes, chi2 = _solve_amplitudes(gram, pull)
         best = int(np.argmax(chi2))
         constants = np.array(law.starts[best], float)
         fits.append(LawFit(law, amplitudes[best], constants, float(chi2[best])))
@@ -357,11 +365,14 @@ def recognised(
     # The best few with refined constants, on the rows.
     scored = []
     for start in fits[:MAX_CANDIDATES_REFINED]:
-        near = _refined(start, in_splines)
+        near = _refine_law(start, in_splines)
         columns = on_rows(near.law, near.constants)
-        amplitudes, chi2 = _amplitudes(columns.D[None], columns.s[None])
+        amplitudes, chi2 = _solve_amplitudes(columns.D[None], columns.s[None])
         exact = replace(
-            near, amplitudes=amplitudes[0], chi2=float(chi2[0]), columns=columns
+            near,
+            amplitudes=amplitudes[0],
+            chi2=float(chi2[0]),
+            columns=columns,
         )
         scored.append((evidence_of(exact), exact))
     top = max([f.J, *(J for J, _ in scored)])
@@ -375,7 +386,7 @@ def recognised(
 
 
 @lru_cache(maxsize=64)
-def _onto(basis: Basis) -> tuple[Array, Array]:
+def _points_and_inverse(basis: Basis) -> tuple[Array, Array]:
     """Return points (P, v) of a basis, and the matrix (k, P) from values there to
     coefficients.
 
@@ -387,17 +398,17 @@ def _onto(basis: Basis) -> tuple[Array, Array]:
         stride = 2 if is_pair and not axis.is_sign else 1
         along_axes.append(axis.points[::stride])
     points = np.array(list(product(*along_axes)))
-    inverse = np.linalg.pinv(basis.at(*points.T), rcond=1e-10)
+    inverse = np.linalg.pinv(basis.evaluate(*points.T), rcond=1e-10)
     return points, np.asarray(inverse, float)
 
 
-def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
+def _coefficients_in_splines(basis: Basis, law: Law, constants: Array) -> Array:
     """Return the spline coefficients (S, m, k) of a law's m terms, for S sets of
     constants.
 
     constants : (c, S).
     """
-    points, inverse = _onto(basis)
+    points, inverse = _points_and_inverse(basis)
     return np.tensordot(
         law.columns(points, constants),
         inverse,
@@ -406,7 +417,7 @@ def _in_splines(basis: Basis, law: Law, constants: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
+def _laws_with_starts(basis: Basis) -> list[tuple[Law, Array]]:
     """List the laws of the dictionary with their starts, in a basis's splines.
 
     Each law keeps the starts whose values are finite; its coefficients are (S, m, k)
@@ -415,7 +426,7 @@ def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
     out = []
     for law in dictionary(basis.axes):
         starts = np.array(law.starts, float)
-        coefficients = _in_splines(basis, law, starts.T)
+        coefficients = _coefficients_in_splines(basis, law, starts.T)
         is_finite = np.isfinite(coefficients).all(axis=(1, 2))
         if is_finite.any():
             finite_starts = [tuple(s) for s in starts[is_finite]]
@@ -424,27 +435,27 @@ def _scanned(basis: Basis) -> list[tuple[Law, Array]]:
     return out
 
 
-def _normal(c: Array, f: CurveColumns) -> tuple[Array, Array]:
+def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
     """Return matrices (S, m, m) and right sides (S, m) of the normal equations of
     amplitudes.
 
     c (S, m, k) are spline coefficients of a law's terms; f has the products of the
     splines on the rows. Where a law overflows they are not finite, and
-    :func:`_amplitudes` ignores the set.
+    :func:`_solve_amplitudes` ignores the set.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
         return weighed @ c.transpose(0, 2, 1), c @ f.s
 
 
-def written(
+def law_in_words(
     law: LawFit,
     f: SplineFit,
     torque_units: Sequence[str],
 ) -> str:
     """Write a law with the units of its torque and of its variables."""
     unit = plain_unit(torque_units[f.joint])
-    units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.of}
+    units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.variable_names}
     units_in_words = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
     names = []
     for axis in f.basis.axes:
@@ -455,7 +466,7 @@ def written(
     return f"{text} {unit}" + (f" ({units_in_words})" if units_in_words else "")
 
 
-def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
+def _solve_amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
     """Solve the normal equations of S sets of constants for the m amplitudes.
 
     Parameters
@@ -488,7 +499,7 @@ def _amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
     return amplitudes / scale, np.sum(amplitudes * pull, axis=1)
 
 
-def _refined(
+def _refine_law(
     start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]
 ) -> LawFit:
     """Refine a law's constants by Nelder-Mead, within the range of its starts.
@@ -503,7 +514,7 @@ def _refined(
 
     def amplitudes_and_chi2(constants: Array) -> tuple[Array, float]:
         gram, pull = normal(law, constants[:, None])
-        amplitudes, chi2 = _amplitudes(gram, pull)
+        amplitudes, chi2 = _solve_amplitudes(gram, pull)
         return amplitudes[0], float(chi2[0])
 
     solution = scipy.optimize.minimize(

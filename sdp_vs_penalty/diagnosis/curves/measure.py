@@ -21,12 +21,17 @@ from sdp_vs_penalty.diagnosis.curves.bases import (
     CurveColumns,
     SplineFit,
     Variables,
-    band,
-    pairs_of,
-    smoothed,
+    confidence_band,
+    fit_spline,
+    list_variables,
 )
 from sdp_vs_penalty.diagnosis.curves.curve import Curve, table_effect
-from sdp_vs_penalty.diagnosis.curves.laws import Law, LawFit, recognised, written
+from sdp_vs_penalty.diagnosis.curves.laws import (
+    Law,
+    LawFit,
+    law_in_words,
+    recognise_law,
+)
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.search import Search
 from sdp_vs_penalty.diagnosis.white_rows import folds_of
@@ -77,23 +82,23 @@ class Measured:
         before = self.before
         after = float(self.errors[self.joint])
         share = (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
-        points = self.variables.supported(f.basis)
-        grid = f.basis.at(*points.T)
-        half_width = band(f, grid, seed)
+        points = self.variables.points_near_motion(f.basis)
+        grid = f.basis.evaluate(*points.T)
+        half_width = confidence_band(f, grid, seed)
         torque = grid @ f.coefficients
         formula = None
         # Points where nothing was measured: only a law has values there.
         filled = points[:0]
         filled_torque = np.zeros(0)
         if self.law is not None:
-            torque = self.law.at(points)
-            formula = written(self.law, f, robot.torque_units)
+            torque = self.law.torque_at(points)
+            formula = law_in_words(self.law, f, robot.torque_units)
             filled = unmeasured(f.basis, points)
-            filled_torque = self.law.at(filled)
+            filled_torque = self.law.torque_at(filled)
         is_single = points.shape[1] == 1
         return Curve(
             joint=f.joint + 1,
-            of=f.basis.of,
+            of=f.basis.variable_names,
             x=points[:, 0] if is_single else points,
             torque=torque,
             lower=torque - half_width,
@@ -190,7 +195,7 @@ def is_curve_preferred(
     if beside_terms is not None:
         J_to_replace += beside_terms[0]
     margin = EVIDENCE_TO_DISTINGUISH + LAW_TOLERANCE * J_to_replace
-    n_numbers = sum(t.form.n_coefficients + t.form.constants for t in own_terms)
+    n_numbers = sum(t.form.n_coefficients + t.form.n_constants for t in own_terms)
     is_simpler = law is not None and law.size < n_numbers
     if beside_terms is not None or is_simpler:
         return J_to_replace - margin < J
@@ -257,7 +262,9 @@ class _Measuring:
             for effect in effects
             if isinstance(effect, MeasuredCurve) and joint in effect.joints
         }
-        possible = pairs_of(joint, self.variables.robot, self.variables.warm)
+        possible = list_variables(
+            joint, self.variables.robot, self.variables.has_temperature
+        )
         return [
             variables
             for variables in possible
@@ -273,7 +280,7 @@ class _Measuring:
         white = self.data.white(raw, self.joint)
         return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
 
-    def _smoothed(
+    def _fit_spline(
         self,
         basis: Basis,
         raw: Array,
@@ -284,7 +291,7 @@ class _Measuring:
         """
         torque_columns = self.gain * raw
         columns = self._columns(torque_columns, robust)
-        return smoothed(basis, torque_columns, columns, looked=len(self.bases))
+        return fit_spline(basis, torque_columns, columns, looked=len(self.bases))
 
     def best_spline(self) -> SplineFit | None:
         """Return the best spline curve, or None where none has enough evidence.
@@ -294,8 +301,8 @@ class _Measuring:
         """
         exact = []
         for basis in self._most_promising():
-            splines = self.variables.exact(basis)
-            exact.append(self._smoothed(basis, splines, robust=True))
+            splines = self.variables.filtered_splines(basis)
+            exact.append(self._fit_spline(basis, splines, robust=True))
         highest = max((f.J for f in exact), default=0.0)
         nearly_highest = (1.0 - LAW_TOLERANCE) * highest - EVIDENCE_TO_DISTINGUISH
         threshold = max(nearly_highest, EVIDENCE_TO_ADD)
@@ -314,8 +321,8 @@ class _Measuring:
         """
         rated = []
         for basis in self.bases:
-            splines = self.variables.coarse(basis.roughly)
-            rough_curve = self._smoothed(basis.roughly, splines, robust=False)
+            splines = self.variables.approximate_splines(basis.coarser)
+            rough_curve = self._fit_spline(basis.coarser, splines, robust=False)
             if rough_curve.J > EVIDENCE_TO_ADD:
                 rated.append((rough_curve.J, basis))
         rated.sort(key=lambda pair: -pair[0])
@@ -329,10 +336,12 @@ class _Measuring:
         """Return the law of the dictionary that a spline follows, with its evidence."""
 
         def on_rows(law: Law, constants: Array) -> CurveColumns:
-            raw = self.variables.of_law(best.basis, lambda x: law.columns(x, constants))
+            raw = self.variables.filtered_law(
+                best.basis, lambda x: law.columns(x, constants)
+            )
             return self._columns(self.gain * raw, robust=False)
 
-        return recognised(best, on_rows, len(self.bases))
+        return recognise_law(best, on_rows, len(self.bases))
 
 
 def _tabulate(
@@ -369,35 +378,37 @@ def _tabulate(
         The curve.
     """
     robot = search.data.estimate.robot
-    points = variables.supported(f.basis)
+    points = variables.points_near_motion(f.basis)
     measured = len(points)
     # grid @ coefficients are the values; P is the penalty of the coefficients.
     if law is None or law.columns is None:
-        values = f.basis.at(*points.T) @ f.coefficients
-        grid = f.basis.at(*points.T) @ f.projector
+        values = f.basis.evaluate(*points.T) @ f.coefficients
+        grid = f.basis.evaluate(*points.T) @ f.projector
         columns = f.columns
         P = f.P
     else:
         points = np.vstack([points, unmeasured(f.basis, points)])
-        values = law.at(points)
+        values = law.torque_at(points)
         grid = law.law.columns(points, law.constants)
         columns = law.columns
         P = 1e-9 * np.trace(columns.raw) * np.eye(len(columns.s))
     table = table_effect(
         robot,
         joint=f.joint,
-        of=f.basis.of,
+        of=f.basis.variable_names,
         points=points,
         values=values,
         measured=measured,
     )
-    known = variables.met(f.basis, variables.keep)
+    known = variables.is_near_motion(f.basis, variables.keep)
     by_fold = []
     for k, coefficients in enumerate(columns.without_fold(fold, P)):
         values_of_fold = grid @ coefficients
         is_known = np.ones(len(points), bool)
         if law is None:  # a table is unknown where only the left-out fold has been
-            met_by_others = variables.met(f.basis, variables.keep & (fold != k))
+            met_by_others = variables.is_near_motion(
+                f.basis, variables.keep & (fold != k)
+            )
             is_known = met_by_others[known]
         varies = np.diff(points[is_known], axis=0).any(axis=0)
         if not varies.all():  # a single value of a variable is no table: no torque
@@ -406,7 +417,7 @@ def _tabulate(
         effect = table_effect(
             robot,
             joint=f.joint,
-            of=f.basis.of,
+            of=f.basis.variable_names,
             points=points[is_known],
             values=values_of_fold[is_known],
             measured=min(measured, int(is_known.sum())),

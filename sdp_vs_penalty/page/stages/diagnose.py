@@ -86,7 +86,8 @@ def findings(view: View) -> None:
             session.add,
             [f.text for f in sure],
         )
-        draw.button(f"Add all but the weak: {rating_counts(sure)}", add, "add-all")
+        count = formatting.count(len(sure), "finding")
+        draw.button(f"Add these {count}: {rating_counts(sure)}", add, "add-all")
     _others(words)
 
 

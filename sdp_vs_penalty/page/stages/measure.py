@@ -301,7 +301,7 @@ def _split_bar(
             draw.tag("span", text, "train-words")
             text = (
                 f"{split['test_seconds']:.3g} s kept for testing; behind the filters"
-                f" {split['judged_share']:.0%} of the run is judged"
+                f" {formatting.percent(split['judged_share'], 2)} of the run is judged"
             )
             draw.tag("span", text, "test-words")
         with draw.tag("div", style="split-bar", aria_hidden="true"):
@@ -323,7 +323,8 @@ def _kept_of(run: dict[str, Any]) -> str:
     if run["use"] == "test":
         return str(run["name"])
     if run["use"] == "split":
-        return f"{run['split']['judged_share']:.0%} of {run['name']}"
+        share = formatting.percent(run["split"]["judged_share"], 2)
+        return f"{share} of {run['name']}"
     return ""
 
 
