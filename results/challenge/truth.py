@@ -22,7 +22,7 @@ from sdp_vs_penalty.diagnosis.white_rows import (
     diagnosis_rows,
     model_columns,
     white_rows,
-    whitened,
+    whiten_with_noise,
 )
 from sdp_vs_penalty.effects.measured_curve import Variable
 from sdp_vs_penalty.estimation.estimate import Estimate
@@ -61,7 +61,9 @@ def beyond_one_name(
     rows, noise, Q, left = _white(logged, estimate, False, 0)
     mine = slice(joint * len(rows.t), (joint + 1) * len(rows.t))
     best = 0.0
-    for batch in list_candidates(whitened(rows, noise, estimate, False)).batches:
+    for batch in list_candidates(
+        whiten_with_noise(rows, noise, estimate, False)
+    ).batches:
         for f in range(len(batch.forms)) if batch.joints == (joint,) else ():
             Z = batch.columns(f)[joint]
             overlap = Q[mine].T @ Z

@@ -374,7 +374,6 @@ def _ending_politely() -> Iterator[None]:
     """Make SIGTERM end the command as Ctrl-C does, so that no temporary file is
     left.
     """
-
     import signal
 
     process = os.getpid()

@@ -17,7 +17,6 @@ from sdp_vs_penalty.diagnosis.explanation import (
     drop_harmful,
     explain_in_order,
     held_out_errors,
-    judge_without_events,
 )
 from sdp_vs_penalty.diagnosis.findings import Diagnosis
 from sdp_vs_penalty.diagnosis.held_out import HeldOutData
@@ -131,7 +130,6 @@ def diagnose_runs(
     held_out = held_out_errors(explanation, judge)
     explanation = drop_harmful(explanation, held_out, found)
     left = unexplained_error(explanation.search)
-    explanation, left = judge_without_events(explanation, left)
     explanation = with_equivalence_sets(explanation, judge)
     measured = measure_curves(explanation.search, left.joints_above_noise)
     curves = accept_curves(explanation.search, measured, judge)

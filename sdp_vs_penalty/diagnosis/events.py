@@ -29,7 +29,7 @@ from sdp_vs_penalty.signals.coloured_noise import (
 )
 from sdp_vs_penalty.signals.constants import SAME_PHASE
 from sdp_vs_penalty.signals.noise import differences
-from sdp_vs_penalty.signals.repetition import Repeat, consecutive
+from sdp_vs_penalty.signals.repetition import consecutive
 from sdp_vs_penalty.signals.spectrum import periodograms
 from sdp_vs_penalty.signals.standstill import SLOW
 
@@ -125,10 +125,9 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     """Flag the rows (M, n) whose residual is an outlier: isolated disturbances.
 
-    An outlier that comes back with the motion is an error of the model. Where the
-    motion does not repeat, a disturbance stands out of all windows in the same state of
-    motion. So does one in a single repetition near a reversal, where friction laws are
-    only approximate.
+    A disturbance stands out of all windows in the same state of motion, or of the other
+    repetitions of the motion. An outlier that every repetition has is an error of the
+    model.
 
     Parameters
     ----------
@@ -142,7 +141,6 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
     rows = data.rows
     noise = data.noise
     unrepeated = _unrepeated_rows(data, residual)
-    comes_back = _rows_that_come_back(noise.repeats, len(rows.t))
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
         # The noise may be larger than was thought; its median does not see an event.
@@ -157,23 +155,12 @@ def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
             torque = residual[:, j] * (white[:, j] != 0.0)
             lone |= _lone_rows(data, torque, j, slow)
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
-            is_outlier &= lone | (comes_back & ~slow)
+            is_outlier &= lone
             suspect = suspect & (lone | ~slow)
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
         out[:, j] |= suspect
     return out & ~_repeated_outliers(data, out)
-
-
-def _rows_that_come_back(repeats: Sequence[Repeat], count: int) -> Mask:
-    """Flag the rows (M,) whose motion is repeated in the log; count : number of rows
-    M.
-    """
-    out = np.zeros(count, bool)
-    for repeat in repeats:
-        out[repeat.rows] = True
-        out[repeat.there] = True
-    return out
 
 
 def _lone_rows(

@@ -19,7 +19,6 @@ from sdp_vs_penalty.diagnosis.late_torque import (
 from sdp_vs_penalty.diagnosis.linear_fit import ScoredEffect
 from sdp_vs_penalty.diagnosis.own_constants import changed_constants
 from sdp_vs_penalty.diagnosis.search import Search
-from sdp_vs_penalty.diagnosis.unexplained import Remainder, unexplained_error
 from sdp_vs_penalty.effects.model import depends
 from sdp_vs_penalty.estimation.estimate import Estimate
 from sdp_vs_penalty.estimation.shapes import ShapeEstimate, with_shapes
@@ -148,39 +147,6 @@ def drop_harmful(
         return explain(search, explanation.first, constants, findings)
     judged = explanation.search.drop_disfavoured(findings)
     return replace(explanation, search=judged)
-
-
-def judge_without_events(
-    explanation: Explanation, left: Remainder
-) -> tuple[Explanation, Remainder]:
-    """Judge the findings again without the rows of events, if that leaves less
-    unexplained.
-
-    An isolated disturbance is no evidence of any effect.
-
-    Parameters
-    ----------
-    explanation
-        The findings beside the model.
-    left
-        What they leave unexplained, with the rows of events.
-
-    Returns
-    -------
-    (Explanation, Remainder)
-        Both without the events, or unchanged.
-    """
-    rules = explanation.search.rules
-    if not (left.joints_unexplained and left.outlier_rows.any()):
-        return explanation, left
-    if not rules.without_events:
-        return explanation, left
-    search = beside_model(explanation.search, explanation.estimate, left.outlier_rows)
-    search = search.drop_disfavoured(search.terms)
-    without = unexplained_error(search, left.outlier_rows)
-    if len(without.joints_unexplained) < len(left.joints_unexplained):
-        return replace(explanation, search=search), without
-    return explanation, left
 
 
 @dataclass(frozen=True)

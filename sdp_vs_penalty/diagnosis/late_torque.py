@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sdp_vs_penalty.diagnosis.library import Candidate, Key
 from sdp_vs_penalty.diagnosis.refit import least_squares_refit
@@ -126,7 +125,6 @@ def refer_once(search: Search) -> Search:
 def beside_model(
     search: Search,
     estimate: Estimate,
-    without: NDArray[np.bool_] | None = None,
     thetas: Sequence[Array] = (),
 ) -> Search:
     """Return the search with the same findings, beside another model.
@@ -137,8 +135,6 @@ def beside_model(
         The search; its library of candidates is kept with its old columns.
     estimate
         The model to which columns refer from now on.
-    without
-        (M, n) rows that no longer count as evidence, such as those of events.
     thetas
         Parameters of each finding, from which its torque is computed. Default: those of
         the search.
@@ -157,9 +153,6 @@ def beside_model(
     in_reference = [(t, b) for t, b in pairs if not t.form.effect.needs_torque]
     effects_in_reference = [(t.form.effect, b) for t, b in in_reference]
     rows = with_estimate(data.rows, estimate, effects_in_reference)
-    if without is not None:
-        masked = rows.masked | without if rows.masked.size else without
-        rows = replace(rows, masked=masked)
     data = whiten_with_noise(rows, data.noise, estimate, data.frozen)
     out = Search(data, search.library, search.rules, like=search)
     out.nuisances.frequencies = search.nuisances.frequencies  # hums stay what they are

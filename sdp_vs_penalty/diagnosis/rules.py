@@ -12,22 +12,18 @@ class Rules:
     """Switches of the optional rules of the search; all are on by default.
 
     joints_alike : once there are findings, half of the prior odds go to effects that
-    act on another joint already. merge_one_effect : findings of one effect on several
-    joints may be replaced by one that acts on all of them. free_constants : shape
-    constants of the model's own effects may move beside a candidate. law_misfits :
-    errors of a finding's law are tolerated beside it. mounting_tolerances : so are
-    plausible errors of the mounting. simplest : of candidates that do about as well the
-    simplest one is named. exchange : a finding may be replaced by another effect.
-    coarsening : evidence is limited to what some 3000 rows can tell, since no law is
-    exact. curve_laws : a curve may follow a law of the dictionary. curves_of_two : a
-    curve may depend on two variables. second_veto : certain findings are judged once
-    more on data left out, without the weak ones. without_events : findings are judged
-    again without the rows of events. hums_first : lines of the torque's spectrum are
-    part of every fit.
+    act on another joint already. free_constants : shape constants of the model's own
+    effects may move beside a candidate. law_misfits : errors of a finding's law are
+    tolerated beside it. mounting_tolerances : so are plausible errors of the mounting.
+    simplest : of candidates that do about as well the simplest one is named. exchange :
+    a finding may be replaced by another effect. coarsening : evidence is limited to
+    what some 3000 rows can tell, since no law is exact. curve_laws : a curve may follow
+    a law of the dictionary. curves_of_two : a curve may depend on two variables.
+    second_veto : certain findings are judged once more on data left out, without the
+    weak ones. hums_first : lines of the torque's spectrum are part of every fit.
     """
 
     joints_alike: bool = True
-    merge_one_effect: bool = True
     free_constants: bool = True
     law_misfits: bool = True
     mounting_tolerances: bool = True
@@ -37,7 +33,6 @@ class Rules:
     curve_laws: bool = True
     curves_of_two: bool = True
     second_veto: bool = True
-    without_events: bool = True
     hums_first: bool = True
 
     @classmethod

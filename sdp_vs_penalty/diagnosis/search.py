@@ -6,7 +6,6 @@ from collections.abc import Hashable, Sequence, Set
 from copy import copy
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from sdp_vs_penalty.diagnosis.constants import (
 )
 from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.library import (
-    Batch,
     Candidate,
     Key,
     Library,
@@ -46,9 +44,8 @@ def search(
     step the simplest of the best candidates with J > 10 (odds of 150 to 1; Kass,
     Raftery 1995) is added: candidates within 6 (odds of 20 to 1) plus 4 % of the best
     one's J tie, and the one with fewest constants and joints is taken. Where nothing
-    can be added, one effect is exchanged for another that is simpler or likelier, or
-    several effects of one kind for one that acts on all their joints. Effects that fall
-    to J <= 10 beside the others are dropped.
+    can be added, one effect is exchanged for another that is simpler or likelier.
+    Effects that fall to J <= 10 beside the others are dropped.
 
     Parameters
     ----------
@@ -175,7 +172,6 @@ class Search:
         terms: Sequence[ScoredEffect],
         on: frozenset[int] | None = None,
         beyond: float = 0.0,
-        exact_joints: bool = False,
     ) -> list[ScoredEffect]:
         """List the most promising candidates beside a fit, the best first.
 
@@ -195,11 +191,9 @@ class Search:
         beyond
             The evidence that a candidate has to reach to be of use, such as that of the
             effect it may replace. Candidates with less than half of it are not refined.
-        exact_joints
-            True: only candidates that act on exactly the joints ``on``.
         """
         chosen_forms = [t.form for t in terms]
-        screened = self._screened(fit, chosen_forms, on, exact_joints)
+        screened = self._screened(fit, chosen_forms, on)
         top = max((t.evidence for t in screened), default=0.0)
         # Refining may raise the evidence much: a friction width (say) that is far from
         # the grid's values explains little there, and nearly all where it is right.
@@ -218,7 +212,6 @@ class Search:
         fit: WhiteFit,
         picked: Sequence[Candidate],
         on: frozenset[int] | None,
-        exact_joints: bool,
     ) -> list[ScoredEffect]:
         """Score the best grid point of each law, for the candidates that explain most.
 
@@ -230,7 +223,7 @@ class Search:
         """
         best = dict[Hashable, tuple[float, Candidate, dict[int, Array]]]()
         for batch in self.library.batches:
-            if on is not None and not _acts_on(batch, on, exact_joints):
+            if on is not None and on.isdisjoint(batch.joints):
                 continue
             scores = self.score.screened(fit, batch)
             is_allowed = may_join(batch.forms, picked, self.data.estimate.model)
@@ -406,8 +399,6 @@ class Search:
         list.
 
         The effects are tried in order; the first exchange that succeeds is returned.
-        Where no single effect can be exchanged, several effects of one kind may be
-        merged into one that acts on all their joints.
 
         Returns
         -------
@@ -420,42 +411,35 @@ class Search:
         for term in terms:
             others = [t for t in terms if t is not term]
             judged = self.beside(term, others)
-            candidates = self._candidates_to_replace([term], others, judged.evidence)
+            candidates = self._candidates_to_replace(judged, others)
             exchanged = self._exchange(judged, candidates, others)
             if exchanged is not None:
                 return exchanged
             rivals = self.equivalence_set(judged, candidates)
             with_rivals.append(replace(judged, rivals=rivals))
-        merged = self.merge_one_effect(terms)
-        if merged is not None:
-            return merged
         self.terms = with_rivals
         return None
 
     def _candidates_to_replace(
         self,
-        group: Sequence[ScoredEffect],
+        term: ScoredEffect,
         others: Sequence[ScoredEffect],
-        evidence: float,
     ) -> list[ScoredEffect]:
-        """List the candidates that may replace a group of effects, the best first.
+        """List the candidates that may replace an effect, the best first.
 
-        They act on a joint of the replaced effect, or on exactly the joints of a group
-        of several. ``evidence`` is what the group has: candidates far below it are not
-        refined.
+        They act on one of its joints. Candidates whose evidence is far below the
+        effect's are not refined.
         """
-        joints = _joints_of(group)
-        fit = self.score.fit(self.nuisances.around(group[0], others), self.fit)
+        fit = self.score.fit(self.nuisances.around(term, others), self.fit)
         candidates = self.top_candidates(
             fit,
             others,
-            on=joints,
-            beyond=evidence,
-            exact_joints=len(group) > 1,
+            on=term.joints,
+            beyond=term.evidence,
         )
-        if self.in_reference.issuperset(t.key for t in group):
+        if term.key in self.in_reference:
             # The columns of effects that need the torque (a gain, a delay) hold the
-            # group's torque: there they would explain the group by itself.
+            # effect's torque: there they would explain it by itself.
             candidates = [t for t in candidates if not t.form.effect.needs_torque]
         return candidates
 
@@ -472,7 +456,7 @@ class Search:
         plus 4 %) or within the margin while it is simpler, or while the effect only
         refines it.
         """
-        other = self._best_replacement([term], candidates)
+        other = self._best_replacement(term, candidates)
         if other is None:
             return None
         J = term.evidence
@@ -489,41 +473,19 @@ class Search:
             return self._with_candidate_if_it_stays(other, others)
         return None
 
-    def merge_one_effect(
-        self, terms: Sequence[ScoredEffect]
-    ) -> list[ScoredEffect] | None:
-        """Replace effects of one kind on several joints by one that acts on all these
-        joints.
-
-        The merged effect may have less evidence than the group by the margin of J = 10
-        plus 4 %, since it is simpler. Returns the new list of effects, or None where no
-        group can be merged.
-        """
-        for group in self.mergeable_groups(terms):
-            others = [t for t in terms if t not in group]
-            J = sum(t.evidence for t in self.score_jointly(group, others))
-            candidates = self._candidates_to_replace(group, others, J)
-            merged = self._best_replacement(group, candidates)
-            margin = EVIDENCE_TO_ADD + LAW_TOLERANCE * max(J, 0.0)
-            if merged is not None and J - margin < merged.evidence:
-                after = self._with_candidate_if_it_stays(merged, others)
-                if after is not None:
-                    return after
-        return None
-
     def _best_replacement(
         self,
-        group: Sequence[ScoredEffect],
+        term: ScoredEffect,
         candidates: Sequence[ScoredEffect],
     ) -> ScoredEffect | None:
-        """Return the simplest of the best candidates to replace a group, or None.
+        """Return the simplest of the best candidates to replace an effect, or None.
 
-        None: no candidate has J > EVIDENCE_TO_ADD, or the best one is a member of the
-        group.
+        None: no candidate has J > EVIDENCE_TO_ADD, or the best one is the effect itself
+        with other constants.
         """
         convincing = [t for t in candidates if t.evidence > EVIDENCE_TO_ADD]
         replacement = self.simplest(convincing)
-        if replacement is None or replacement.key in {t.key for t in group}:
+        if replacement is None or replacement.key == term.key:
             return None
         return replacement
 
@@ -540,30 +502,6 @@ class Search:
         """
         after = self.drop_weak([*others, other])
         return after if any(t.key == other.key for t in after) else None
-
-    def mergeable_groups(
-        self, terms: Sequence[ScoredEffect]
-    ) -> list[list[ScoredEffect]]:
-        """List the groups of effects that one candidate on several joints might
-        replace.
-
-        A group has one effect's name (such as a delay of joint 1 and a delay of joint
-        2); it is a pair, or all effects of that name. The library must hold a candidate
-        that acts on exactly the group's joints. Empty where the rule
-        ``merge_one_effect`` is switched off.
-        """
-        if not self.rules.merge_one_effect:
-            return []
-        batches = self.library.batches
-        joint_sets = {frozenset(b.joints) for b in batches if len(b.joints) > 1}
-        findings = [t for t in terms if not t.form.replaces_own_constant]
-        groups = list[list[ScoredEffect]]()
-        for name in dict.fromkeys(t.key[0] for t in findings):
-            same_effect = [t for t in findings if t.key[0] == name]
-            groups += [list(pair) for pair in combinations(same_effect, 2)]
-            if len(same_effect) > 2:
-                groups.append(same_effect)
-        return [g for g in groups if _joints_of(g) in joint_sets]
 
     @staticmethod
     def equivalence_set(
@@ -609,25 +547,6 @@ class Search:
             terms = [t for t in out.terms if t is not weakest]
         out.fit = out.score.fit(out.terms)
         return out
-
-
-def _acts_on(
-    batch: Batch,
-    joints: frozenset[int],
-    exactly: bool,
-) -> bool:
-    """Return whether a batch's candidates act on some of the joints (from 0).
-
-    ``exactly``: whether they act on all of these joints and no others.
-    """
-    if exactly:
-        return joints == frozenset(batch.joints)
-    return bool(joints & frozenset(batch.joints))
-
-
-def _joints_of(group: Sequence[ScoredEffect]) -> frozenset[int]:
-    """Return all joints (from 0) on which the effects of a group act."""
-    return frozenset[int]().union(*(t.joints for t in group))
 
 
 def _best_law_of_each_candidate(

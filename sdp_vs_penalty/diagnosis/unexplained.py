@@ -49,9 +49,7 @@ class Remainder:
     outlier_rows: NDArray[np.bool_]
 
 
-def unexplained_error(
-    search: Search, outlier_rows: NDArray[np.bool_] | None = None
-) -> Remainder:
+def unexplained_error(search: Search) -> Remainder:
     """Return the torque that all findings leave beyond the noise, while joints slide.
 
     A joint counts as unexplained if this raises its error by a tenth (a variance 1.2
@@ -62,8 +60,6 @@ def unexplained_error(
     ----------
     search
         The findings beside the model.
-    outlier_rows
-        (M, n) rows of events, which are no evidence. Default: they are looked for.
 
     Returns
     -------
@@ -73,13 +69,8 @@ def unexplained_error(
     data = search.data
     fit = search.fit
     residual = least_squares_refit(data, [t.form.effect for t in search.terms])[1]
-    if outlier_rows is None:
-        outlier_rows = outliers(
-            data,
-            (fit.residual * fit.level[:, None]).T,
-            residual,
-        )
-    return remainder(data, fit, residual, outlier_rows)
+    white = (fit.residual * fit.level[:, None]).T
+    return remainder(data, fit, residual, outliers(data, white, residual))
 
 
 def remainder(

@@ -32,14 +32,13 @@ def tag(
     ``style`` are its CSS classes. Further attributes are written with underscores
     (``aria_label``, ``for_``); one that is False is left out.
     """
-    element_made = TextElement(tag=name, text=text).classes(style)
-    attributes_given = {
-        key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()
-    }
-    element_made.props.update(
-        {key: value for key, value in attributes_given.items() if value is not False}
-    )
-    return element_made
+    element = TextElement(tag=name, text=text).classes(style)
+    props = {}
+    for key, value in attributes.items():
+        if value is not False:
+            props[key.rstrip("_").replace("_", "-")] = value
+    element.props.update(props)
+    return element
 
 
 def note(text: str) -> None:
@@ -223,25 +222,19 @@ def draw_form(options: Sequence[Action], values: dict[str, str]) -> None:
         else:
             values.pop(name, None)
 
-    for o in options:
-        key = f"option-{o.dest}"
-        now = values.get(o.dest, "")
-        write = partial(put, o.dest)
-        if o.nargs == 0:
-            check(
-                option_help(o),
-                bool(now),
-                lambda on, write=write: write("yes" * on),  # type: ignore[misc]
-                key,
-            )
+    def put_flag(name: str, is_set: bool) -> None:
+        put(name, "yes" if is_set else "")
+
+    for option in options:
+        name = option.dest
+        key = f"option-{name}"
+        value = values.get(name, "")
+        label = option_help(option)
+        if option.nargs == 0:
+            check(label, bool(value), partial(put_flag, name), key)
         else:
-            text_field(
-                option_help(o),
-                now,
-                write,
-                key,
-                str(o.metavar),
-            )
+            example = str(option.metavar)
+            text_field(label, value, partial(put, name), key, example)
 
 
 def option_help(option: Action) -> str:

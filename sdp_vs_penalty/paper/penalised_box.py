@@ -359,8 +359,9 @@ class BoxedProblem:
         """
         problem = self.problem
         limit = problem.slack_limits(weight)
+        # First moments are no variables: h = m c with fixed c.
         fold = self._fold_centres(c, problem.p + len(limit))
-        columns = np.flatnonzero(fold.any(axis=0))
+        columns = np.flatnonzero(fold.any(axis=0))  # of the remaining variables
         number = np.full(len(fold), -1)
         number[columns] = np.arange(len(columns))
         constraints = [
@@ -485,6 +486,7 @@ class BoxedProblem:
         BoxedOptimum
             Best point and certified bound.
         """
+        # A heap by lower bounds; the number of a cell decides between equal ones.
         number = count()
         cell = self._solved_cell(weight, self.c_low, self.c_high)
         cells = [(cell.lower, next(number), cell)]
@@ -680,11 +682,8 @@ def _fold(
     fold : (k, k) matrix from the remaining variables to all of them; number : (k,)
     index of each remaining variable among those.
     """
-    local = fold[c.indices]
-    used = np.flatnonzero(local.any(axis=0))
-    coefficients = np.tensordot(
-        local[:, used].T,
-        c.coefficients,
-        axes=(1, 0),
-    )
+    rows = fold[c.indices]  # of the variables in this constraint
+    used = np.flatnonzero(rows.any(axis=0))
+    # sum_i fold[i, j] coefficients[i, ...] for each remaining variable j
+    coefficients = np.tensordot(rows[:, used].T, c.coefficients, axes=(1, 0))
     return replace(c, indices=number[used], coefficients=coefficients)

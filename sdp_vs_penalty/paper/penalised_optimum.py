@@ -173,14 +173,14 @@ class PenalisedProblem:
         moments = self.task.links[:, list(self.moments)]
         return [
             Constraint(
-                "moments",
-                f"link {k}",
-                "nonnegative",
-                m,
-                self.bound[m],
-                -np.eye(3),
+                family="moments",
+                name=f"link {number}",
+                cone="nonnegative",
+                indices=indices,
+                constant=self.bound[indices],
+                coefficients=-np.eye(3),
             )
-            for k, m in enumerate(moments, start=1)
+            for number, indices in enumerate(moments, start=1)
         ]
 
     @cached_property
@@ -392,17 +392,18 @@ class PenalisedProblem:
         list of Constraint
             One for each slack.
         """
-        rows = np.array([[1.0, -1.0]])
+        # Two rows for a slack s: 0 + s >= 0 and limit - s >= 0.
+        coefficients = np.array([[1.0, -1.0]])
         return [
             Constraint(
-                "slack",
-                f"{k}",
-                "nonnegative",
-                np.array([k]),
-                np.array([0.0, x]),
-                rows,
+                family="slack",
+                name=f"{k}",
+                cone="nonnegative",
+                indices=np.array([k]),
+                constant=np.array([0.0, largest]),
+                coefficients=coefficients,
             )
-            for k, x in enumerate(limit, start=self.p)
+            for k, largest in enumerate(limit, start=self.p)
         ]
 
     def slack_limits(self, weight: float) -> Array:

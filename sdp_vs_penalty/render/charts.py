@@ -889,7 +889,6 @@ def styled(plot: Any, height: int) -> Any:
         "gridcolor": "rgba(128,128,128,0.25)",
         "zerolinecolor": "rgba(128,128,128,0.5)",
     }
-    axis["exponentformat"] = "e"  # not 50µ of a radian
-    return plot.update_layout(
-        template={"layout": {"xaxis": axis, "yaxis": axis}}
-    )  # of every panel
+    axis["exponentformat"] = "e"  # 5e-5 rad instead of 50µ
+    # A template holds for the axes of every panel.
+    return plot.update_layout(template={"layout": {"xaxis": axis, "yaxis": axis}})

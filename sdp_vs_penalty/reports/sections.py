@@ -607,12 +607,8 @@ def _scene(poses: Array) -> dict[str, Any]:
     The axes follow the joints (poses (joints, 4, 4)), not the ellipsoids: one that
     leaves them belongs to a link whose identified inertia is implausible for its mass.
     """
-    joints = np.array(
-        [
-            np.zeros(3),
-            *(pose[:3, 3] for pose in poses),
-        ]
-    )
+    joints = np.vstack([np.zeros(3), poses[:, :3, 3]])  # the base comes first
+    # A quarter of the arm's extent, which is at least 0.2 m.
     room = 0.25 * max(float(np.ptp(joints, axis=0).max()), 0.2)
     low = (joints.min(axis=0) - room).tolist()
     high = (joints.max(axis=0) + room).tolist()

@@ -143,15 +143,16 @@ class Table:
         between words, but not within a word of up to _LONGEST_WORD characters.
         """
         widths = []
-        for k, (column, is_number) in enumerate(
-            zip(self.columns(), self.numeric(), strict=True)
-        ):
-            lines = _in_lines(printable(self.headings[k])).splitlines()
+        columns = zip(self.columns(), self.numeric(), strict=True)
+        for k, (column, is_number) in enumerate(columns):
+            heading_lines = _in_lines(printable(self.headings[k])).splitlines()
             longest = max(map(len, column), default=0)
-            if k > 0 and not is_number and longest > _SHORT:
+            is_wrapped = k > 0 and not is_number and longest > _SHORT
+            if is_wrapped:
                 words = [word for cell in column for word in cell.split()]
-                longest = min(max(map(len, words), default=0), _LONGEST_WORD)
-            widths.append(max([longest, *map(len, lines)]))
+                longest_word = max(map(len, words), default=0)
+                longest = min(longest_word, _LONGEST_WORD)
+            widths.append(max([longest, *map(len, heading_lines)]))
         return widths
 
     @property
@@ -176,20 +177,20 @@ class Table:
             Each repeats the first column; only the first table has the title.
         """
         first, *others = range(len(self.headings))
+        margin = 2
         groups: list[list[int]] = []
-        used = width + 1
+        used = width + 1  # so that the first column begins a group
         for k in others:
-            needed = self._widths[k] + 2
+            needed = self._widths[k] + margin
             if used + needed > width:
                 groups.append([first])
-                used = self._widths[first] + 2
+                used = self._widths[first] + margin
             groups[-1].append(k)
             used += needed
-        blocks = [self._with_columns(columns) for columns in groups] or [self]
-        return [
-            blocks[0],
-            *(replace(block, title="") for block in blocks[1:]),
-        ]
+        if not groups:
+            return [self]
+        first_block, *more = [self._with_columns(columns) for columns in groups]
+        return [first_block, *(replace(block, title="") for block in more)]
 
     def _with_columns(self, columns: Sequence[int]) -> Table:
         """Return the same table with these columns (from 0) only."""
@@ -294,8 +295,8 @@ class Table:
         """Return the table as a pandas data frame with the unformatted cells."""
         import pandas
 
-        columns = list(self.headings)
-        return pandas.DataFrame(list(map(list, self.rows)), columns=columns)
+        rows = [list(row) for row in self.rows]
+        return pandas.DataFrame(rows, columns=list(self.headings))
 
 
 def _in_lines(heading: str) -> str:

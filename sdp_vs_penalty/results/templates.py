@@ -47,10 +47,5 @@ def mark_code(sentence: object) -> Markup:
     >>> str(mark_code("run `check` <b>"))
     'run <code>check</code> &lt;b&gt;'
     """
-    return Markup(
-        re.sub(
-            r"`([^`]*)`",
-            r"<code>\1</code>",
-            str(escape(sentence)),
-        )
-    )
+    escaped = str(escape(sentence))
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", escaped))

@@ -94,18 +94,7 @@ def total_mass_at_least(shift: float) -> Change:
     """
 
     def change(instance: Instance) -> Instance:
-        """Add the demand to an instance.
-
-        Parameters
-        ----------
-        instance : Instance
-            Which problem.
-
-        Returns
-        -------
-        Instance
-            With the demand.
-        """
+        """Return the instance with the demand on its total mass."""
         # Rows c0 + c1 m >= 0 with c1 < 0 limit a mass m to -c0 / c1.
         largest_total = 0.0
         for c in instance.constraints.convex:

@@ -553,24 +553,14 @@ class _Ride:
                     )
                 state = self.servo.step(state, course.command, h)
                 continue
+            # The measured torque at the middle of the step, and that of the loop.
             share = (m + 0.5) / self.substeps
             damping = None
             torque = (1.0 - share) * course.torque[k] + share * course.torque[k + 1]
             if self.loop is not None:
-                more, damping = self.added(
-                    state,
-                    k,
-                    share,
-                    h,
-                )
-                torque = torque + more
-            state = advance(
-                self.plant,
-                state,
-                torque,
-                h,
-                damping,
-            )
+                loop_torque, damping = self.added(state, k, share, h)
+                torque = torque + loop_torque
+            state = advance(self.plant, state, torque, h, damping)
         return state
 
 

@@ -40,23 +40,28 @@ def verb(
 
     effects = _effects(effect, from_, confident, only)
     estimate = model_from_options(model, gravity)
-    how: dict[str, Any] = {
-        "frozen": frozen,
-        "seed": seed,
-        "gain_uncertainty": gain_uncertainty,
-    }
     with console.progress("reading the measurements") as progress:
         runs = runs_for(estimate, data, window, test, test_window)
-        bigger = run(estimate, effects, runs.train, progress=progress, **how)
+        bigger = run(
+            estimate,
+            effects,
+            runs.train,
+            frozen=frozen,
+            seed=seed,
+            gain_uncertainty=gain_uncertainty,
+            progress=progress,
+        )
         models = {"before": estimate, "after": bigger}
         before, after = compare(models, runs.judge, noise_from=runs.judged_recordings)
-        checked = not consented(estimate, runs.train)
-        judged = after.verdict.to_dict()
-        bigger.provenance.update(
-            {"data": words(data, window), "checked": checked, "verdict": judged}
-        )
         judge = words(data, window) if test is None else words([test], test_window)
-        bigger.provenance["judged_data"] = judge
+        bigger.provenance.update(
+            {
+                "data": words(data, window),
+                "checked": not consented(estimate, runs.train),
+                "verdict": after.verdict.to_dict(),
+                "judged_data": judge,
+            }
+        )
         bigger.save(out)
     what = "the training data" if test is None else str(test)
     printing.before_after(before, after, estimate.robot.torque_units, what)

@@ -29,26 +29,35 @@ def verb(
         read_and_hold,
     )
     from sdp_vs_penalty.data.files import load_measurements
+    from sdp_vs_penalty.data.measurements import Measurements
     from sdp_vs_penalty.estimation.resampling import cross_validate
     from sdp_vs_penalty.formatting import number, plain_unit
     from sdp_vs_penalty.parallel import Workers
+    from sdp_vs_penalty.problem.problem import Problem
     from sdp_vs_penalty.results.table import Table
+
+    def read(problem_with_holds: Problem) -> list[Measurements]:
+        """Return all runs together, for the problem with its joints held."""
+        joints = problem_with_holds.robot.joint_names
+        return [load_measurements(*data, joints=len(joints), names=joints)]
 
     with console.progress("reading the measurements") as progress:
         robot, (runs,), hold = read_and_hold(
             lambda held: problem_from_options(problem, gravity, hold=held),
             hold,
-            lambda of: [
-                load_measurements(*data, joints=of.robot.n, names=of.robot.joint_names)
-            ],
+            read,
         )
-        how: dict[str, Any] = {
-            "effects": effects,
-            "folds": folds,
-            "seed": seed,
-        }
-        how |= {"known": parsed_known(known), "workers": Workers(jobs, scheduler)}
-        result = cross_validate(robot, runs, method, progress=progress, **how)
+        result = cross_validate(
+            robot,
+            runs,
+            method,
+            effects=effects,
+            folds=folds,
+            seed=seed,
+            known=parsed_known(known),
+            workers=Workers(jobs, scheduler),
+            progress=progress,
+        )
     console.say(result.verdict, style="bold")
     console.paragraph(result.how)
     names = [

@@ -25,6 +25,7 @@ def verb(
     from sdp_vs_penalty.cli.options import Parser
     from sdp_vs_penalty.cli.verbs import convert, identify
 
+    # Options of two verbs that the page shows as fields, by the step that offers them.
     offered: dict[str, tuple[Any, str]] = {
         "identify": (identify, "window filters bounds solver gain_uncertainty jobs"),
         "robot": (identify, "gravity"),

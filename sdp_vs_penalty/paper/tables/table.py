@@ -73,18 +73,7 @@ def register_table(
     """
 
     def register(build: Callable[[Any], Table]) -> TableSpec:
-        """Make the registration of a building function.
-
-        Parameters
-        ----------
-        build : callable
-            From a study to a Table.
-
-        Returns
-        -------
-        TableSpec
-            The registration.
-        """
+        """Return the registration of a function that builds a table."""
         return TableSpec(name, summary_line(build), build, problems, slow)
 
     return register

@@ -322,7 +322,8 @@ class _Data:
         -------
         (M n, b + 3 n) array
         """
-        return (self.columns(x) * weights[:, None]).reshape(-1, len(x))
+        weighted = self.columns(x) * weights[:, None]  # (M, n, b + 3 n)
+        return weighted.reshape(-1, len(x))
 
     def columns(self, x: Array) -> Array:
         """Return the derivative of the torque of all rows by x.

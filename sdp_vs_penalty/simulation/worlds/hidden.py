@@ -891,12 +891,11 @@ def _wrench(world: World, joint: int, rng: Generator) -> Hidden:
 
     def change(world: World, motion: TrueMotion, size: float) -> Array:
         data = world.built.createData()
-        return np.array(
-            [
-                -size * (world.arm.last_jacobian(world.built, data, q).T @ force)
-                for q in motion.q
-            ]
-        )
+        torques_of_rows = []
+        for q in motion.q:
+            jacobian = world.arm.last_jacobian(world.built, data, q)
+            torques_of_rows.append(-size * (jacobian.T @ force))
+        return np.array(torques_of_rows)
 
     return Hidden((), change, None)
 
