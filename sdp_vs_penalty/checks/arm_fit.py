@@ -23,8 +23,8 @@ _SHARE_LEFT_BY_ARM = 1e-3
 class RepairedRows:
     """M rows of n joints under one repair of the motion.
 
-    Columns of one joint alone (friction, rotor, offset: "own" columns) are projected out
-    of the s columns that joints share (links).
+    Columns of one joint alone (friction, rotor, offset: "own" columns) are projected
+    out of the s columns that joints share (links).
 
     basis (n, M, k) : orthonormal basis of each joint's own columns; raw (n, M, s) :
     shared columns; projected (n, M, s) : shared columns with the basis projected out;
@@ -32,6 +32,8 @@ class RepairedRows:
     """
 
     def __init__(self, basis: Array, raw: Array) -> None:
+        """Project the basis (n, M, k) of own columns out of the shared columns raw (n,
+        M, s)."""
         self.basis = basis
         self.raw = raw
         in_basis = np.swapaxes(basis, 1, 2) @ raw  # (n, k, s)
@@ -47,7 +49,18 @@ class RepairedRows:
 
     def project_out_own(self, y: Array) -> Array:
         """Return K torques or columns y (n, M, K) without what each joint's own columns
-        explain of them, y - B B^T y."""
+        explain of them, y - B B^T y.
+
+        Parameters
+        ----------
+        y : (n, M, K) array
+            Torques or columns.
+
+        Returns
+        -------
+        (n, M, K) array
+            What is left of them.
+        """
         in_basis = np.swapaxes(self.basis, 1, 2) @ y
         return np.asarray(y - self.basis @ in_basis)
 
@@ -173,8 +186,8 @@ class ArmFit:
     ) -> Array:
         """Return the falls (n, K) of log S_j by K further columns x of joint j.
 
-        To first order S_j falls by (x . r)^2 / v, with v the square of what is left of x
-        beside the joint's own columns and the arm's parameters.
+        To first order S_j falls by (x . r)^2 / v, with v the square of what is left of
+        x beside the joint's own columns and the arm's parameters.
 
         on_residual (n, K) : products of x with the residual r; on_arm (n, K, s) : with
         the arm's columns; on_basis (n, K, k) : with the basis; squares (n, K) : x . x.
@@ -196,9 +209,9 @@ class ArmFit:
     def independent_rows(self) -> float:
         """Number of independent samples in M correlated rows of the residual.
 
-        It is M / (1 + 2 sum_k rho_k), rho_k the autocorrelation of the residual at lag k,
-        summed up to the first lag at which it is not positive (Geyer 1992); the median
-        over the moving joints.
+        It is M / (1 + 2 sum_k rho_k), rho_k the autocorrelation of the residual at lag
+        k, summed up to the first lag at which it is not positive (Geyer 1992); the
+        median over the moving joints.
         """
         left = self.residual[self.moving]
         n_rows = self.channels.shape[1]

@@ -27,7 +27,18 @@ _IN_DEGREES_A_SECOND = 8.0
 
 def find_channels_without_numbers(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error for each channel without a number in any row: deleting rows cannot
-    help."""
+    help.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     for name, x in glance.run.groups.items():
         for j in np.flatnonzero(~np.any(np.isfinite(x), axis=0)):
             yield Issue.of(
@@ -46,6 +57,16 @@ def find_wrapped_angles(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error where revolute positions jump by a full turn between two rows.
 
     A jump by 2 pi is a wrapped angle; by 360, the position is in degrees as well.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     steps = np.abs(np.diff(glance.run.q, axis=0))
     is_revolute = _revolute_joints(glance.robot)
@@ -122,12 +143,26 @@ def _in_radians(
     factor = float(np.radians(1.0))
     q = run.q * factor
     if unwrap:
-        q = _into_range(robot, np.unwrap(run.q, period=360.0, axis=0) * factor)
+        q = _into_range(
+            robot,
+            np.unwrap(
+                run.q,
+                period=360.0,
+                axis=0,
+            )
+            * factor,
+        )
     q = np.where(is_revolute, q, run.q)
     if run.dq is None:
         return replace(run, q=q)
     logged = np.abs(run.dq).sum(axis=0)
-    derived = np.abs(np.gradient(q, run.t, axis=0)).sum(axis=0)
+    derived = np.abs(
+        np.gradient(
+            q,
+            run.t,
+            axis=0,
+        )
+    ).sum(axis=0)
     in_degrees = is_revolute & (logged > _IN_DEGREES_A_SECOND * derived)
     dq = np.where(in_degrees, run.dq * factor, run.dq)
     return replace(run, q=q, dq=dq)
@@ -145,8 +180,19 @@ def _into_range(robot: Robot, q: Array) -> Array:
 
 
 def find_degrees(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where most revolute positions are far outside their ranges, and all
-    are inside if they are in degrees."""
+    """Yield an error where most revolute positions are far outside their ranges, and
+    all are inside if they are in degrees.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     is_revolute = _revolute_joints(glance.robot)
     far = far_outside(glance.robot, glance.run.q)
     if not far or not is_revolute[list(far)].all():
@@ -163,7 +209,18 @@ _SHARE_OF_VARIANCE = 0.999
 
 def find_lockstep_motion(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where joints move in proportion to each other (in lockstep): then
-    nothing shows which torque or channel belongs to which of them."""
+    nothing shows which torque or channel belongs to which of them.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     moving = np.flatnonzero(glance.moving)
     if len(moving) < 2:
         return
@@ -194,6 +251,16 @@ def lockstep_groups(q: Array) -> list[list[int]]:
 
     The columns of a group correlate by more than LOCKSTEP with its first one, whatever
     the sign. No column is in two groups; groups of one are left out.
+
+    Parameters
+    ----------
+    q : (N, n) array
+        Positions [rad, m].
+
+    Returns
+    -------
+    list of list of int
+        Numbers of the columns of each group.
     """
     size = np.std(q, axis=0)
     z = (q - q.mean(axis=0)) / nonzero_or_one(size)
@@ -212,7 +279,18 @@ def lockstep_groups(q: Array) -> list[list[int]]:
 
 def motion_rank(q: Array) -> int:
     """Return the number of principal directions that hold 99.9 % of the variance of
-    positions q (N, n), each joint scaled to variance 1."""
+    positions q (N, n), each joint scaled to variance 1.
+
+    Parameters
+    ----------
+    q : (N, n) array
+        Positions [rad, m].
+
+    Returns
+    -------
+    int
+        Rank of the motion.
+    """
     z = (q - q.mean(axis=0)) / nonzero_or_one(np.std(q, axis=0))
     power = np.linalg.svd(z, compute_uv=False) ** 2
     shares = np.cumsum(power) / power.sum()
@@ -220,7 +298,18 @@ def motion_rank(q: Array) -> int:
 
 
 def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error where no joint moves, or a warning about joints that never do."""
+    """Yield an error where no joint moves, or a warning about joints that never do.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     sure = "certain: the positions change by noise only"
     joints = np.flatnonzero(~glance.moving)
     if not glance.moving.any():
@@ -256,7 +345,18 @@ def find_idle_joints(glance: RunSummary) -> Iterator[Issue]:
 
 def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning about joints whose positions leave the range, while their travel
-    fits into it: the encoder's zero is the usual cause."""
+    fits into it: the encoder's zero is the usual cause.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     if joints := beside_range(glance.robot, glance.run.q):
         yield Issue.of(
             kind="encoder offset",
@@ -270,8 +370,19 @@ def find_positions_outside_range(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_bad_torque_channels(glance: RunSummary) -> Iterator[Issue]:
-    """Yield issues about torque channels that never change, that are clipped at a limit,
-    or that hold magnitudes without their sign."""
+    """Yield issues about torque channels that never change, that are clipped at a
+    limit, or that hold magnitudes without their sign.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     unsigned = []
     for j, x in enumerate(glance.run.tau.T):
         if not np.ptp(x):
@@ -312,8 +423,8 @@ def _clipped(
     j: int,
     x: Array,
 ) -> Iterator[Issue]:
-    """Yield a warning where the torque x (N,) of joint j stays exactly at its largest or
-    smallest value for long, and is never constant for as long elsewhere."""
+    """Yield a warning where the torque x (N,) of joint j stays exactly at its largest
+    or smallest value for long, and is never constant for as long elsewhere."""
     parts = spans(np.diff(x) == 0.0)  # stretches of one value: first row, last row
     lengths = np.diff(parts)[:, 0] + 1
     values = x[parts[:, 0]]
@@ -349,14 +460,15 @@ _ONE_POSE = 0.1
 
 
 def _is_unsigned(torque: Array, q: Array) -> bool:
-    """Whether a torque (N,) is a magnitude: where its sign would change it turns back at
-    zero in a corner.
+    """Whether a torque (N,) is a magnitude: where its sign would change it turns back
+    at zero in a corner.
 
     A stretch below a fifth of the largest torque is a corner if its values come down
     from there to within one usual step of zero, and their mean is half the height, as
     of a V. A smooth torque comes so near to zero by chance only, with odds of that step
-    to the fifth. A constant level near zero, as of a coarse current at rest, has no such
-    range. Corners in one pose q (n,), as of a motion that repeats itself, count once.
+    to the fifth. A constant level near zero, as of a coarse current at rest, has no
+    such range. Corners in one pose q (n,), as of a motion that repeats itself, count
+    once.
     """
     touches_zero = 0.0 <= torque.min() <= 0.01 * torque.max()
     if not touches_zero:
@@ -386,21 +498,30 @@ _LARGEST_PERMIL = 4000.0
 
 def find_torques_in_counts(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where every torque is a whole number, of many different ones:
-    counts of a drive, and not N m."""
+    counts of a drive, and not N m.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     tau = glance.run.tau[:, glance.moving]
     n_values = [len(np.unique(x)) for x in tau.T]
-    if np.all(tau == np.round(tau)) and np.min(n_values) > _FEWEST_COUNTS:
+    is_whole = bool(np.all(tau == np.round(tau)))
+    if is_whole and np.min(n_values) > _FEWEST_COUNTS:
         largest = float(np.abs(tau).max())
+        unit = ", as permil of its rated torque" if largest <= _LARGEST_PERMIL else ""
         yield Issue.of(
             kind="torque in counts",
             severity="warning",
             joints=(),
-            what=f"every torque is a whole number, up to {largest:.4g}: counts of the drive"
-            + (
-                ", as permil of its rated torque."
-                if largest <= _LARGEST_PERMIL
-                else "."
-            ),
+            what=f"every torque is a whole number, up to {largest:.4g}: counts of the"
+            f" drive{unit}.",
             certainty="likely: the whole numbers are read from the file, not what they"
             " count",
             remedy="multiply each channel by its rated torque / 1000 (or its gain, gear"
@@ -416,8 +537,8 @@ def find_coarse_sampling(
     motion: Motion,
     settings: Preprocessing,
 ) -> Iterator[Issue]:
-    """Yield warnings where positions are too coarse to be differentiated twice: in time,
-    for the fastest harmonic of the motion, or in their resolution.
+    """Yield warnings where positions are too coarse to be differentiated twice: in
+    time, for the fastest harmonic of the motion, or in their resolution.
 
     Parameters
     ----------
@@ -428,9 +549,9 @@ def find_coarse_sampling(
     settings : Preprocessing
         The filters, resolved.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         About the sample rate, and about each joint's resolution.
     """
     rate = 1.0 / glance.usual_step
@@ -471,8 +592,8 @@ def _quantised(
 
     The error of rounding to steps d has variance d^2 / 12, and changes with the level,
     so that its spectrum is flat up to the rate of changes. The part below the cut-off f
-    [Hz] of the filter stays. A second derivative weighs its power with (2 pi f)^4, whose
-    mean over the band is a fifth of that: hence the root of 60.
+    [Hz] of the filter stays. A second derivative weighs its power with (2 pi f)^4,
+    whose mean over the band is a fifth of that: hence the root of 60.
     """
     x = glance.run.q[:, j]
     step = lattice_step(x)

@@ -158,7 +158,14 @@ def _facts_of_windows(
                 error,
                 "certain: read from the file",
             )
-            return [Report(run.names[0], (issue,), run, run)]
+            return [
+                Report(
+                    run.names[0],
+                    (issue,),
+                    run,
+                    run,
+                )
+            ]
     return [judge_facts(problem, window, settings) for window in windows]
 
 
@@ -185,7 +192,12 @@ def judge_facts(problem: Problem, run: Measurements, settings: Preprocessing) ->
     if not len(run.t):
         error = InputError("there are no rows", "log the motion", run.names[0])
         issue = Issue.of_refusal("no rows", error, "certain: read from the file")
-        return Report(run.names[0], (issue,), run, run)
+        return Report(
+            run.names[0],
+            (issue,),
+            run,
+            run,
+        )
     issues, work, fixed = mended(run, problem.robot, settings.standstill)
     report = Report(
         run.names[0],

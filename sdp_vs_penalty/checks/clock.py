@@ -37,6 +37,16 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
 
     The time steps are outside those of any log in seconds; of the units that bring them
     inside, the one is named that makes the arm's speed nearest to 1 rad/s.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     shortest, longest = _STEPS
     factors = {name: UNITS[unit] for name, unit in _UNITS.items()}
@@ -49,7 +59,11 @@ def find_time_unit(glance: RunSummary) -> Iterator[Issue]:
         return
     # Speed of the faster tenth of the motion, of the median joint.
     q = glance.run.q[:, glance.moving]
-    travel = np.quantile(np.abs(q[10:] - q[:-10]), 0.9, axis=0)
+    travel = np.quantile(
+        np.abs(q[10:] - q[:-10]),
+        0.9,
+        axis=0,
+    )
     speed = float(np.median(travel)) / (10.0 * glance.usual_step)
     unit = min(fits, key=lambda name: abs(np.log(speed / fits[name])))
     factor = fits[unit]
@@ -83,6 +97,16 @@ def find_time_backwards(glance: RunSummary) -> Iterator[Issue]:
 
     The clock was set back, several runs are in the file, or, where fewer than RUN rows
     lie between, rows are misplaced; the repair differs.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     bad = np.flatnonzero(glance.steps < 0.0)
     if not len(bad):
@@ -138,6 +162,16 @@ def find_coarse_stamps(glance: RunSummary) -> Iterator[Issue]:
     the clock was printed with too few digits.
 
     The repair spaces the rows evenly between two gaps, so that none is lost.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     is_same = glance.steps == 0.0
     changes = np.diff(glance.run.q, axis=0)[is_same]
@@ -170,8 +204,8 @@ def _spaced_evenly(run: Measurements, step: float) -> Measurements:
 
 
 def _even(t: Array) -> Array:
-    """Return evenly spaced times (N,): the line through rounded times t (N,) over the row
-    number, by least squares."""
+    """Return evenly spaced times (N,): the line through rounded times t (N,) over the
+    row number, by least squares."""
     if len(t) <= 2:
         return t
     row = np.arange(len(t)) - 0.5 * (len(t) - 1)  # from the middle
@@ -180,7 +214,18 @@ def _even(t: Array) -> Array:
 
 
 def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an error about single rows with the time of the row before."""
+    """Yield an error about single rows with the time of the row before.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     bad = np.concatenate([[False], glance.steps == 0.0])
     same = bool(np.all(np.diff(glance.run.q, axis=0)[bad[1:]] == 0.0))
     how = "are copies of the row before" if same else "differ from the row before"
@@ -197,7 +242,18 @@ def find_repeated_time(glance: RunSummary) -> Iterator[Issue]:
 
 def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning for each stretch in which the rows are a whole number of times
-    farther apart, steadily: the logger wrote every second or third row only."""
+    farther apart, steadily: the logger wrote every second or third row only.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     usual = glance.usual_step
     if not usual:
         return
@@ -223,7 +279,18 @@ def find_changes_of_rate(glance: RunSummary) -> Iterator[Issue]:
 
 def find_uneven_stamps(glance: RunSummary) -> Iterator[Issue]:
     """Yield a warning where stamps jitter, or come in bursts, although the samples were
-    taken evenly: positions are smoother over the row number than over time."""
+    taken evenly: positions are smoother over the row number than over time.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     # Steps longer than this are gaps; packets may come in bursts of many short steps.
     pause = TIMES * max(glance.usual_step, float(np.quantile(glance.steps, 0.97)))
     is_inner = (glance.steps[1:] < pause) & (glance.steps[:-1] < pause)
@@ -274,13 +341,31 @@ def _evened(run: Measurements, pause: float) -> Measurements:
     ``pause`` [s]; the first and last stamp of each part stay."""
     edges = np.flatnonzero(np.diff(run.t) > pause) + 1
     parts = np.split(run.t, edges)
-    even = [np.linspace(part[0], part[-1], len(part)) for part in parts]
+    even = [
+        np.linspace(
+            part[0],
+            part[-1],
+            len(part),
+        )
+        for part in parts
+    ]
     return replace(run, t=np.concatenate(even))
 
 
 def find_time_jumps(glance: RunSummary) -> Iterator[Issue]:
     """Yield warnings about long time steps: where the motion goes on, the clock was set
-    ahead; elsewhere, samples are missing."""
+    ahead; elsewhere, samples are missing.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     is_long = glance.steps > max(TIMES * glance.usual_step, 0.02)
     for issue in find_changes_of_rate(glance):
         first, last = issue.figures["rows"]

@@ -73,7 +73,8 @@ class LoggerJudge:
 
     reports : of all runs, with their facts; logs : by the run's number, the rows of
     those whose dynamics can be judged; only_in : by the run's number, what is repaired
-    in that run alone; issues_of_one : by the run's number, the issues of that run alone.
+    in that run alone; issues_of_one : by the run's number, the issues of that run
+    alone.
     """
 
     def __init__(
@@ -82,6 +83,11 @@ class LoggerJudge:
         reports: Sequence[Report],
         settings: Preprocessing,
     ) -> None:
+        """Filter the rows of each run whose dynamics can be judged; a run too short for
+        the filters gets an issue instead.
+
+        reports : of all runs, with their facts.
+        """
         self.problem = problem
         self.settings = settings
         self.reports = [*reports]
@@ -153,16 +159,8 @@ class LoggerJudge:
         ]
         if len(numbers) < 2:
             return False
-        comparison = RunComparison(
-            [
-                RunLog(
-                    self.logs[k],
-                    net,
-                    self.reports[k].run,
-                )
-                for k in numbers
-            ]
-        )
+        runs = [RunLog(self.logs[k], net, self.reports[k].run) for k in numbers]
+        comparison = RunComparison(runs)
         is_one_joint = comparison.worst_error_ratio >= TIMES
         differs = (
             comparison.is_one_arm_worse(1.0)
@@ -178,7 +176,7 @@ class LoggerJudge:
         issue = comparison.issue(cause)
         known = [(f.kind, f.where) for f in self.issues_of_one[number]]
         if (issue.kind, issue.where) in known:
-            return False
+            return False  # its repair did not help: without this it would come for ever
         self.issues_of_one[number].append(issue)
         repair = cause.log_repair(self.logs[number].as_logged)
         return repair is not None and self._try_to_repair(number, repair)
@@ -317,27 +315,75 @@ class LoggerJudge:
 
 
 def with_issues(report: Report, issues: Sequence[Issue]) -> Report:
-    """Return the report with more issues behind its own."""
+    """Return the report with more issues behind its own.
+
+    Parameters
+    ----------
+    report : Report
+        Of one run.
+    issues : sequence of Issue
+        In any order.
+
+    Returns
+    -------
+    Report
+        With these issues as well.
+    """
     return replace(report, issues=(*report.issues, *issues))
 
 
 def has_dynamics(report: Report) -> bool:
     """Whether the dynamics of a run can be judged: torques were logged, and no fact
-    rules it out."""
+    rules it out.
+
+    Parameters
+    ----------
+    report : Report
+        Of one run.
+
+    Returns
+    -------
+    bool
+        Whether they can be judged.
+    """
     stops = any(f.kind in NO_DYNAMICS for f in report.issues)
     return report.repaired_all.torque_logged and not stops
 
 
 def is_poor(report: Report) -> bool:
-    """Whether the motion of a run is poor: it has at most half as many directions (rank)
-    as joints that move."""
+    """Whether the motion of a run is poor: it has at most half as many directions
+    (rank) as joints that move.
+
+    Parameters
+    ----------
+    report : Report
+        Of one run.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     ranks = [f.figures for f in report.issues if f.kind == "lockstep motion"]
     return any(2 * x["rank"] <= x["moving"] for x in ranks)
 
 
 def is_explained_by_a_fact(issue: Issue, report: Report) -> bool:
     """Whether a fact of the run already explains an issue: all its joints are clipped,
-    or a one-off event lies where rows are missing."""
+    or a one-off event lies where rows are missing.
+
+    Parameters
+    ----------
+    issue : Issue
+        An explanation.
+    report : Report
+        Of one run.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     if issue.kind == "one-off event":
         return _is_near_gap(report.repaired_all, issue.figures["t"])
     clipped: set[int] = set()

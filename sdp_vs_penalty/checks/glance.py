@@ -28,7 +28,8 @@ CONTINUE = "continue the time at the usual step there"
 
 @dataclass(frozen=True)
 class RunSummary:
-    """What the rules about rows, clock and channels know of a run of N rows and n joints.
+    """What the rules about rows, clock and channels know of a run of N rows and n
+    joints.
 
     standstill : share of its usual speed below which the robot stands still [-].
     """
@@ -64,8 +65,22 @@ class RunSummary:
         time."""
         t = self.run.t
         q = self.run.q[:, j]
-        before = np.abs(np.interp(t - _QUARTER_SECOND, t, q) - q)
-        after = np.abs(np.interp(t + _QUARTER_SECOND, t, q) - q)
+        before = np.abs(
+            np.interp(
+                t - _QUARTER_SECOND,
+                t,
+                q,
+            )
+            - q
+        )
+        after = np.abs(
+            np.interp(
+                t + _QUARTER_SECOND,
+                t,
+                q,
+            )
+            - q
+        )
         travel = np.maximum(before, after)
         return np.asarray(travel <= self.standstill * travel.max())
 
@@ -121,8 +136,8 @@ class RunSummary:
         bad : mapping of str to (N,) bool array, or such an array
             Bad rows of each channel, by its name ("q1"); or bad rows of all channels.
         what : str
-            The sentence, with places for the figures ``{rows}``, ``{named}`` (channels),
-            ``{seconds}`` (the longest part) and ``{parts}``.
+            The sentence, with places for the figures ``{rows}``, ``{named}``
+            (channels), ``{seconds}`` (the longest part) and ``{parts}``.
         sure : str
             How certain it is, and why.
         unusable : bool
@@ -132,9 +147,9 @@ class RunSummary:
         **figures
             Further numbers for the sentence and JSON.
 
-        Yields
-        ------
-        Issue
+        Returns
+        -------
+        iterator of Issue
             At most one.
         """
         channels = bad if isinstance(bad, Mapping) else {"": bad}
@@ -175,8 +190,8 @@ class RunSummary:
     ) -> float:
         """Return the share of the measurements that is lost with some rows.
 
-        It is the largest of: the share of all rows, and of each channel the share of its
-        squares about its median.
+        It is the largest of: the share of all rows, and of each channel the share of
+        its squares about its median.
         """
         shares = [float(gone.mean())]
         for name, _, x in self.channels:
@@ -195,7 +210,15 @@ def _numbers_of_rows(columns: Sequence[Array]) -> NDArray[np.int64]:
     bits = _bits(columns)
     # Hash of a row: the sum of odd factors times its bit patterns, modulo 2^64. Different
     # rows share a hash once in 10^10 long runs.
-    factors = np.random.default_rng(0).integers(1, 1 << 62, bits.shape[1]) * 2 + 1
+    factors = (
+        np.random.default_rng(0).integers(
+            1,
+            1 << 62,
+            bits.shape[1],
+        )
+        * 2
+        + 1
+    )
     hashes = bits @ factors
     return np.unique(hashes, return_inverse=True)[1].ravel()
 

@@ -15,16 +15,20 @@ EXPLANATION = "explanation"
 
 @dataclass(frozen=True, kw_only=True)
 class Issue:
-    """kind : what is wrong, in two or three words; where : joints, channels, rows or
-    instants.
+    """One thing that the check has to say of a run, as a sentence and as figures.
 
-    severity : "error" (identification would be meaningless), "warning" (it would be worse than it
-        need be) or "note" (a fact worth knowing).
-    what, remedy : one sentence each. certainty : "certain", "likely" or "possible", and why.
-    repair : where mending is safe, how (``remedy`` in words); figures : the numbers behind it.
-    gravity : where gravity points instead [m/s^2], for an issue about it.
+    kind : what is wrong, in two or three words; where : joints, channels, rows or
+    instants; severity : "error" (identification would be meaningless), "warning" (it
+    would be worse than it need be) or "note" (a fact worth knowing).
+
+    what, remedy : one sentence each; certainty : "certain", "likely" or "possible", and
+    why; repair : how a run is repaired, where that is safe (``remedy`` in words);
+    figures : the numbers behind it; gravity : where gravity points instead [m/s^2], for
+    an issue about it.
+
     nature : FACT, which is read from the file, or EXPLANATION, which a model of the arm
-        gives: it competes with other explanations and is never an error.
+    gives: it competes with other explanations and is never an error. apply : the word
+    of `check --fix --apply`; equivalents : what explains as much, in words.
     """
 
     kind: str
@@ -66,7 +70,8 @@ class Issue:
         Parameters
         ----------
         kind, severity, what, certainty, remedy, repair, nature, apply
-            As the attributes of the issue. ``{where}`` in ``what`` stands for the place.
+            As the attributes of the issue. ``{where}`` in ``what`` stands for the
+            place.
         joints : sequence of int
             From 0; empty for an issue about no joint.
         where : str
@@ -115,7 +120,8 @@ class Issue:
 
     @property
     def mends(self) -> bool:
-        """Whether `check --fix` repairs it: it is a fact with a repair."""
+        """Whether `check --fix` repairs the issue by itself: it is a certain fact, and
+        has a repair."""
         is_certain = self.certainty.startswith("certain")
         return self.nature == FACT and self.repair is not None and is_certain
 
@@ -165,6 +171,17 @@ def rows_text(rows: Any) -> str:
 
 
 def gravest_first(issues: Sequence[Issue]) -> tuple[Issue, ...]:
-    """Sort issues by severity, errors first; those of one severity keep their order."""
+    """Sort issues by severity, errors first; those of one severity keep their order.
+
+    Parameters
+    ----------
+    issues : sequence of Issue
+        In any order.
+
+    Returns
+    -------
+    tuple of Issue
+        Sorted.
+    """
     grave = ("error", "warning", "note").index
     return tuple(sorted(issues, key=lambda issue: grave(issue.severity)))

@@ -60,12 +60,13 @@ _LEAST_SPARE_SHARE = 0.1
 class Likelihood:
     """Fit arms to the rows of one log under any repair, of M rows and n joints.
 
-    "Shared" columns belong to parameters that joints share (links); "own" columns to one
-    joint (friction, rotor, offset). What depends on a part of a repair is cached for all
-    repairs with that part.
+    "Shared" columns belong to parameters that joints share (links); "own" columns to
+    one joint (friction, rotor, offset). What depends on a part of a repair is cached
+    for all repairs with that part.
     """
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
+        """Prepare fits to the rows ``data`` of one log; nothing is computed yet."""
         self.problem = problem
         self.data = data
         self.n = len(data.moving)
@@ -88,7 +89,18 @@ class Likelihood:
     @classmethod
     def of_all_runs(cls, logs: Sequence[Likelihood]) -> Likelihood:
         """Return one likelihood of the rows of several runs of one robot, put one after
-        the other as one log; of a single run its own."""
+        the other as one log; of a single run its own.
+
+        Parameters
+        ----------
+        logs : sequence
+            Of one robot and one logger.
+
+        Returns
+        -------
+        Likelihood
+            Of their rows, at most as many as one log has.
+        """
         if len(logs) == 1:
             return logs[0]
         data = RegressionData.concatenate([log.data for log in logs])
@@ -106,12 +118,23 @@ class Likelihood:
 
     @cached_property
     def on_third_of_rows(self) -> Likelihood:
-        """The likelihood of every third row: enough to see which repairs are worth a fit
-        to all rows."""
+        """The likelihood of every third row: enough to see which repairs are worth a
+        fit to all rows."""
         return self.select_rows(slice(None, None, 3))
 
     def select_rows(self, rows: slice) -> Likelihood:
-        """Return the likelihood of a slice of the rows."""
+        """Return the likelihood of a slice of the rows.
+
+        Parameters
+        ----------
+        rows : slice
+            Which of the M rows.
+
+        Returns
+        -------
+        Likelihood
+            Of these rows.
+        """
         return Likelihood(self.problem, self.data.select_rows(rows))
 
     @cached_property
@@ -135,6 +158,16 @@ class Likelihood:
 
         Joint j takes channel k = tau_order[j], ``lead`` seconds later, straightened,
         with ``lag`` times its rate, and multiplied by ``gain``.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n, M) array
+            Torques.
         """
         if not any((*repair.lead, *repair.lag, *repair.bend)):
             # Most repairs leave time and shape of the channels as they are.
@@ -153,7 +186,18 @@ class Likelihood:
 
     def torque_mask(self, repair: LogTransform) -> Array:
         """Return (n, M): 1 where a joint's torque is used, 0 where the joint does not
-        slide, since friction at rest may be anything."""
+        slide, since friction at rest may be anything.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n, M) array
+            0 or 1.
+        """
         return self.data.torque_mask.T[list(repair.order)]
 
     def _interpolate_channels(self, lead: float) -> tuple[Array, Array]:
@@ -173,10 +217,25 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Motion:
-        """Return the motion (M, n) as repaired, the velocity multiplied by ``speed`` and
-        the acceleration by ``push``.
+        """Return the motion (M, n) as repaired, the velocity multiplied by ``speed``
+        and the acceleration by ``push``.
 
-        With both 0 the arm's torque is its weight; with speed 0 it is weight and inertia.
+        With both 0 the arm's torque is its weight; with speed 0 it is weight and
+        inertia.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        speed : float
+            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+        push : float
+            Factor of the acceleration: 0 leaves inertia out [-].
+
+        Returns
+        -------
+        Motion
+            States (M, n).
         """
         logged = self.data.motion
         order = list(repair.order)
@@ -192,7 +251,18 @@ class Likelihood:
 
     def rows(self, repair: LogTransform) -> RepairedRows:
         """Return the rows under a repair: all that does not depend on what is done to
-        the torque channels."""
+        the torque channels.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        RepairedRows
+            Cached for repairs of the same motion.
+        """
         return self._rows(repair.motion_part)
 
     def _make_rows(self, repair: LogTransform) -> RepairedRows:
@@ -203,7 +273,18 @@ class Likelihood:
         """Return the columns (n, M, s) of the s parameters that joints share, own
         columns not projected out; 0 where a joint's torque is not used.
 
-        Where a controller took a share of the weight out of a torque, so do the columns.
+        Where a controller took a share of the weight out of a torque, so do the
+        columns.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n, M, s) array
+            Columns.
         """
         return self._raw(repair.motion_part.with_defaults("events"))
 
@@ -221,8 +302,8 @@ class Likelihood:
         gravity: tuple[float, ...],
         longer: Numbers,
     ) -> Model | None:
-        """Return the model of what joints share under a gravity [m/s^2] of the base, each
-        joint ``longer`` metres farther from the one before; None where nothing is
+        """Return the model of what joints share under a gravity [m/s^2] of the base,
+        each joint ``longer`` metres farther from the one before; None where nothing is
         shared."""
         if self.data.shared is None:
             return None
@@ -261,22 +342,60 @@ class Likelihood:
         push: float = 1.0,
     ) -> Array:
         """Return the columns (n, M, s) of s independent parameters, which span those of
-        all that joints share; speed and push multiply velocity and acceleration."""
+        all that joints share; speed and push multiply velocity and acceleration.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        speed : float
+            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+        push : float
+            Factor of the acceleration: 0 leaves inertia out [-].
+
+        Returns
+        -------
+        (n, M, s) array
+            Columns.
+        """
         columns = self.columns(repair.arm_part, speed, push)
         return np.take(columns, self.data.independent, axis=2)
 
     def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
-        """Return the torque (M, n) of a plausible arm, with the problem's nominal links,
-        on the repaired motion [N m or N].
+        """Return the torque (M, n) of a plausible arm, with the problem's nominal
+        links, on the repaired motion [N m or N].
 
         Weight that the channels lack is left out. With speed 0 it is the whole weight
         alone.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        speed : float
+            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+
+        Returns
+        -------
+        (M, n) array
+            Torque.
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
-        columns = self.columns(repair.arm_part, speed, speed)[:, :, rigid]
+        columns = self.columns(
+            repair.arm_part,
+            speed,
+            speed,
+        )[:, :, rigid]
         links = self.problem.nominal_links.ravel()[: len(rigid)]
-        torque = np.asarray(np.swapaxes(columns @ links, 0, 1), float)
+        torque = np.asarray(
+            np.swapaxes(
+                columns @ links,
+                0,
+                1,
+            ),
+            float,
+        )
         if speed and any(repair.lacks):
             weight = self.nominal(repair, speed=0.0)
             torque = torque - np.array(repair.lacks) * weight
@@ -296,14 +415,20 @@ class Likelihood:
         columns += [self._columns_of_event(event, order) for event in events]
         used = np.concatenate(columns, axis=2)
         used = used * self.data.torque_mask.T[list(order)][:, :, None]
-        used = used / nonzero_or_one(np.linalg.norm(used, axis=1, keepdims=True))
+        used = used / nonzero_or_one(
+            np.linalg.norm(
+                used,
+                axis=1,
+                keepdims=True,
+            )
+        )
         u, s, _ = np.linalg.svd(used, full_matrices=False)  # (n, M, k), (n, k)
         is_independent = s > _DEPENDENT_SHARE * s.max(axis=1, keepdims=True)
         return np.asarray(u * is_independent[:, None])
 
     def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
-        """Return the r columns (n, M, r) of an event of one joint's torque (a law of its
-        motion, a drift, a step); 0 for the other joints."""
+        """Return the r columns (n, M, r) of an event of one joint's torque (a law of
+        its motion, a drift, a step); 0 for the other joints."""
         if isinstance(event.at, str):
             shape = self.data.laws[event.at][[order[event.joint]]]
         else:
@@ -313,7 +438,20 @@ class Likelihood:
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:
         """Return the torque (n, M) that an arm with shared parameters theta (s,) leaves
-        [N m or N]; own columns are not projected out."""
+        [N m or N]; own columns are not projected out.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        theta : (s,) array
+            Parameters that joints share.
+
+        Returns
+        -------
+        (n, M) array
+            Residual.
+        """
         return np.asarray(self.channels(repair) - self.raw(repair) @ theta)
 
     # -- fits
@@ -345,15 +483,52 @@ class Likelihood:
         rows = self.rows(repair)
         torque = self.channels(repair)[:, :, None]
         further = torque[:, :, :0] if further_columns is None else further_columns
-        columns = np.concatenate([rows.basis, rows.raw, further, torque], axis=2)
-        edges = np.linspace(0, self.data.count, n_parts + 1).astype(int).tolist()
+        columns = np.concatenate(
+            [
+                rows.basis,
+                rows.raw,
+                further,
+                torque,
+            ],
+            axis=2,
+        )
+        edges = (
+            np.linspace(
+                0,
+                self.data.count,
+                n_parts + 1,
+            )
+            .astype(int)
+            .tolist()
+        )
         parts = [columns[:, first:end] for first, end in pairwise(edges)]
-        grams = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
+        grams = np.stack(
+            [
+                np.swapaxes(
+                    part,
+                    1,
+                    2,
+                )
+                @ part
+                for part in parts
+            ]
+        )
         return grams, rows.basis.shape[2]
 
     def fit_all(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm to the log under each of several repairs; those of the same motion
-        share its rows."""
+        """Fit one arm to the log under each of several repairs; those of the same
+        motion share its rows.
+
+        Parameters
+        ----------
+        repairs : sequence of K LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        list of K ArmFit
+            In the order of the repairs.
+        """
         by_motion: dict[LogTransform, list[int]] = {}
         for number, repair in enumerate(repairs):
             by_motion.setdefault(repair.motion_part, []).append(number)
@@ -389,7 +564,18 @@ class Likelihood:
         ]
 
     def fit(self, repair: LogTransform) -> ArmFit:
-        """Fit one arm to the log under one repair."""
+        """Fit one arm to the log under one repair.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        ArmFit
+            The arm of the largest likelihood.
+        """
         return self.fit_all([repair])[0]
 
     def jackknife_errors(
@@ -439,11 +625,21 @@ class Likelihood:
         return arms, np.maximum(errors, FLOOR)
 
     def shares_left_by_own_models(self, repair: LogTransform) -> Array:
-        """Return the share (n,) of each torque's energy that a model of that joint alone
-        leaves, on parts of the log that it was not fitted to.
+        """Return the share (n,) of each torque's energy that a model of that joint
+        alone leaves, on parts of the log that it was not fitted to.
 
-        A joint's own model has all columns of the arm, but parameters that no other joint
-        shares: it shows how well the torque can be explained at all.
+        A joint's own model has all columns of the arm, but parameters that no other
+        joint shares: it shows how well the torque can be explained at all.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        (n,) array
+            Shares, at least FLOOR [-].
         """
         parts, n_own = self.gram_matrices(repair)
         other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
@@ -462,9 +658,9 @@ class Likelihood:
         """Estimate the change of each of r numbers of a repair that lowers the residual
         most, the other numbers fixed (a Gauss-Newton step).
 
-        With Y theta the arm's torque, x a number and d = d(y - Y theta)/dx, the weighted
-        normal equations of arm and number have the blocks A = Y^T Y, b = -Y^T d, a =
-        d^T d and the right sides c = Y^T y, c_x = -d^T y; then
+        With Y theta the arm's torque, x a number and d = d(y - Y theta)/dx, the
+        weighted normal equations of arm and number have the blocks A = Y^T Y, b = -Y^T
+        d, a = d^T d and the right sides c = Y^T y, c_x = -d^T y; then
 
             change = (c_x - b^T A^-1 c) / (a - b^T A^-1 b).
 
@@ -529,6 +725,18 @@ class Likelihood:
 
         before, after : (PARTS, n) errors on parts left out, under two repairs. The fall
         of a part is the sum of log(before / after) over the moving joints.
+
+        Parameters
+        ----------
+        before : (PARTS, n) array
+            Errors on parts left out, without a change.
+        after : (PARTS, n) array
+            Errors with it.
+
+        Returns
+        -------
+        float
+            Mean fall over its standard error; negative for a rise.
         """
         log_falls = np.log(before / after)[:, self.moving].sum(axis=1)
         return standard_errors_above_zero(log_falls)
@@ -537,7 +745,18 @@ class Likelihood:
 
     def count_independent_samples(self, fit: ArmFit) -> float:
         """Return the number of independent samples of a fit's residual, less those that
-        parameters take."""
+        parameters take.
+
+        Parameters
+        ----------
+        fit : ArmFit
+            One arm fitted to the rows.
+
+        Returns
+        -------
+        float
+            Number of samples.
+        """
         share = max(self.spare_share, _LEAST_SPARE_SHARE)
         return share * fit.independent_rows
 
@@ -588,7 +807,11 @@ class Likelihood:
         # Variances: of the noise in the torques, and of theta.
         noise = fit.energy_left / samples * np.sum(states**2, axis=2)  # (2, n)
         variance = np.append(noise[0], [noise[1].sum(), 0.0])
-        normal = np.tensordot(fit.weights * samples, fit.rows.gram, 1)  # (s, s)
+        normal = np.tensordot(
+            fit.weights * samples,
+            fit.rows.gram,
+            1,
+        )  # (s, s)
         variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = estimates / np.sqrt(np.maximum(variance, _TINY))
         loudest = np.full(len(z), LOUDEST)
@@ -598,8 +821,8 @@ class Likelihood:
         return float(log_probabilities[is_used].sum())
 
     def _centred_states(self, repair: LogTransform) -> Array:
-        """Return velocity and acceleration (2, n, M), without their means and over M, so
-        that sums of products with a torque are mean powers.
+        """Return velocity and acceleration (2, n, M), without their means and over M,
+        so that sums of products with a torque are mean powers.
 
         A constant torque, as a weight, is neither friction nor inertia. Where time runs
         backwards the velocity changes its sign.
@@ -611,8 +834,8 @@ class Likelihood:
         return np.asarray(states * self.torque_mask(repair))
 
     def _make_inertia_and_weight(self, repair: LogTransform) -> Array:
-        """Make two linear functions (2, s) of the s shared parameters theta: the mean of
-        ddq^T M(q) ddq, and the mean product of the arm's weight with the weight of a
+        """Make two linear functions (2, s) of the s shared parameters theta: the mean
+        of ddq^T M(q) ddq, and the mean product of the arm's weight with the weight of a
         plausible arm."""
         ddq = self.motion(repair).ddq
         weight = self.shared(repair, speed=0.0, push=0.0)  # (n, M, s)

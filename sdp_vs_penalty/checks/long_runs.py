@@ -21,10 +21,28 @@ def windows_of(run: Measurements) -> list[Measurements]:
     run.
 
     A window's rows count from its first sample, which its name says.
+
+    Parameters
+    ----------
+    run : Measurements
+        As logged.
+
+    Returns
+    -------
+    list of Measurements
+        The windows, or the run.
     """
     if not is_long(run):
         return [run]
-    starts = np.linspace(0, run.samples - PART, PARTS // 2).astype(int).tolist()
+    starts = (
+        np.linspace(
+            0,
+            run.samples - PART,
+            PARTS // 2,
+        )
+        .astype(int)
+        .tolist()
+    )
     name = run.names[0]
     return [
         run.rows(slice(k, k + PART), f"{name} from sample {k + 1} on") for k in starts
@@ -36,6 +54,16 @@ def issues_of_run(windows: Sequence[tuple[str, Sequence[Issue]]]) -> list[Issue]
 
     An issue of several windows is listed once, in the words of the first of them where
     it is gravest, and offers no repair.
+
+    Parameters
+    ----------
+    windows : sequence of (str, sequence of Issue)
+        Names and issues.
+
+    Returns
+    -------
+    list of Issue
+        Each kind and place once.
     """
     issues_by_kind: dict[tuple[str, str], list[tuple[Issue, str]]] = {}
     for name, issues in windows:

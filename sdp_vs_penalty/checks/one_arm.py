@@ -133,7 +133,11 @@ class Cause:
         """
         joints = (self.difference.joint,)
         if self.difference.kind == "torque gain" and self.size:
-            return as_logged.with_entries("gain", joints, 1.0 / (1.0 + self.size))
+            return as_logged.with_entries(
+                "gain",
+                joints,
+                1.0 / (1.0 + self.size),
+            )
         if self.difference.kind == "encoder offset" and self.size:
             return as_logged.with_entries("zero", joints, self.size)
         return self.difference.repair
@@ -148,6 +152,7 @@ class RunComparison:
     def __init__(self, runs: Sequence[RunLog]) -> None:
         # An event "at" a name is a law of a joint's motion (a spring, drag): laws belong
         # to the arm, so that each run gets those of all runs.
+        """Compute the normal equations of each of R runs, all its rows as one part."""
         all_laws = {
             event: None
             for run in runs
@@ -217,6 +222,16 @@ class RunComparison:
 
         The log-likelihood ratio has to exceed _ODDS_OF_A_DIFFERENCE: friction never
         repeats exactly. Ratios below TIMES_BETTER are no difference.
+
+        Parameters
+        ----------
+        least_ratio : float
+            Of the residual under one arm to that under own arms [-].
+
+        Returns
+        -------
+        bool
+            Whether it is.
         """
         log_likelihood = 0.5 * self.samples_per_run * self.log_energy_ratios.sum()
         is_large = self.error_ratio >= max(least_ratio, c.TIMES_BETTER)
@@ -291,6 +306,16 @@ class RunComparison:
 
         A fault is repaired; a number is projected out. None for another arm, whose rows
         say nothing about the arm of the others.
+
+        Parameters
+        ----------
+        difference : Difference
+            What is assumed to be different in one run.
+
+        Returns
+        -------
+        Normal or None
+            Gram matrix and right side.
         """
         if difference.is_another_arm:
             return None
@@ -361,7 +386,18 @@ class RunComparison:
 
     def judge(self, difference: Difference) -> Cause | None:
         """Return how well a difference explains parts that are left out; None for a
-        number whose size is usual or impossible."""
+        number whose size is usual or impossible.
+
+        Parameters
+        ----------
+        difference : Difference
+            What is assumed to be different in one run.
+
+        Returns
+        -------
+        Cause or None
+            The difference with its evidence.
+        """
         log = self.runs[difference.run].log
         after, arms = self.held_out_errors(difference)
         moving = np.any(self.moving, axis=0)
@@ -394,7 +430,11 @@ class RunComparison:
             run = self.runs[number]
             causes.append(self.judge(Difference(run=number, kind="another arm")))
             arm = self.fit_other_runs(number)
-            for kind, joint, columns in _list_numbers(run.log, run.repair, arm):
+            for kind, joint, columns in _list_numbers(
+                run.log,
+                run.repair,
+                arm,
+            ):
                 difference = Difference(
                     run=number,
                     kind=kind,
@@ -474,7 +514,18 @@ class RunComparison:
         return f"{one_arm} {self.worst_error_ratio:.2g} times worse than one for each"
 
     def issue(self, cause: Cause) -> Issue:
-        """Return the issue that tells the user what is different in one run."""
+        """Return the issue that tells the user what is different in one run.
+
+        Parameters
+        ----------
+        cause : Cause
+            The difference, and how well it explains the runs.
+
+        Returns
+        -------
+        Issue
+            An explanation of that run.
+        """
         difference = cause.difference
         run = self.runs[difference.run]
         if difference.fault is None:
@@ -554,9 +605,9 @@ def compare_runs(
         Least ratio of the residual under one arm for all runs to that under one arm
         for each run [-].
 
-    Yields
-    ------
-    (int, Issue)
+    Returns
+    -------
+    iterator of (int, Issue)
         The number of the run from 0, and what is different in it.
     """
     if len(runs) < 2:
@@ -583,9 +634,9 @@ def two_arms(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     repair : LogTransform
         What is repaired in all runs.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         At the instant that parts the log.
     """
     # Drifts and steps (events at an instant or over the log) would hide the change.
@@ -720,9 +771,9 @@ def _list_numbers(
     theta : (s,) array
         Parameters of the arm of the other runs.
 
-    Yields
-    ------
-    (str, int, (n, M, r) array)
+    Returns
+    -------
+    iterator of (str, int, (n, M, r) array)
         Kind of difference, joint from 0, and torque of the run's joints per unit of
         the number: of a gain less one, of a zero [rad, m], of the ten parameters of the
         load.

@@ -62,12 +62,12 @@ class RegressionData:
     """M rows of one log at which the arm moves, of n joints, low-passed.
 
     shared : effects whose columns joints share (links, couplings); independent : which
-    of their columns span all of them, however the arm is mounted; motion : states
-    (M, n); torque : the n channels as splines over time; own_columns (n, M, k) : columns
-    that a joint's own motion makes (friction, rotor, offset); laws : by name the columns
-    (n, M, r) of LAWS; torque_mask (M, n) : 1 where a joint slides, 0 where its torque is
-    not used; moving (n,) : whether a joint moves; largest (n,) : largest absolute value
-    of each raw channel; cutoff : of the low-pass [Hz].
+    of their columns span all of them, however the arm is mounted; motion : states (M,
+    n); torque : the n channels as splines over time; own_columns (n, M, k) : columns
+    that a joint's own motion makes (friction, rotor, offset); laws : by name the
+    columns (n, M, r) of LAWS; torque_mask (M, n) : 1 where a joint slides, 0 where its
+    torque is not used; moving (n,) : whether a joint moves; largest (n,) : largest
+    absolute value of each raw channel; cutoff : of the low-pass [Hz].
     """
 
     shared: Model | None
@@ -87,7 +87,18 @@ class RegressionData:
         return len(self.motion.t)
 
     def select_rows(self, rows: slice) -> RegressionData:
-        """Return the data of a slice of the rows."""
+        """Return the data of a slice of the rows.
+
+        Parameters
+        ----------
+        rows : slice
+            Which of the M rows.
+
+        Returns
+        -------
+        RegressionData
+            Of these rows.
+        """
         laws = {name: columns[:, rows] for name, columns in self.laws.items()}
         return replace(
             self,
@@ -99,7 +110,18 @@ class RegressionData:
 
     def with_laws(self, torque: Array) -> RegressionData:
         """Return the data with more own columns: LAWS, and Coulomb friction that is
-        proportional to the size of a torque (M, n) [N m or N]."""
+        proportional to the size of a torque (M, n) [N m or N].
+
+        Parameters
+        ----------
+        torque : (M, n) array
+            Torque that loads the joints [N m or N].
+
+        Returns
+        -------
+        RegressionData
+            With more own columns.
+        """
         load = np.abs(torque)
         sharp_widths = COULOMB_WIDTHS[:2]
         load_friction = [
@@ -124,9 +146,9 @@ class RegressionData:
         Returns
         -------
         RegressionData
-            With about as many rows as one log: of L logs every L-th row. Each log's clock
-            begins a second after the end of the log before. Each log has an offset of
-            its torques of its own, as further own columns.
+            With about as many rows as one log: of L logs every L-th row. Each log's
+            clock begins a second after the end of the log before. Each log has an
+            offset of its torques of its own, as further own columns.
         """
         n_logs = len(logs)
         every = slice(None, None, n_logs)
@@ -156,7 +178,18 @@ class RegressionData:
         )
 
     def with_later_clock(self, seconds: float) -> RegressionData:
-        """Return the data with the clock of motion and torque put forward [s]."""
+        """Return the data with the clock of motion and torque put forward [s].
+
+        Parameters
+        ----------
+        seconds : float
+            By how much later [s].
+
+        Returns
+        -------
+        RegressionData
+            With all instants later.
+        """
         torque = scipy.interpolate.CubicSpline(
             self.torque.x + seconds, self.torque(self.torque.x)
         )
@@ -281,8 +314,8 @@ def _chosen_rows(
     """List the stretches without gaps, and of each the numbers of rows at which the arm
     moves: ROWS rows in all, evenly spread.
 
-    Raises InputError where the filters leave no row: near the ends of a stretch they need
-    a margin.
+    Raises InputError where the filters leave no row: near the ends of a stretch they
+    need a margin.
     """
     margin = filters.state.half + filters.column.half
     places = []
@@ -296,7 +329,11 @@ def _chosen_rows(
     for part, rows in places:
         count = min(round(ROWS * len(rows) / n_rows), len(rows))
         if count:
-            spread = np.linspace(0, len(rows) - 1, count).astype(int)
+            spread = np.linspace(
+                0,
+                len(rows) - 1,
+                count,
+            ).astype(int)
             chosen.append((part, rows[spread]))
     return chosen
 
@@ -310,16 +347,24 @@ def _filter_stretch(
     """Return the low-passed states and own columns (n, M, k) of a stretch without gaps,
     at its rows ``at`` (M,).
 
-    Columns are made of the motion at every ``stride``-th row, and then low-passed as the
-    torque is.
+    Columns are made of the motion at every ``stride``-th row, and then low-passed as
+    the torque is.
     """
     half = filters.coarse.half
     reach = filters.stride * half
-    dense = filters.motion(part, at[0] - reach, at[-1] + reach)
+    dense = filters.motion(
+        part,
+        at[0] - reach,
+        at[-1] + reach,
+    )
     # Rows of the dense grid nearest to ``at``: off by at most half a step, which motion
     # and columns share.
     local = np.rint((at - at[0] + reach) / filters.stride).astype(np.int64)
-    local = np.clip(local, half, len(dense.t) - 1 - half)
+    local = np.clip(
+        local,
+        half,
+        len(dense.t) - 1 - half,
+    )
     low_pass = Decimator(filters.coarse, local)
     columns = [(low_pass @ column).T for column in _own_columns(dense, frictions)]
     return dense.part(local), np.stack(columns, axis=2)
@@ -378,7 +423,20 @@ def split(model: Model) -> tuple[list[JointEffect], Model | None]:
 
 
 def on_robot(model: Model, robot: Robot) -> Model:
-    """Return a model with the same effects of another robot."""
+    """Return a model with the same effects of another robot.
+
+    Parameters
+    ----------
+    model : Model
+        Of the whole arm.
+    robot : Robot
+        The other robot.
+
+    Returns
+    -------
+    Model
+        With effects of the same shapes and joints.
+    """
     effects = [
         type(effect)(robot, effect.asked_joints, **effect.shape)
         for effect in model.effects

@@ -32,16 +32,27 @@ Numbers = tuple[float, ...]
 class LogEvent:
     """A torque of one joint that is not the arm's.
 
-    at : None for a linear drift over the whole log; a time [s] for a step; the name of a
-    law of the joint's own motion ("a spring").
+    at : None for a linear drift over the whole log; a time [s] for a step; the name of
+    a law of the joint's own motion ("a spring").
     """
 
     joint: int
     at: float | str | None = None
 
     def shape(self, t: Array) -> Array:
-        """Return the column (N, 1) of unit size at instants t (N,) [s]: a ramp from 0 to
-        1 for a drift, 0 before a step and 1 after it."""
+        """Return the column (N, 1) of unit size at instants t (N,) [s]: a ramp from 0
+        to 1 for a drift, 0 before a step and 1 after it.
+
+        Parameters
+        ----------
+        t : (N,) array
+            Instants [s].
+
+        Returns
+        -------
+        (N, 1) array
+            The column.
+        """
         assert not isinstance(self.at, str)  # laws are columns of the data
         if self.at is None:
             ramp = (t - t[0]) / max(t[-1] - t[0], 1e-300)
@@ -55,9 +66,9 @@ class LogTransform:
     """What is done to a log, and what its model has to assume; one entry a joint.
 
     Done to the log, as in the module's equations: order, tau_order : the channel that
-    each joint takes; scale, zero : of positions, q = scale q_raw + zero [rad, m]; gain :
-    of torques; lead, lag [s] : how much later a torque is, and the time constant of its
-    low-pass; rate, reversed : of the clock.
+    each joint takes; scale, zero : of positions, q = scale q_raw + zero [rad, m]; gain
+    : of torques; lead, lag [s] : how much later a torque is, and the time constant of
+    its low-pass; rate, reversed : of the clock.
 
     Assumed by the model: gravity [m/s^2] in the base frame; lacks : share of the arm's
     weight that each torque lacks; longer [m] : how much farther a joint is from the one
@@ -86,7 +97,20 @@ class LogTransform:
         n: int,
         gravity: tuple[float, ...],
     ) -> LogTransform:
-        """Return the repair that changes nothing of n joints under a gravity [m/s^2]."""
+        """Return the repair that changes nothing of n joints under a gravity [m/s^2].
+
+        Parameters
+        ----------
+        n : int
+            Number of joints.
+        gravity : tuple of float
+            In the base frame [m/s^2].
+
+        Returns
+        -------
+        LogTransform
+            Of n joints.
+        """
         in_order = tuple(range(n))
         ones = (1.0,) * n
         zeros = (0.0,) * n
@@ -110,7 +134,18 @@ class LogTransform:
         return len(self.order)
 
     def with_rate(self, rate: float) -> LogTransform:
-        """Return the repair with true time running at ``rate`` times the file's."""
+        """Return the repair with true time running at ``rate`` times the file's.
+
+        Parameters
+        ----------
+        rate : float
+            True time over the file's [-].
+
+        Returns
+        -------
+        LogTransform
+            With another clock.
+        """
         return replace(self, rate=rate)
 
     def with_entries(
@@ -120,7 +155,22 @@ class LogTransform:
         value: Any,
     ) -> LogTransform:
         """Return the repair with ``value`` as the entry of some joints (from 0) of the
-        field ``name``: ``with_entries("gain", [2], 0.5)``."""
+        field ``name``: ``with_entries("gain", [2], 0.5)``.
+
+        Parameters
+        ----------
+        name : str
+            Of a field with an entry a joint: gain, zero ...
+        joints : sequence of int
+            From 0.
+        value : float
+            The new entry.
+
+        Returns
+        -------
+        LogTransform
+            With other entries.
+        """
         entries: Any = tuple(
             value if joint in joints else present
             for joint, present in enumerate(getattr(self, name))
@@ -134,7 +184,22 @@ class LogTransform:
         factor: float,
     ) -> LogTransform:
         """Return the repair with the entries of some joints (from 0) of the field
-        ``name`` multiplied by a factor."""
+        ``name`` multiplied by a factor.
+
+        Parameters
+        ----------
+        name : str
+            Of a field with an entry a joint: gain, zero ...
+        joints : sequence of int
+            From 0.
+        factor : float
+            By which the entries are multiplied.
+
+        Returns
+        -------
+        LogTransform
+            With other entries.
+        """
         entries: Any = tuple(
             factor * present if joint in joints else present
             for joint, present in enumerate(getattr(self, name))
@@ -161,13 +226,35 @@ class LogTransform:
         return replace(self, **swapped)
 
     def with_event(self, event: LogEvent) -> LogTransform:
-        """Return the repair with one more event; itself where it has this event."""
+        """Return the repair with one more event; itself where it has this event.
+
+        Parameters
+        ----------
+        event : LogEvent
+            Of one joint's torque.
+
+        Returns
+        -------
+        LogTransform
+            With the event.
+        """
         if event in self.events:
             return self
         return replace(self, events=(*self.events, event))
 
     def without_event(self, event: LogEvent) -> LogTransform:
-        """Return the repair without an event."""
+        """Return the repair without an event.
+
+        Parameters
+        ----------
+        event : LogEvent
+            Of one joint's torque.
+
+        Returns
+        -------
+        LogTransform
+            Without it.
+        """
         others = tuple(other for other in self.events if other != event)
         return replace(self, events=others)
 
@@ -221,6 +308,16 @@ class LogTransform:
 
         Order, scale, zero, gain, delay and clock are composed; everything else is the
         later one's.
+
+        Parameters
+        ----------
+        later : LogTransform
+            What is done to the outcome of this one.
+
+        Returns
+        -------
+        LogTransform
+            Both repairs as one.
         """
         # Joint j of the outcome takes channel k of this repair.
         of_position = [*enumerate(later.order)]
@@ -241,7 +338,18 @@ class LogTransform:
         )
 
     def positions(self, q: Array) -> Array:
-        """Return the true positions (N, n) from those of the log (N, n) [rad, m]."""
+        """Return the true positions (N, n) from those of the log (N, n) [rad, m].
+
+        Parameters
+        ----------
+        q : (N, n) array
+            Positions [rad, m].
+
+        Returns
+        -------
+        (N, n) array
+            In the joints' order [rad, m].
+        """
         logged = q[:, list(self.order)]
         return np.asarray(logged * np.array(self.scale) + np.array(self.zero))
 
@@ -251,6 +359,16 @@ class LogTransform:
         Gravity, missing weight, lengths, bends and events are what a model has to
         assume: they change nothing of the log. Rows at the ends for which a delay
         leaves no torque are dropped.
+
+        Parameters
+        ----------
+        run : Measurements
+            As logged.
+
+        Returns
+        -------
+        Measurements
+            The run repaired; itself where nothing of the log changes.
         """
         unchanged = LogTransform.unchanged(self.n, self.gravity)
         if self.with_defaults("lacks", "longer", "bend", "events") == unchanged:

@@ -133,7 +133,8 @@ class Report(Record):
         )
 
     def changes(self, name: str, done: Sequence[Issue]) -> str:
-        """Describe a repaired copy of a file: what was repaired, and what is left to do.
+        """Describe a repaired copy of a file: what was repaired, and what is left to
+        do.
 
         Parameters
         ----------

@@ -35,7 +35,18 @@ _SURE = (
 
 def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
     """Yield a warning where the arm's inertia, weight and friction leave a quarter or
-    more of the torques' energy, in the mean over the joints."""
+    more of the torques' energy, in the mean over the joints.
+
+    Parameters
+    ----------
+    fit : ArmFit
+        One arm fitted to the rows.
+
+    Returns
+    -------
+    iterator of Issue
+        At most one.
+    """
     if fit.mean_unexplained_share <= c.UNRELATED:
         return
     percent = 100.0 * fit.mean_unexplained_share
@@ -54,11 +65,23 @@ def unrelated_torque(fit: ArmFit) -> Iterator[Issue]:
 
 
 def unexplained_torque(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
-    """Yield warnings where the repaired log leaves more torque unexplained than such arms
-    do: in all joints, in single joints, or at a single moment.
+    """Yield warnings where the repaired log leaves more torque unexplained than such
+    arms do: in all joints, in single joints, or at a single moment.
 
     Joints and moments are judged only where the log has more samples than one arm has
     parameters.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+    repair : LogTransform
+        How the log is repaired.
+
+    Returns
+    -------
+    iterator of Issue
+        About all joints, single joints, or a moment.
     """
     fit = log.fit(repair)
     unrelated = [*unrelated_torque(fit)]
@@ -102,15 +125,40 @@ def _unexplained_joints(
 
 def leaves_more_than_usual(log: Likelihood, fit: ArmFit) -> bool:
     """Whether one arm leaves more than twice the usual root mean square of all joints'
-    torques; usual is 5 % for sensors on the link, 10 % for motor currents."""
+    torques; usual is 5 % for sensors on the link, 10 % for motor currents.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+    fit : ArmFit
+        One arm fitted to the rows.
+
+    Returns
+    -------
+    bool
+        Whether it does.
+    """
     return fit.unexplained**0.5 > 2.0 * c.TYPICAL[log.problem.torque_side]
 
 
 def contradicting_joints(log: Likelihood, repair: LogTransform) -> NDArray[np.intp]:
-    """Return the joints (from 0) that contradict the others: of their torque's energy one
-    arm leaves far more than a model of the joint alone does.
+    """Return the joints (from 0) that contradict the others: of their torque's energy
+    one arm leaves far more than a model of the joint alone does.
 
     It has to be so with all laws of friction and position fitted as well.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+    repair : LogTransform
+        How the log is repaired.
+
+    Returns
+    -------
+    (K,) array of int
+        Joints, from 0.
     """
     times, smallest = c.CONTRADICTS
     of_own_models = log.shares_left_by_own_models(repair)
@@ -179,9 +227,9 @@ def not_excited(problem: Problem, rows: FilteredRuns) -> Iterator[Issue]:
     rows : FilteredRuns
         The filtered rows of the run.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         At most one: a warning where a quarter of the base parameters or more is not
         determined, else a note.
     """

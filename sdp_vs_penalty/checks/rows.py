@@ -24,7 +24,18 @@ from sdp_vs_penalty.signals.runs import spans
 
 def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
     """Yield an error about rows in which some channel is no finite number, or one that
-    no robot measures."""
+    no robot measures.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     channels = {
         "t": glance.run.t[:, None],
         **glance.run.groups,
@@ -41,10 +52,20 @@ def find_missing_numbers(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an issue where a part of the run is in the file twice: RUN rows or more that
-    equal, bit by bit, the rows a fixed distance earlier.
+    """Yield an issue where a part of the run is in the file twice: RUN rows or more
+    that equal, bit by bit, the rows a fixed distance earlier.
 
     Where a motion repeats and its columns are coarse, single rows are equal by chance.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     number = glance.row_numbers
     first_row_of_number = np.unique(number, return_index=True)[1]
@@ -76,7 +97,18 @@ def find_repeated_run(glance: RunSummary) -> Iterator[Issue]:
 
 def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
     """Yield issues about rows that are copies of the row before: packets that did not
-    come for long, or else single rows that were doubled."""
+    come for long, or else single rows that were doubled.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     is_held = np.concatenate(
         [
             [False],
@@ -100,14 +132,20 @@ def find_held_rows(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _frozen_measurements(glance: RunSummary) -> Rows:
-    """Return the rows (N,) in which no packet came: positions and torques repeat the row
-    before for long, while a logged velocity shows that its joint moves on."""
+    """Return the rows (N,) in which no packet came: positions and torques repeat the
+    row before for long, while a logged velocity shows that its joint moves on."""
     frozen = _frozen_packets(glance, glance.repeats_measured)
     moving_joints = np.flatnonzero(glance.moving).tolist()
     parts = []
     for first, end in spans(frozen):
         goes_on = [
-            _velocity_goes_on(glance.run.dq, j, first, end - 1) for j in moving_joints
+            _velocity_goes_on(
+                glance.run.dq,
+                j,
+                first,
+                end - 1,
+            )
+            for j in moving_joints
         ]
         if any(goes_on):
             parts.append((first, end))
@@ -188,6 +226,16 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
 
     No model has the torque of a stop. Where the joint follows the command, the stop is
     not at the end of the range.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     low = np.array([joint.lower for joint in glance.robot.joints])
     high = np.array([joint.upper for joint in glance.robot.joints])
@@ -213,7 +261,18 @@ def find_end_stops(glance: RunSummary) -> Iterator[Issue]:
 
 def find_interpolated_rows(glance: RunSummary) -> Iterator[Issue]:
     """Yield an issue about rows that lie on straight lines in every channel, while the
-    arm moves: a gap that was filled in by interpolation."""
+    arm moves: a gap that was filled in by interpolation.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
+    """
     if not glance.run.torque_logged:
         return  # coarse positions alone lie on straight lines by themselves
     is_straight = _on_lines(glance)
@@ -262,14 +321,25 @@ def _on_lines(glance: RunSummary) -> Rows:
 
 
 def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
-    """Yield an issue about exact zeros that a logger filled in because it had no sample.
+    """Yield an issue about exact zeros that a logger filled in because it had no
+    sample.
 
-    The joint moves, the channel jumps to zero and back to the same side, and to no other
-    value does it jump so.
+    The joint moves, the channel jumps to zero and back to the same side, and to no
+    other value does it jump so.
 
     A torque that changes its sign passes through zero, in steps of its drive's
     resolution exactly; a joint at rest, with its brake on, may need none; noise returns
     to other values as often.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     bad = {}
     for name, j, x in glance.channels:
@@ -287,8 +357,8 @@ def find_false_zeros(glance: RunSummary) -> Iterator[Issue]:
 
 
 def _filled(x: Array) -> Rows:
-    """Return the rows (N,) of zeros in a channel x (N,) between samples far from zero on
-    the same side; none where the channel jumps to other values and back as often."""
+    """Return the rows (N,) of zeros in a channel x (N,) between samples far from zero
+    on the same side; none where the channel jumps to other values and back as often."""
     if not np.any(x == 0.0):
         return np.zeros(len(x), bool)
     changes = np.abs(np.diff(x))
@@ -317,21 +387,34 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
 
     Samples within half a second of a start or stop of the arm are left out: there
     stiction makes jumps.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     moves = glance.movement.at
     t = glance.run.t
     bad = {}
+    times_usual, share_of_span = SPIKE
+    rare = 1 / RUN  # share of the samples that spikes may be
     for name, j, x in glance.channels:
-        usual_span = float(np.ptp(np.quantile(x, [1 / RUN, 1.0 - 1 / RUN])))
-        threshold = SPIKE[1] * usual_span + 1e-9
-        # Without such a step no sample can be that far from the median.
+        usual_span = float(np.ptp(np.quantile(x, [rare, 1.0 - rare])))
+        threshold = share_of_span * usual_span + 1e-9
+        # Three steps lead from the median of seven to any of them: without a third of
+        # the threshold in one step no sample is that far.
         if not glance.moving[j] or np.abs(np.diff(x)).max() <= threshold / 3.0:
             continue
         neighbours = sliding_window_view(np.pad(x, 3, "edge"), 7)
-        off = np.abs(x - np.median(neighbours, axis=1))
-        is_far = off > max(SPIKE[0] * np.quantile(off, 0.9), threshold)
+        distance = np.abs(x - np.median(neighbours, axis=1))
+        is_far = distance > max(times_usual * np.quantile(distance, 0.9), threshold)
         is_far &= moves(t - 0.5) & moves(t) & moves(t + 0.5)
-        bad[name] = is_far & (is_far.mean() <= 1 / RUN)
+        bad[name] = is_far & (is_far.mean() <= rare)
     what = "{rows} samples of {named} lie far from the samples on both sides."
     yield from glance.delete_rows(
         "spikes", bad, what, "certain: no joint moves like that"
@@ -339,27 +422,45 @@ def find_spikes(glance: RunSummary) -> Iterator[Issue]:
 
 
 def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
-    """Yield a warning where all joints skip ahead within one step of an even clock: rows
-    are missing, and the clock was made anew.
+    """Yield a warning where all joints skip ahead within one step of an even clock:
+    rows are missing, and the clock was made anew.
 
     A position that repeats is a packet repeated, and makes up for the skip behind it:
     each position counts once, from its first stamp to that of the next. Only joints
     that move well above their own scatter show a skip, and three in four of them have
     to.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     q = glance.run.q[:, glance.moving]
-    comes_anew = np.any(np.diff(q, axis=0) != 0.0, axis=1)
-    fresh = np.flatnonzero(np.concatenate([[True], comes_anew]))
+    # Rows whose position is not that of the row before.
+    is_new = np.any(np.diff(q, axis=0) != 0.0, axis=1)
+    fresh = np.flatnonzero(np.concatenate([[True], is_new]))
     if len(fresh) < RUN or q.shape[1] < 2:
         return
+    # Speed of each joint in each step between them, and three times its usual scatter.
     steps = np.diff(glance.run.t[fresh])
     speed = np.abs(np.diff(q[fresh], axis=0)) / np.maximum(steps, 1e-300)[:, None]
-    scatter = 3.0 * np.quantile(np.abs(np.diff(speed, axis=0)), 0.9, axis=0)
+    scatter = 3.0 * np.quantile(
+        np.abs(np.diff(speed, axis=0)),
+        0.9,
+        axis=0,
+    )
     # Mean speed of the five steps before and the five behind each.
     near = (*range(-5, 0), *range(1, 6))
-    usual = np.mean([np.roll(speed, k, axis=0) for k in near], axis=0)
+    shifted = [np.roll(speed, shift, axis=0) for shift in near]
+    usual = np.mean(shifted, axis=0)
     is_clear = usual > scatter  # (steps, joints)
     places = _skips(speed, usual, is_clear)
+    # A long step is a gap that the clock shows.
     places = places[steps[places] < 3.0 * np.median(steps)]
     if not len(places):
         return
@@ -367,7 +468,7 @@ def find_lost_rows(glance: RunSummary) -> Iterator[Issue]:
     weights = (is_clear / scatter)[places]
     weighted_speed = (speed[places] * weights).sum(axis=1)
     steps_long = weighted_speed / (usual[places] * weights).sum(axis=1)
-    lost = np.round(steps_long - 1.0)
+    lost = np.round(steps_long - 1.0)  # rows, at each place
     rows = fresh[places + 1] - 1
     added = np.zeros(len(glance.steps))
     added[rows] = lost * np.median(steps)
@@ -421,8 +522,8 @@ def find_frozen_channels(
     word: str,
     name: str,
 ) -> Iterator[Issue]:
-    """Yield an issue about channels that are frozen: they repeat a value bit by bit while
-    the arm moves, and did not slow down before.
+    """Yield an issue about channels that are frozen: they repeat a value bit by bit
+    while the arm moves, and did not slow down before.
 
     word : "position" or "torque"; name : first letter of the channels' names.
     """
@@ -450,9 +551,9 @@ def _stuck(
 ) -> Rows:
     """Return the rows (N,) in which the channel x (N,) of joint j is frozen.
 
-    A long stretch of one value is a freeze if what comes behind it does not continue it:
-    a position jumps without having slowed down, a torque jumps while the arm moves. A
-    torque that stays until the end is frozen if its joint turns round meanwhile.
+    A long stretch of one value is a freeze if what comes behind it does not continue
+    it: a position jumps without having slowed down, a torque jumps while the arm moves.
+    A torque that stays until the end is frozen if its joint turns round meanwhile.
     """
     pauses = _long_pauses(glance, x)  # first and last rows
     if not pauses:
@@ -467,7 +568,11 @@ def _stuck(
             is_frozen = True
         elif b == len(x) - 1:
             # The run ends with this value.
-            is_frozen = not is_position and _joint_goes_round(glance.run.q[:, j], a, b)
+            is_frozen = not is_position and _joint_goes_round(
+                glance.run.q[:, j],
+                a,
+                b,
+            )
         elif steps[b] < level:
             is_frozen = False
         elif is_position:
@@ -475,7 +580,12 @@ def _stuck(
         elif _arm_rests(glance, a, b):
             is_frozen = False
         else:
-            is_frozen = not _is_constant_friction(glance.run.q[:, j], steps, level, b)
+            is_frozen = not _is_constant_friction(
+                glance.run.q[:, j],
+                steps,
+                level,
+                b,
+            )
         if is_frozen:
             frozen_parts.append((a, b + 1))
     return mask_of(len(x), frozen_parts)
@@ -487,8 +597,8 @@ def _velocity_goes_on(
     a: int,
     b: int,
 ) -> bool:
-    """Whether joint j's logged velocity goes on from row a to b: its mean square there is
-    a tenth of that elsewhere, or more. False where none was logged."""
+    """Whether joint j's logged velocity goes on from row a to b: its mean square there
+    is a tenth of that elsewhere, or more. False where none was logged."""
     if dq is None:
         return False
     square = dq[:, j] ** 2
@@ -497,8 +607,8 @@ def _velocity_goes_on(
 
 
 def _joint_goes_round(q: Array, a: int, b: int) -> bool:
-    """Whether a joint turns round from row a to b: of positions q (N,) it covers a tenth
-    of the range, and goes a tenth of that back.
+    """Whether a joint turns round from row a to b: of positions q (N,) it covers a
+    tenth of the range, and goes a tenth of that back.
 
     Friction keeps a coarse torque constant only as long as the joint does not turn.
     """
@@ -541,8 +651,8 @@ def _comes_to_rest(
     a: int,
     jump: float,
 ) -> bool:
-    """Whether a position x (N,) comes to rest at row a: it slows down before, and starts
-    again slowly.
+    """Whether a position x (N,) comes to rest at row a: it slows down before, and
+    starts again slowly.
 
     steps (N - 1,) : its absolute changes; jump : the first change after the rest.
     """

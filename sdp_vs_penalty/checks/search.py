@@ -64,6 +64,11 @@ class RepairSearch:
         logs: Sequence[Likelihood] = (),
         facts: Sequence[Sequence[Issue]] = (),
     ) -> None:
+        """Prepare a search over the rows ``log`` of all runs together.
+
+        logs : rows of each run, in which each fault has to hold as well; facts : issues
+        of each run that are known already.
+        """
         self.log = log
         self.logs = logs or [log]
         self.samples = log.count_independent_samples(log.fit(log.as_logged))
@@ -108,6 +113,18 @@ class RepairSearch:
 
         Each fault that the repair corrects has prior odds against it, larger for a size
         that is no round value.
+
+        Parameters
+        ----------
+        score : ArmFit
+            One arm fitted to the rows under the repair.
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        float
+            Natural logarithm.
         """
         cost = sum(
             e.log_odds_against + _ODDS_AGAINST_UNEVEN * e.has_uneven_size
@@ -134,7 +151,20 @@ class RepairSearch:
 
     def new_faults(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
         """List the faults that a repair corrects and ``now`` does not; where there are
-        none, those of another size."""
+        none, those of another size.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        now : LogTransform
+            The repair that is extended.
+
+        Returns
+        -------
+        list of Fault
+            Of ``repair``.
+        """
         words_by_name = {fault.name: fault.what for fault in self.list_faults(now)}
         faults = self.list_faults(repair)
         added = [fault for fault in faults if fault.name not in words_by_name]
@@ -166,15 +196,27 @@ class RepairSearch:
 
     def add_best_fault(self, now: LogTransform) -> LogTransform | None:
         """Return the likeliest repair with one more fault than ``now`` that held-out
-        parts confirm; None where there is none."""
+        parts confirm; None where there is none.
+
+        Parameters
+        ----------
+        now : LogTransform
+            The repair that is extended.
+
+        Returns
+        -------
+        LogTransform or None
+            With one more fault.
+        """
+        # Of each proposal the best sizes; those whose posterior odds exceed ODDS.
         refined = [self.refine(repair, now) for repair in self.proposals(now)]
         self._learn_samples([self.log.fit(repair) for repair in refined])
         threshold = self.posterior(now) + c.ODDS
         likely = [r for r in refined if self.posterior(r) >= threshold]
 
         def rank(repair: LogTransform) -> int:
-            """Sort key: the larger posterior first; a law, which arms have, comes before
-            a fault that explains as much."""
+            """Sort key: the larger posterior first; a law, which arms have, comes
+            before a fault that explains as much."""
             is_law = all(e.severity == "note" for e in self.new_faults(repair, now))
             return -round(self.posterior(repair) + c.ODDS * is_law)
 
@@ -192,9 +234,14 @@ class RepairSearch:
         now: LogTransform,
         likely: Sequence[LogTransform],
     ) -> list[LogTransform]:
-        """Of the likely repairs those that are told from a confirmed one by less than
-        the odds against a fault: two joints about one line have one zero, and of two
-        joints either may have the wrong gain."""
+        """List the repairs that are as likely as a confirmed one, and confirmed as
+        well.
+
+        Their posterior is lower by less than the odds against a fault: two joints about
+        one line have one zero, and of two joints either may have the wrong gain.
+        ``likely`` : repairs whose posterior exceeds that of ``now`` by these odds; laws
+        are left out.
+        """
         names = {fault.name for fault in self.new_faults(repair, now)}
         least = self.posterior(repair) - c.ODDS
         tied = []
@@ -213,7 +260,8 @@ class RepairSearch:
         tied: Sequence[LogTransform],
         now: LogTransform,
     ) -> LogTransform:
-        """The first of tied repairs; of gains that with which the joints' torques are
+        """Return the first of tied repairs; but if it is a torque gain, and the links'
+        masses are known, that gain of the tied ones with which the joints' torques are
         nearest to those of the problem's masses."""
         gains = [
             repair
@@ -232,8 +280,8 @@ class RepairSearch:
         tied: Sequence[LogTransform],
         now: LogTransform,
     ) -> None:
-        """Keep what explains as much as the repair that is added, where that is one
-        fault."""
+        """Record the faults that explain as much as the repair that is added, if it
+        adds one fault: the report names them beside it."""
         new = self.new_faults(best, now)
         others = [self.new_faults(repair, now) for repair in tied if repair != best]
         single = tuple(faults[0] for faults in others if len(faults) == 1)
@@ -286,9 +334,9 @@ class RepairSearch:
         """Return by how much each repair raises the log-likelihood on a third of the
         rows, without the repairs that cannot reach the odds against a fault.
 
-        A repair cannot reach them if twice its gain is too small: the best size explains
-        at most twice what a rough one does, and physics gives back at most what it takes
-        of ``now``.
+        A repair cannot reach them if twice its gain is too small: the best size
+        explains at most twice what a rough one does, and physics gives back at most
+        what it takes of ``now``.
         """
         fits = self.log.on_third_of_rows.fit_all(repairs)
         fit_now = self.log.on_third_of_rows.fit(now)
@@ -333,7 +381,8 @@ class RepairSearch:
             Whether the fault is believed.
         """
         new = self.new_faults(repair, now)
-        if not all(self._is_determined(fault.size) for fault in new if fault.size):
+        sizes = [fault.size for fault in new if fault.size]
+        if not all(self._is_determined(size) for size in sizes):
             return False
         clearness = self.log.clearness_of_fall(
             self._held_out_errors(now), self._held_out_errors(repair)
@@ -361,8 +410,8 @@ class RepairSearch:
         return 0.5 * c.SIGMAS if is_enough else c.SIGMAS
 
     def _is_decided_by_physics(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether physics (positive inertia, friction that takes power) prefers a repair
-        to ``now`` clearly, where both fit the same."""
+        """Whether physics (positive inertia, friction that takes power) prefers a
+        repair to ``now`` clearly, where both fit the same."""
         gain = self.posterior(repair) - self.posterior(now)
         return not self.is_poor and gain > c.LOUDEST_INERTIA
 
@@ -402,6 +451,7 @@ class RepairSearch:
         """
         before = self._errors_beside_physics(log, now)
         after = self._errors_beside_physics(log, repair)
+        # By how much each joint's error is divided, (K,).
         ratio = before.mean(axis=0) / after.mean(axis=0)
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
@@ -417,8 +467,8 @@ class RepairSearch:
         repair: LogTransform,
         now: LogTransform,
     ) -> bool:
-        """Whether a fault with a size that all torques share (a delay, a filter) explains
-        more than one joint.
+        """Whether a fault with a size that all torques share (a delay, a filter)
+        explains more than one joint.
 
         Parameters
         ----------
@@ -454,9 +504,9 @@ class RepairSearch:
         Returns
         -------
         (K,) array
-            Whether the error rises by more than WORSE, by more than its scatter over the
-            parts (one odd part is no rise), and by so much that it costs a third of the
-            likelihood that the falling errors gain.
+            Whether the error rises by more than WORSE, by more than its scatter over
+            the parts (one odd part is no rise), and by so much that it costs a third of
+            the likelihood that the falling errors gain.
         """
         rises = np.log(after / before)
         clearness = np.array([standard_errors_above_zero(x) for x in rises.T])
@@ -467,8 +517,8 @@ class RepairSearch:
         return np.asarray((ratio > c.WORSE) & is_clear & is_costly)
 
     def _errors_beside_physics(self, log: Likelihood, repair: LogTransform) -> Array:
-        """Return the errors (PARTS, K) of the K moving joints on parts left out in turn,
-        with all laws of friction and position as own columns."""
+        """Return the errors (PARTS, K) of the K moving joints on parts left out in
+        turn, with all laws of friction and position as own columns."""
         log_with_laws = log.with_all_laws
         weights = log_with_laws.fit(repair).weights
         _, errors = log_with_laws.jackknife_errors(repair, weights)
@@ -494,20 +544,33 @@ class RepairSearch:
         Order, signs, units, gains, clock and mounting belong to the logger, so that all
         runs share them. Faults of the same fit, which physics alone decides, and notes
         stay.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        LogTransform
+            With confirmed faults alone.
         """
         several = self.logs if len(self.logs) > 1 else []
         for fault in self.list_faults(net):
-            if fault.severity == "note" or _same_fit(net, fault.repair_without):
+            without = fault.repair_without
+            if fault.severity == "note" or _same_fit(net, without):
                 continue
-            stands = fault.kind == "torque sign" or self.beats_physics(
+            # Friction that drives its joint shows a wrong sign, whatever the fit.
+            is_confirmed = fault.kind == "torque sign" or self.beats_physics(
                 self.log,
                 net,
-                fault.repair_without,
+                without,
                 strict=True,
             )
-            if not stands or not all(
-                self._holds(log, net, fault.repair_without) for log in several
-            ):
+            holds = is_confirmed and all(
+                self._holds(log, net, without) for log in several
+            )
+            if not holds:
                 net = self._without(net, fault)
         return net
 
@@ -558,8 +621,8 @@ class RepairSearch:
         return self.samples * rise >= (0.5 * c.SIGMAS) ** 2
 
     def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
-        """Return the change of a fault's size to its best value, to first order, and the
-        standard deviation of the size; both in the size's own unit."""
+        """Return the change of a fault's size to its best value, to first order, and
+        the standard deviation of the size; both in the size's own unit."""
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
         now = number.repair_with(number.value)
@@ -574,7 +637,18 @@ class RepairSearch:
     def sizes_by_name(
         self, repair: LogTransform
     ) -> dict[tuple[str, tuple[int, ...]], FaultSize]:
-        """Return the sizes of the faults that a repair corrects, by kind and joints."""
+        """Return the sizes of the faults that a repair corrects, by kind and joints.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        dict
+            Sizes by (kind, joints).
+        """
         faults = self.list_faults(repair)
         return {fault.name: fault.size for fault in faults if fault.size}
 
@@ -584,6 +658,18 @@ class RepairSearch:
         Each size is searched for on few rows, followed by one Gauss-Newton step on all;
         a round value is taken where it is within the tolerance. New sizes come first. A
         repair without a size that ``now`` lacks stays as it is.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+        now : LogTransform
+            The repair that is extended.
+
+        Returns
+        -------
+        LogTransform
+            With the best sizes.
         """
         known = self.sizes_by_name(now)
         names = self.sizes_by_name(repair)
@@ -626,7 +712,18 @@ class RepairSearch:
 
     def round_sizes(self, repair: LogTransform) -> LogTransform:
         """Return the repair with each size replaced by the nearest round value, where
-        the two differ by no more than the tolerance and SIGMAS standard deviations."""
+        the two differ by no more than the tolerance and SIGMAS standard deviations.
+
+        Parameters
+        ----------
+        repair : LogTransform
+            How the log is repaired.
+
+        Returns
+        -------
+        LogTransform
+            With round sizes where they fit.
+        """
         names = [
             name for name, x in self.sizes_by_name(repair).items() if x.round_values
         ]
@@ -640,7 +737,20 @@ class RepairSearch:
     # -- words
 
     def keep_only(self, net: LogTransform, fault: Fault) -> LogTransform:
-        """Return the repair that corrects one fault of the net repair, and no other."""
+        """Return the repair that corrects one fault of the net repair, and no other.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+        fault : Fault
+            One of those that ``net`` corrects.
+
+        Returns
+        -------
+        LogTransform
+            Of that fault.
+        """
         for other in self.list_faults(net):
             if other.name != fault.name:
                 net = self._without(net, other)
@@ -648,11 +758,35 @@ class RepairSearch:
 
     def describe_faults(self, net: LogTransform) -> list[Issue]:
         """List an issue for each fault that the net repair corrects, with its interval
-        and by how much it lowers the residual."""
+        and by how much it lowers the residual.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        list of Issue
+            In the order of the kinds of fault.
+        """
         return [self.describe(fault, net) for fault in self.list_faults(net)]
 
     def describe(self, fault: Fault, net: LogTransform) -> Issue:
-        """Return the issue that tells the user of one fault of the net repair."""
+        """Return the issue that tells the user of one fault of the net repair.
+
+        Parameters
+        ----------
+        fault : Fault
+            One of those that ``net`` corrects.
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        Issue
+            An explanation.
+        """
         odds = self.posterior(net) - self.posterior(fault.repair_without)
         what = fault.what
         figures = {
@@ -693,8 +827,9 @@ class RepairSearch:
     def _reason(self, fault: Fault, net: LogTransform) -> str:
         """Say in words what speaks for a fault: by how much the residual of the joint
         that gains most falls, or physics where the fit is the same."""
-        after = self.log.fit(net).unexplained_shares
-        change = np.log(self.log.fit(fault.repair_without).unexplained_shares / after)
+        after = self.log.fit(net).unexplained_shares  # (n,) of the torques' energies
+        without = self.log.fit(fault.repair_without).unexplained_shares
+        change = np.log(without / after)
         j = int(np.argmax(change))
         if change[j] < _SAME_FIT_FALL:
             return (
@@ -707,7 +842,9 @@ class RepairSearch:
         )
 
     def _rivals_of(self, fault: Fault, net: LogTransform) -> list[Rival]:
-        """What explains as much as one fault of the net repair."""
+        """List what explains the log as well as one fault of the net repair: faults
+        that were tied with it when it was added and, for signs, other sets of torques.
+        """
         rivals = [
             Rival(other.kind, other.joints, other.what)
             for other in self.rivals.get(fault.name, ())
@@ -725,6 +862,18 @@ class RepairSearch:
 
         They have one joint more than ``turned`` (from 0), or one less, and neither
         physics nor the error on held-out parts objects.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+        turned : sequence of int
+            Joints whose torque has the wrong sign, from 0.
+
+        Returns
+        -------
+        list of Rival
+            One for each set, with its sentence.
         """
         others = []
         for j in self.log.joints:
@@ -753,6 +902,16 @@ class RepairSearch:
         one turned back, if friction would drive it otherwise and the error on held-out
         parts is no worse. The likelihood alone does not show the sign of a joint that
         hardly moves the others.
+
+        Parameters
+        ----------
+        net : LogTransform
+            The repair of all faults.
+
+        Returns
+        -------
+        LogTransform
+            With the signs that physics demands.
         """
         if not any(fault.kind == "torque sign" for fault in self.list_faults(net)):
             return net
@@ -775,12 +934,21 @@ class RepairSearch:
             Log-odds of physics (positive inertia, friction that takes power) for the
             present sign.
         clearness : float
-            Rise of the error on held-out parts under the other sign, in standard errors.
+            Rise of the error on held-out parts under the other sign, in standard
+            errors.
         """
         other = net.with_multiplied("gain", (j,), -1.0)
         fits = self.log.fit_all([net, other])
-        physics_now = self.log.physics(fits[0], net, self.samples)
-        physics_turned = self.log.physics(fits[1], other, self.samples)
+        physics_now = self.log.physics(
+            fits[0],
+            net,
+            self.samples,
+        )
+        physics_turned = self.log.physics(
+            fits[1],
+            other,
+            self.samples,
+        )
         clearness = self.log.clearness_of_fall(
             self._held_out_errors(other), self._held_out_errors(net)
         )
@@ -788,8 +956,8 @@ class RepairSearch:
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
-    """Return the gravity [m/s^2] whose weight the torques hold: that of the repair, less
-    a share that is missing from all torques."""
+    """Return the gravity [m/s^2] whose weight the torques hold: that of the repair,
+    less a share that is missing from all torques."""
     share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
     return tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
 

@@ -33,9 +33,9 @@ _CORRECT_MASSES = "if right, correct the problem's masses"
 def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     """Yield a warning where the torques have an impossible size.
 
-    They may be in another unit, motor currents, torques on the motor's side of the gear,
-    or what is left where a controller's model was subtracted. Or the problem's masses
-    are wrong.
+    They may be in another unit, motor currents, torques on the motor's side of the
+    gear, or what is left where a controller's model was subtracted. Or the problem's
+    masses are wrong.
 
     Parameters
     ----------
@@ -44,9 +44,9 @@ def torque_magnitude(log: Likelihood, repair: LogTransform) -> Iterator[Issue]:
     repair : LogTransform
         What is repaired in them.
 
-    Yields
-    ------
-    Issue
+    Returns
+    -------
+    iterator of Issue
         At most one.
     """
     shares = _shares_of_effort(log, repair)
@@ -94,10 +94,10 @@ def _shares_of_effort(log: Likelihood, repair: LogTransform) -> Array:
 class _Size:
     """How large the torques are, in two measures [-].
 
-    over : the largest torque over its joint's effort limit; -1 without limits. measured :
-    torque over that of an arm with the problem's nominal links; smallest, largest : the
-    possible range of ``measured``. is_mass_known : whether the masses are known; without
-    them ``measured`` is ``over``. description : in words.
+    over : the largest torque over its joint's effort limit; -1 without limits. measured
+    : torque over that of an arm with the problem's nominal links; smallest, largest :
+    the possible range of ``measured``. is_mass_known : whether the masses are known;
+    without them ``measured`` is ``over``. description : in words.
     """
 
     over: float
@@ -126,9 +126,15 @@ class _Size:
         repair: LogTransform,
         shares: Array,
     ) -> "_Size":
-        """Return the size of the torques of a repaired log; shares (n,) : largest torques
-        over the effort limits."""
-        over = float(np.max(shares, initial=-1.0, where=shares > 0.0))
+        """Return the size of the torques of a repaired log; shares (n,) : largest
+        torques over the effort limits."""
+        over = float(
+            np.max(
+                shares,
+                initial=-1.0,
+                where=shares > 0.0,
+            )
+        )
         problem = log.problem
         masses = float(problem.nominal_links[:, 0].sum())
         if masses <= 0.0 or np.all(problem.guessed_links):
@@ -167,20 +173,21 @@ class _Size:
 
 
 def far_from_nominal(log: Likelihood, repair: LogTransform) -> float:
-    """How far the torques of a repaired log are from those of the problem's masses.
+    """Return how far the torques of a repaired log are from those of the problem's
+    masses.
 
     Parameters
     ----------
     log : Likelihood
-        The rows.
+        Rows of the log.
     repair : LogTransform
-        Of the log.
+        How the log is repaired.
 
     Returns
     -------
     float
         Sum over moving joints of the squared natural logarithm of the fitted links'
-        torque over the nominal links' torque (root mean squares) [-].
+        torque over the nominal links' torque (root mean squares) [-]; 0 if they agree.
     """
     rows = log.rows(repair)
     nominal = (log.torque_mask(repair).T * log.nominal(repair)).T[:, :, None]
@@ -298,6 +305,16 @@ def kind_of_torque(log: Likelihood) -> Iterator[Issue]:
     weight of an arm alone, without inertia and friction.
 
     Nothing else can be learned from such torques.
+
+    Parameters
+    ----------
+    log : Likelihood
+        Rows of the log.
+
+    Returns
+    -------
+    iterator of Issue
+        At most one.
     """
     if (
         log.data.shared is None
@@ -326,7 +343,11 @@ def _left_by_weight(log: Likelihood) -> Array:
     of each joint leave, by one least-squares fit to all joints of equal weight."""
     fit = log.fit(log.as_logged)
     mask = log.torque_mask(log.as_logged)[:, :, None]
-    weight = mask * log.shared(log.as_logged, speed=0.0, push=0.0)  # (n, M, s)
+    weight = mask * log.shared(
+        log.as_logged,
+        speed=0.0,
+        push=0.0,
+    )  # (n, M, s)
     offsets = np.eye(log.n)[:, None, :] * mask
     # Each joint's torque is scaled to energy 1, so that residuals are shares.
     size = np.sqrt(np.maximum(fit.energy, 1e-280))[:, None]

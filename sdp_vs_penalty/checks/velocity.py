@@ -38,6 +38,16 @@ def find_wrong_velocities(glance: RunSummary) -> Iterator[Issue]:
     A factor that all joints share is that of the clock, or of the unit of velocity. A
     joint whose factor is another one has a wrong velocity. A lag of two samples or more
     is noted.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run, as the rules before have repaired it.
+
+    Returns
+    -------
+    iterator of Issue
+        What is wrong, if anything.
     """
     if glance.run.dq is None or len(glance.run.t) < 2 * RUN:
         return
@@ -156,6 +166,16 @@ def velocity_ratios(glance: RunSummary) -> Array:
     Both are averaged over windows of a few rows; time steps ten times as long as usual
     are left out. The ratio is nan for joints at rest, and where the two are not
     proportional.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run.
+
+    Returns
+    -------
+    (n,) array
+        Ratios [-].
     """
     width = int(max(4, len(glance.run.t) // 2000))  # rows: 2000 windows at most
     count = len(glance.steps) // width
@@ -199,6 +219,16 @@ def velocity_lag(glance: RunSummary) -> float | None:
 
     It is the median over the moving joints of the lag at which the two correlate most;
     None where the joints differ by more than a sample.
+
+    Parameters
+    ----------
+    glance : RunSummary
+        The run.
+
+    Returns
+    -------
+    float or None
+        Lag [samples]; negative where the velocity comes before.
     """
     # Steps across gaps count 0.
     even = (glance.steps < TIMES * glance.usual_step)[:_ROWS_OF_LAG]

@@ -157,6 +157,7 @@ def _read_effects(
 
 def _refuse_duplicates(estimate: Estimate, new: Sequence[Effect]) -> None:
     """Raise InputError where a model has one of these effects already."""
+    # A model refuses an effect that comes twice.
     Model(estimate.robot, (*estimate.model.effects, *new))
 
 
@@ -188,8 +189,10 @@ def _without_held(estimate: Estimate, added: Sequence[Effect]) -> list[Effect]:
     InputError
         The model has all of the effects.
     """
-    there = {(e.name, j) for e in estimate.model.effects for j in e.joints}
-    new = [e for e in added if e.several or not there & {(e.name, j) for j in e.joints}]
+    of_model = {(e.name, j) for e in estimate.model.effects for j in e.joints}
+    new = [
+        e for e in added if e.several or not of_model & {(e.name, j) for j in e.joints}
+    ]
     if not new:
         raise InputError(
             "All these effects are the held model's own",
@@ -253,14 +256,14 @@ class _Again:
         return replace(extended, details=details)
 
 
-def _with_noise_of(estimate: Estimate, made: Estimate) -> Estimate:
+def _with_noise_of(estimate: Estimate, extended: Estimate) -> Estimate:
     """Return an extended model with the noise floor that the original one keeps, if
     any.
     """
     noise = estimate.provenance.get("noise")
     if noise:
-        made.provenance["noise"] = noise
-    return made
+        extended.provenance["noise"] = noise
+    return extended
 
 
 def _retunes(
@@ -288,7 +291,7 @@ def _retunes(
         For each constant of the model's effects that was given: its value before and
         after.
     """
-    there = {
+    effects_by_key = {
         (e.name, j): e
         for e in estimate.model.effects
         for j in e.joints
@@ -297,7 +300,7 @@ def _retunes(
     new = list[Effect]()
     retuned = list[ShapeEstimate]()
     for effect in new_effects:
-        present = [there.get((effect.name, j)) for j in effect.joints]
+        present = [effects_by_key.get((effect.name, j)) for j in effect.joints]
         if frozen or not effect.given or not all(present):
             new.append(effect)
             continue
@@ -450,8 +453,8 @@ def _fit_new_effects(
         if model.needs_reference:
             model = replace(model, reference=np.append(known, theta))
         progress("compressing the measurements")
-        left = compress(runs, model).given_first(estimate.theta)
-        task = task_beside(estimate, model_of_new, left, seed, progress)
+        torque_left = compress(runs, model).given_first(estimate.theta)
+        task = task_beside(estimate, model_of_new, torque_left, seed, progress)
         progress("estimating the new effects")
         theta, certificate = certify(task, estimator.fit(task))
     return _FitBeside(model, model_of_new, task, estimator, theta, certificate)

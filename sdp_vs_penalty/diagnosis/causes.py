@@ -462,12 +462,12 @@ class SplitError:
         """
         of_error = of_beyond = 0.0
         for columns in alternatives:
-            left = self._without_model(columns)
+            columns_left = self._without_model(columns)
             # Of a column that the model makes itself only rounding is left.
             energy = np.sum(columns**2, axis=0)
-            is_visible = np.sum(left**2, axis=0) > _ABSORBED * energy
+            is_visible = np.sum(columns_left**2, axis=0) > _ABSORBED * energy
             share_beyond = held_out_share(
-                left[:, is_visible],
+                columns_left[:, is_visible],
                 self.beyond_model,
                 self.fold,
             )

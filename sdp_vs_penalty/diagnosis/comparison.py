@@ -600,12 +600,12 @@ def _noise_floor(first: Estimate, shown: FilteredRuns) -> tuple[Array | None, st
     in the same recordings, or if it comes from repetition and these recordings do not
     repeat: it is the same arm behind the same filters.
     """
-    kept = _kept_noise(first, shown.settings)
-    if kept is not None and kept.data_hash == shown.measurements.data_hash:
-        return kept.floor, kept.source
+    stored = _kept_noise(first, shown.settings)
+    if stored is not None and stored.data_hash == shown.measurements.data_hash:
+        return stored.floor, stored.source
     floor, source = noise_level(first.problem, shown)
-    if kept is not None and kept.source == REPETITION and source != REPETITION:
-        return kept.floor, kept.source
+    if stored is not None and stored.source == REPETITION and source != REPETITION:
+        return stored.floor, stored.source
     return floor, source
 
 
@@ -626,8 +626,8 @@ def noise_floor(model: Estimate, recordings: Measurements) -> tuple[Array | None
 
     The floor is (n,) in N m or N, or None.
     """
-    _, given = driven(model, recordings)
-    return _noise_floor(model, FilteredRuns.of(given, model.preprocessing))
+    _, with_joint_torque = driven(model, recordings)
+    return _noise_floor(model, FilteredRuns.of(with_joint_torque, model.preprocessing))
 
 
 def keep_noise_floor(estimate: Estimate, recordings: Measurements) -> None:

@@ -84,7 +84,7 @@ class Conclusion:
         curve, else "effect_missing" if there are findings, else "nothing_missing". A
         finding that does harm beside the certain ones becomes weak.
         """
-        left = self.left
+        remaining = self.left
         noise = self.data.noise
         held_out = self.ladder.held_out
         findings = self.findings_alone
@@ -92,7 +92,9 @@ class Conclusion:
         for i, is_harmful in enumerate(harmful[self.ladder.n_own :]):
             if is_harmful:
                 findings[i] = _weakened(findings[i], "alone")
-        unexplained = {j: float(left.beyond[j]) for j in left.joints_unexplained}
+        unexplained = {
+            j: float(remaining.beyond[j]) for j in remaining.joints_unexplained
+        }
         unnamed = {*unexplained, *(c.joint for c in self.curves)}
         verdict: Literal["effect_missing", "nothing_missing", "unknown_effect"]
         verdict = "effect_missing" if findings else "nothing_missing"
@@ -100,8 +102,8 @@ class Conclusion:
             verdict = "unknown_effect"
         happened = find_events(
             self.data,
-            left.outlier_rows,
-            left.residual,
+            remaining.outlier_rows,
+            remaining.residual,
             sorted(unnamed),
         )
         return Diagnosis(
@@ -111,7 +113,7 @@ class Conclusion:
             invisible=invisible_effects(self.search),
             events=tuple(happened),
             noise_source=noise.source,
-            unexplained=left.in_sample_excess_variance,
+            unexplained=remaining.in_sample_excess_variance,
             held_out_rmse=self.ladder.errors[-1],
             band_hz=self.data.rows.cutoff,
             remarks=self.remarks,

@@ -121,21 +121,21 @@ def diagnose_runs(
     :func:`diagnose` for the options.
     """
     progress("noise, and columns of all candidates")
-    found = search(runs.white_data, runs.candidates, rules, progress)
-    found = refer_columns_to_current_model(found, progress)
+    finished_search = search(runs.white_data, runs.candidates, rules, progress)
+    finished_search = refer_columns_to_current_model(finished_search, progress)
     progress("held-out errors")
     judge = HeldOutData(runs.estimate, runs.test_rows, runs.frozen)
-    explanation = explain_in_order(found, runs.estimate)
+    explanation = explain_in_order(finished_search, runs.estimate)
     judged = explanation.terms
     held_out = held_out_errors(explanation, judge)
-    explanation = drop_harmful(explanation, held_out, found)
-    left = unexplained_error(explanation.search)
+    explanation = drop_harmful(explanation, held_out, finished_search)
+    unexplained = unexplained_error(explanation.search)
     explanation = with_equivalence_sets(explanation, judge)
-    measured = measure_curves(explanation.search, left.joints_above_noise)
+    measured = measure_curves(explanation.search, unexplained.joints_above_noise)
     curves = accept_curves(explanation.search, measured, judge)
     conclusion = Conclusion(
         explanation=explanation,
-        left=left,
+        left=unexplained,
         curves=curves,
         ladder=Ladder.of(explanation, held_out, judged),
         gain_errors=gain_errors(runs.estimate, gain_uncertainty),

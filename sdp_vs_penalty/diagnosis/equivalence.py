@@ -158,13 +158,13 @@ def _judge_group(
     ``full`` is a fit with all columns, which are used again.
     """
     others = [t for t in search.terms if t not in terms]
-    beside = search.nuisances.with_law_misfits(others)
-    fit = search.score.fit(beside, full)
+    terms_beside = search.nuisances.with_law_misfits(others)
+    fit = search.score.fit(terms_beside, full)
     judged = [search.score.evidence_of(fit, t.form, t.columns) for t in terms]
-    after = search.score.fit([*beside, *terms], full)
+    after = search.score.fit([*terms_beside, *terms], full)
     # The residual with the terms, weighted as that without them.
-    left = after.residual * (after.level / fit.level)[:, None]
-    squares = float(np.sum(fit.residual**2) - np.sum(left**2))
+    residual_after = after.residual * (after.level / fit.level)[:, None]
+    squares = float(np.sum(fit.residual**2) - np.sum(residual_after**2))
     drop = judged[0].drop
     if len(terms) > 1:
         drop = float(fit.deviance(fit.rss) - fit.deviance(after.rss))

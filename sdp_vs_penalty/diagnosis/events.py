@@ -275,19 +275,19 @@ def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
     rows = data.rows
     repeats = data.noise.repeats
     slow = rows.slow > SLOW  # reversals are harmonics of the motion
-    left = residual
+    searched_torque = residual
     if repeats:
-        left = differences(rows, repeats)
+        searched_torque = differences(rows, repeats)
         slow = np.concatenate([slow[r.rows] for r in repeats])
-    left = np.where(slow, 0.0, left)
+    searched_torque = np.where(slow, 0.0, searched_torque)
     out = {}
     for j in range(rows.n):
         pieces = consecutive(repeats) if repeats else rows.pieces[j]
         longest = max((len(p) for p in pieces), default=0)
-        series = [left[p, j] for p in pieces if 2 * len(p) > longest]
-        found = spectral_lines(series, rows.rate, rows.n)
+        series = [searched_torque[p, j] for p in pieces if 2 * len(p) > longest]
+        frequencies = spectral_lines(series, rows.rate, rows.n)
         # What the low-pass folds has no flat surroundings.
-        lines = [f for f in found if f < rows.cutoff]
+        lines = [f for f in frequencies if f < rows.cutoff]
         if lines:
             out[j] = lines
     return out

@@ -115,8 +115,8 @@ class _Beside:
         The deviance is -2 log L, plus (beta / known)^2 for the prior. beta (K,) are
         coefficients.
         """
-        left = self.fit.residual - self.T @ beta
-        after = self.fit.deviance(np.sum(left**2, axis=1) * self.fit.level**2)
+        residual = self.fit.residual - self.T @ beta
+        after = self.fit.deviance(np.sum(residual**2, axis=1) * self.fit.level**2)
         prior = np.sum((beta / self.known) ** 2)
         return float(self.fit.deviance(before.rss) - after - prior)
 
@@ -239,7 +239,7 @@ class EvidenceScorer(WhiteFitter):
         if not np.any(beside.gram[:k]):
             return without_evidence
         T = beside.T
-        left = fit.residual - T @ beside.beta
+        residual = fit.residual - T @ beside.beta
         inverse = np.asarray(np.linalg.inv(with_ridge(beside.information)))
         torque = T[:, :, :k] @ beside.beta[:k]
         if form.replaces_own_constant:
@@ -250,11 +250,11 @@ class EvidenceScorer(WhiteFitter):
                 return without_evidence
             inverse = np.array([[1.0 / energy]])
             torque = T[:, :, 0]
-            left = left - torque * float(np.sum(torque * left)) / energy
+            residual = residual - torque * float(np.sum(torque * residual)) / energy
         count = float(fit.degrees[list(columns)].mean())
         v = self.rows_worth_one(
             T,
-            left,
+            residual,
             inverse,
             beside.T.shape[2],
         )
@@ -285,18 +285,19 @@ class EvidenceScorer(WhiteFitter):
         k = beside.k
         if k < len(beside.beta):
             information = beside.information[k:, k:]
-            alone = np.linalg.solve(information, beside.pull[k:])
-            without = np.append(np.zeros(k), alone)
+            moved_alone = np.linalg.solve(information, beside.pull[k:])
+            without = np.append(np.zeros(k), moved_alone)
             drop -= beside.deviance_drop_to(beside.fit, without)
         return drop
 
     @staticmethod
     def freedom(beside: _Beside) -> float:
-        """Return the effective number of parameters, k + s.
+        """Return the effective number of parameters of a candidate, k + s.
 
-        k is the trace of (T'T + prior)^-1 T'T over coefficients that a sign constraint
-        does not hold at zero: a coefficient that the prior determines counts for
-        nothing. s is the number of continuous shape constants.
+        k is the trace of (T'T + prior)^-1 T'T, where T are the candidate's columns
+        beside the fit: a coefficient counts 1 if the rows determine it and 0 if only
+        the prior does. Coefficients that a sign constraint holds at zero do not count.
+        s is the number of continuous shape constants.
         """
         free = np.flatnonzero((beside.beta != 0.0) | ~beside.nonnegative)
         part = np.ix_(free, free)
@@ -342,7 +343,7 @@ class EvidenceScorer(WhiteFitter):
     def rows_worth_one(
         self,
         T: Array,
-        left: Array,
+        residual: Array,
         inverse: Array,
         freedom: float,
     ) -> float:
@@ -358,14 +359,14 @@ class EvidenceScorer(WhiteFitter):
         ----------
         T
             (n, M, K) columns beside the fit.
-        left
+        residual
             (n, M) residual with the candidate.
         inverse
             (K, K) A^-1, the inverse information matrix.
         freedom
             Effective number of coefficients.
         """
-        scores = np.sum(T * left[:, :, None], axis=0)[: len(self.data.clusters[0])]
+        scores = np.sum(T * residual[:, :, None], axis=0)[: len(self.data.clusters[0])]
         sums = cluster_sums(self.data.clusters, scores)
         # tr(A^-1 sum u u') = sum of u' A^-1 u over the clusters' sums u.
         traces = [float(np.sum((u @ inverse) * u)) for u in sums]

@@ -857,9 +857,9 @@ class Diagnosis(Record, JsonRecord):
         return out
 
 
-def rating_counts(found: Sequence[Finding | Retune]) -> str:
+def rating_counts(findings: Sequence[Finding | Retune]) -> str:
     """Count findings by rating, in words: "2 confident, 1 near-tie and 1 weak"."""
-    ratings = [f.rating for f in found]
+    ratings = [f.rating for f in findings]
     counts = [
         f"{ratings.count(kind)} {kind}" for kind in get_args(Rating) if kind in ratings
     ]

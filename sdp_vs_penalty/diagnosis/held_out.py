@@ -78,8 +78,8 @@ class HeldOutSplit:
         staying, columns_stay = with_replaced_joints(of_model, new)
         is_chosen = [k in chosen for k in range(len(self.effects))]
         n_columns = [len(effect.parameters) for effect in self.effects]
-        kept = np.append(columns_stay, np.repeat(is_chosen, n_columns))
-        return Columns(staying, new, kept.astype(bool))
+        is_kept = np.append(columns_stay, np.repeat(is_chosen, n_columns))
+        return Columns(staying, new, is_kept.astype(bool))
 
 
 class Columns(NamedTuple):
@@ -137,9 +137,9 @@ class HeldOut:
         set up once for them.
         """
         for _, splits in groupby(self.splits, key=lambda s: [id(e) for e in s.effects]):
-            alike = list(splits)
-            columns = alike[0].columns_of(self.estimate, chosen)
-            trains = [s.train.keeping(columns.kept) for s in alike]
+            same_effects = list(splits)
+            columns = same_effects[0].columns_of(self.estimate, chosen)
+            trains = [s.train.keeping(columns.kept) for s in same_effects]
             fits = fitted_parameters(
                 self.estimate,
                 columns.own,
@@ -147,7 +147,7 @@ class HeldOut:
                 trains,
                 self.frozen,
             )
-            for split, theta in zip(alike, fits, strict=True):
+            for split, theta in zip(same_effects, fits, strict=True):
                 yield split.test.keeping(columns.kept).joint_losses(theta)
 
     def least_squares_errors(self, chosen: Sequence[int]) -> Array:
@@ -477,18 +477,18 @@ def with_replaced_joints(
         (e.name, j) for e in new if not (e.whole_robot or e.several) for j in e.joints
     }
     out = list[Effect]()
-    left = list[bool]()
+    stays = list[bool]()
     for e in effects:
         stay = [j for j in e.joints if (e.name, j) not in others]
         keeps_all = len(stay) == len(e.joints)
-        left += (
+        stays += (
             [True] * len(e.parameters)
             if keeps_all
             else [p.joint - 1 in stay for p in e.parameters]
         )
         if stay:
             out.append(e if keeps_all else type(e)(e.robot, stay, **e.shape))
-    return out, left
+    return out, stays
 
 
 def least_squares_parameters(

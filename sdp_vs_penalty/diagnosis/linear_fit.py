@@ -109,11 +109,11 @@ class Design:
 
     A (n joints, M + prior rows, p) : columns of unit length, the model's first; y (n, M
     + prior rows) : torque, 0 in prior rows; gram (n, p, p), pull (n, p) : A'A and A'y;
-    columns_of_model : numbers of the model's columns, by key of an effect with a shape constant
-    that might be re-estimated, all others under None; at : numbers of each term's
-    columns, by its text; keys : key of the effect that a column belongs to; extra (n,)
-    : how many prior rows each joint counts. A prior row says that a nuisance's
-    coefficient is zero, up to its standard deviation.
+    columns_of_model : numbers of the model's columns, by key of an effect with a shape
+    constant that might be re-estimated, all others under None; at : numbers of each
+    term's columns, by its text; keys : key of the effect that a column belongs to;
+    extra (n,) : how many prior rows each joint counts. A prior row says that a
+    nuisance's coefficient is zero, up to its standard deviation.
     """
 
     A: Array
@@ -132,11 +132,12 @@ class Design:
         return all(t.text in self.columns_by_text for t in terms)
 
     def products_with(self, batch: Batch) -> list[tuple[Array, Array]]:
-        """Return, by joint of a batch, A'Z (p, F k) and Z'y (F k,) of the batch's
-        columns Z.
+        """Return the products of the design's columns A with a batch's columns Z, by
+        its joints.
 
-        The products with the model's columns, the first r of A, are shared by all
-        designs. Those with the terms' columns are computed once for each batch.
+        They are A'Z (p, F k) and Z'y (F k,) for the F candidates of k columns each.
+        Products with the model's columns, the first r of A, are shared by all designs;
+        those with the terms' columns are computed once for each batch.
         """
         if batch not in self.products:
             M = batch.whitened_columns.shape[1]
@@ -151,6 +152,7 @@ class Design:
             ):
                 products = np.zeros((self.A.shape[2], Z.shape[1]))
                 products[:r] = of_basis
+                # Only terms that act on this joint have columns other than zero.
                 of_terms = self.A[j, :M, r:]
                 acts = of_terms.any(axis=0)
                 products[r:][acts] = of_terms[:, acts].T @ Z
@@ -168,8 +170,9 @@ class WhiteFit:
     by which its rows are divided; whitener W (p, r) : A W / level is orthonormal; theta
     (p,) : coefficients; residual (n, M) : weighted; rss (n,) : unweighted squared
     errors; degrees (n,) : rows less the joint's share of the rank; floor : lowest
-    variance of a joint; fits_without, derivatives_left : results computed once, by key of a model's own
-    effect: the fit without it, and what the fit leaves of its constants' derivatives.
+    variance of a joint; fits_without, derivatives_left : results computed once, by key
+    of a model's own effect: the fit without it, and what the fit leaves of its
+    constants' derivatives.
     """
 
     design: Design
@@ -220,15 +223,15 @@ class WhiteFit:
         W = self.whitener
         along = sum(A[j, : len(z)].T @ (z / self.level[j]) for j, z in scaled.items())
         explained = A @ (W @ (W.T @ along)) / self.level[:, None, None]
-        left = -explained
+        remaining = -explained
         for j, z in scaled.items():
-            left[j, : len(z)] += z
-        return np.asarray(left)
+            remaining[j, : len(z)] += z
+        return np.asarray(remaining)
 
     def energy(self, term: ScoredEffect) -> float:
         """Return the weighted squares of what the fit leaves of an effect's torque."""
-        left = self.residual_of(self.scaled(term.columns)) @ term.beta
-        return float(np.sum(left**2))
+        remaining = self.residual_of(self.scaled(term.columns)) @ term.beta
+        return float(np.sum(remaining**2))
 
 
 class WhiteFitter:
@@ -341,10 +344,10 @@ class WhiteFitter:
             return fit
         if form.key not in fit.fits_without:
             replaced = fit.design.columns_of_model[form.key]
-            left = tuple(i for i in fit.columns_kept if i not in replaced)
+            columns_left = tuple(i for i in fit.columns_kept if i not in replaced)
             fit.fits_without[form.key] = self._fitted(
                 fit.design,
-                left,
+                columns_left,
                 fit.level,
                 rounds=1,
             )
@@ -456,9 +459,9 @@ class WhiteFitter:
             The most iterations, each of which raises the likelihood (six were needed at
             most on three arms); one leaves the levels as they are.
         """
-        kept = np.array(columns, int)
-        G = design.gram.take(kept, 1).take(kept, 2)
-        pull = design.pull[:, kept]
+        columns_kept = np.array(columns, int)
+        G = design.gram.take(columns_kept, 1).take(columns_kept, 2)
+        pull = design.pull[:, columns_kept]
         flat_gram = G.reshape(len(G), -1)
         squares_of_torque = np.sum(design.y**2, axis=1)
         degrees = self.data.count + design.n_prior_rows
@@ -486,10 +489,10 @@ class WhiteFitter:
         root = inverse.T
         # Zero for columns of the design that take no part.
         p = design.A.shape[2]
-        W = np.zeros((p, len(kept)))
-        W[kept] = root
+        W = np.zeros((p, len(columns_kept)))
+        W[columns_kept] = root
         all_theta = np.zeros(p)
-        all_theta[kept] = theta
+        all_theta[columns_kept] = theta
         residual = (design.y - design.A @ all_theta) / last[:, None]
         rank_of_joint = flat_gram @ (root @ root.T).ravel() / last**2
         return WhiteFit(

@@ -282,6 +282,6 @@ class Nuisances:
 
     def _squares_beyond_model(self, columns: dict[int, Array]) -> Array:
         """Return the squares (k,) of what the model leaves of white columns."""
-        left = self.bare.residual_of(self.bare.scaled(columns))
-        left = left * self.bare.level[:, None, None]
-        return np.maximum(np.sum(left**2, axis=(0, 1)), 1e-200)
+        remaining = self.bare.residual_of(self.bare.scaled(columns))
+        remaining = remaining * self.bare.level[:, None, None]
+        return np.maximum(np.sum(remaining**2, axis=(0, 1)), 1e-200)

@@ -126,8 +126,8 @@ def constant_std(
         if not is_its or s.shape not in change.keys:
             continue
         k = change.keys.index(s.shape)
-        left = fit.residual_of(fit.scaled(columns))[:, :, k]
-        information = float(np.sum(left**2))
+        remaining = fit.residual_of(fit.scaled(columns))[:, :, k]
+        information = float(np.sum(remaining**2))
         if information <= 1.0:
             return np.inf
         return float(s.after * prior_deviation(effect, s.shape) / information**0.5)

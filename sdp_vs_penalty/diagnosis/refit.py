@@ -67,8 +67,8 @@ def _triangle_of(columns: Array, target: Array) -> Array:
     """Return the triangular factor (at most p + 1 square) of columns (M, p) and target
     (M,).
     """
-    both = np.column_stack([columns, target])
-    return np.asarray(np.linalg.qr(both, mode="r"))
+    columns_and_target = np.column_stack([columns, target])
+    return np.asarray(np.linalg.qr(columns_and_target, mode="r"))
 
 
 def _left(triangle: Array, step: Array) -> float:

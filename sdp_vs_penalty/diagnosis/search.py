@@ -373,8 +373,8 @@ class Search:
                 terms[terms.index(term)] = replace(judged, rivals=term.rivals)
                 if judged.text != term.text:  # its shape constants have changed
                     has_changed = True
-                    beside = self.nuisances.with_law_misfits(terms)
-                    fit_of_all = self.score.fit(beside, fit_of_all)
+                    terms_beside = self.nuisances.with_law_misfits(terms)
+                    fit_of_all = self.score.fit(terms_beside, fit_of_all)
             if not has_changed:
                 break
         return terms

@@ -120,9 +120,9 @@ def size_with_interval(
     gram = np.tensordot(T, T, axes=joints_and_rows)
     A = gram + prior
     inverse = np.linalg.pinv(A, rcond=1e-12, hermitian=True)
-    left = fit.residual - T[:, :, :k] @ term.beta
+    residual = fit.residual - T[:, :, :k] @ term.beta
     # Factors of the sandwich's middle S, side by side.
-    middle = [_largest_sums(search.data, T, left)]
+    middle = [_largest_sums(search.data, T, residual)]
     if torque_in_doubt.shape[2]:
         doubt = fit.residual_of(fit.scaled(dict(enumerate(torque_in_doubt))))
         middle.append(np.tensordot(T, doubt, axes=joints_and_rows))
@@ -138,14 +138,14 @@ def size_with_interval(
     )
 
 
-def _largest_sums(data: WhiteData, T: Array, left: Array) -> Array:
+def _largest_sums(data: WhiteData, T: Array, residual: Array) -> Array:
     """Return a factor (K, clusters) of the sandwich's middle S.
 
     Of the ways to cluster rows, the one with the largest S is taken. Each factor is
     scaled for its degrees of freedom: the number of clusters less the K parameters.
     """
     n_rows = len(data.clusters[0])  # without rows of priors behind the log's
-    scores = np.sum(T * left[:, :, None], axis=0)[:n_rows]
+    scores = np.sum(T * residual[:, :, None], axis=0)[:n_rows]
     factors = []
     for sums in cluster_sums(data.clusters, scores):
         n_clusters = len(sums)

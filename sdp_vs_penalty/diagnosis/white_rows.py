@@ -145,8 +145,8 @@ class WhiteData:
             if not effect.estimated or len(columns) != len(effect.joints):
                 continue
             for joint, column in zip(effect.joints, columns, strict=True):
-                alone = effect.with_shape([joint])
-                out[effect.name, joint] = alone, int(column)
+                on_joint = effect.with_shape([joint])
+                out[effect.name, joint] = on_joint, int(column)
         return out
 
     def constant_error_columns(

@@ -119,7 +119,7 @@ class DelayedTorque(Effect):
 
 
 class Delay(DelayedTorque):
-    """By the same time at every frequency."""
+    """Torque that is logged later by the same time at every frequency."""
 
     forward = "channel"
     shapes = {"T": ShapeConstant(0.001, "s", grid=_STARTS, signed=True)}

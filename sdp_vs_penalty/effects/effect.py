@@ -253,7 +253,8 @@ class Effect(ABC):
     def with_shape(
         self, joints: Sequence[int] | None = None, /, **shape: float
     ) -> Effect:
-        """Return the same effect with other shape constants, or on some joints only.
+        """Return a copy of the effect with other shape constants, or on some of the
+        joints.
 
         Parameters
         ----------
@@ -637,7 +638,8 @@ class Effect(ABC):
         )
 
     def with_free_shapes(self, keys: Iterable[str]) -> Effect:
-        """Return the same effect with some shape constants to be estimated again.
+        """Return a copy of the effect in which some shape constants are estimated
+        again.
 
         Parameters
         ----------

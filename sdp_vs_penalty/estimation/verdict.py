@@ -5,7 +5,7 @@ Command line, API, page, report, JSON and the headers of exports take it from he
 that no two of them grade the same model and measurements differently. What is not known
 never makes a grade better: "good" needs a noise floor that is known, errors within it
 on motion that is mostly new, and links that can exist. A diagnosis names what is
-missing; the grade is the same with and without it.
+missing; a model that lacks a finding of it, other than a weak one, is at most usable.
 """
 
 from __future__ import annotations

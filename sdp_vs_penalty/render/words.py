@@ -406,10 +406,11 @@ def describe_addition(before: Comparison, after: Comparison) -> str:
     ]
     if not new:
         return ""
-    error = error_in_words(after, before.worst_joint)
+    joint = before.worst_joint
+    error = error_in_words(after, joint)
     by = "by " if after.error_over_noise is None else ""
-    worse = describe_worse(before, after)
-    return f"With {effects_in_words(new)} it errs {by}{error}. {worse}".rstrip()
+    change = f"With {effects_in_words(new)}, joint {joint} errs {by}{error}."
+    return f"{change} {describe_worse(before, after)}".rstrip()
 
 
 def describe_worse(before: Comparison, after: Comparison) -> str:
@@ -471,6 +472,8 @@ def picture_title(
     text = f"Error of joint {joint} against {against}"
     if before is after:
         return f"{text}: {before.name}."
+    if (before.name, after.name) == ("before", "after"):
+        return f"{text}, before and after."
     return f"{text}: {before.name} (before), {after.name} (after)."
 
 

@@ -127,7 +127,11 @@ def autoregression(x: Array, pieces: Pieces) -> tuple[Array, float, float]:
         )
     matrix = np.column_stack([x[rows] for rows in pieces.past])  # (P, ORDER)
     target = x[pieces.predicted]
-    a = np.linalg.lstsq(matrix, target, rcond=1e-10)[0]
+    a = np.linalg.lstsq(
+        matrix,
+        target,
+        rcond=1e-10,
+    )[0]
     residual = target - matrix @ a
     sigma = float(np.sqrt(residual @ residual / (count - ORDER)))
     largest = float(np.abs(x).max(initial=1.0))
@@ -272,7 +276,11 @@ def _window_energy(
     is_slow : (M,) array of bool
         Whether the joint is slow (``slow``, (M,)) in most of the window.
     """
-    moving_sum = partial(np.convolve, np.ones(length), mode="same")
+    moving_sum = partial(
+        np.convolve,
+        np.ones(length),
+        mode="same",
+    )
     energy = np.full(len(white), -np.inf)
     is_slow = np.zeros(len(white), bool)
     for piece in pieces:

@@ -34,8 +34,8 @@ from sdp_vs_penalty.signals.runs import Movement, Stretch, split_at_gaps
 
 @dataclass(frozen=True)
 class Rows:
-    """M filtered, decimated rows of one run: states (M, n), torque (M, n) [N m or N], and
-    the regression's columns joint by joint."""
+    """M filtered, decimated rows of one run: states (M, n), torque (M, n) [N m or N],
+    and the regression's columns joint by joint."""
 
     motion: Motion
     torque: Array
@@ -65,7 +65,8 @@ Read = Callable[[], list[Block]]
 
 @dataclass
 class _ChunkCache:
-    """Cache of one chunk of a run, and of the columns of the last model's effects on it.
+    """Cache of one chunk of a run, and of the columns of the last model's effects on
+    it.
 
     read : reads the chunk; shelf : of a long run, the file that holds the chunk and the
     columns of smooth effects, which take the longest; None: all is in memory; columns :
@@ -110,8 +111,8 @@ class _ChunkCache:
         reads: Mapping[int, Read],
         known: Mapping[int, list[Block]],
     ) -> None:
-        """Cache the columns of a model's effects, by place, in place of those of the last
-        model.
+        """Cache the columns of a model's effects, by place, in place of those of the
+        last model.
 
         Left out are columns that depend on a current model's torque and, of a long run,
         those that are quick to make again.
@@ -169,7 +170,13 @@ def low_passed(
         return dict(blocks)
     ends = np.cumsum([len(x) for x in columns])
     filtered = low_pass @ np.vstack(columns).T
-    parts = iter(np.split(filtered, ends[:-1], axis=1))
+    parts = iter(
+        np.split(
+            filtered,
+            ends[:-1],
+            axis=1,
+        )
+    )
     return {
         k: [replace(b, columns=next(parts)) for b in effect_blocks]
         for k, effect_blocks in blocks.items()
@@ -215,7 +222,11 @@ class FilteredRun:
         commanded = dict(self.run.commanded)
         if "isim" in commanded:
             commanded["isum"] = commanded["isim"]
-        run = replace(self.run, q=commanded["qsim"], commanded=commanded)
+        run = replace(
+            self.run,
+            q=commanded["qsim"],
+            commanded=commanded,
+        )
         return FilteredRun(run, self.settings, self.moving)
 
     def rows(self, model: Model) -> Iterator[Rows]:
@@ -356,7 +367,8 @@ class FilteredRuns:
         measurements : Measurements
             The runs.
         settings : Preprocessing
-            The filters' settings. Numbers that are not given are chosen from the measurements.
+            The filters' settings. Numbers that are not given are chosen from the
+            measurements.
 
         Returns
         -------

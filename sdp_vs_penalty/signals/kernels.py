@@ -19,10 +19,11 @@ from sdp_vs_penalty.robot.arrays import Array
 
 
 class LowPass:
-    """A low-pass filter on a uniform grid: a symmetric kernel (2 half + 1,), to convolve
-    samples with."""
+    """A low-pass filter on a uniform grid: a symmetric kernel (2 half + 1,), to
+    convolve samples with."""
 
     def __init__(self, value: Array) -> None:
+        """Make a low-pass of a symmetric kernel ``value`` (2 half + 1,)."""
         self.value = value
         self.half = len(value) // 2
 
@@ -34,9 +35,9 @@ _ROWS_PER_BLOCK = 16
 class Decimator:
     """The matrix (M, N) that low-passes N samples and takes M of the outputs.
 
-    Output m is the low-passed signal at sample ``at[m]``, in ascending order. The matrix
-    consists of dense blocks of a few rows: neighbouring rows share most of their samples,
-    which makes it several times as fast as sparse rows.
+    Output m is the low-passed signal at sample ``at[m]``, in ascending order. The
+    matrix consists of dense blocks of a few rows: neighbouring rows share most of their
+    samples, which makes it several times as fast as sparse rows.
     """
 
     def __init__(
@@ -44,6 +45,8 @@ class Decimator:
         kernel: LowPass,
         at: NDArray[np.int64],
     ) -> None:
+        """Make the blocks of the matrix whose outputs are the low-passed signal at the
+        samples ``at`` (M,), in ascending order."""
         self.kernel = kernel
         self.at = at
         size = len(kernel.value)
@@ -110,6 +113,12 @@ class Kernel(LowPass):
     """
 
     def __init__(self, cutoff: float, dt: float) -> None:
+        """Sample the low-pass of a cut-off [Hz], and its first two derivatives, every
+        ``dt`` [s].
+
+        Each is a product of sinc, Hann window and polynomial, by the product rule; each
+        is then multiplied by a polynomial that makes the moments of its samples exact.
+        """
         self.cutoff = cutoff
         self.dt = dt
         self.half = int(np.ceil(2.0 / cutoff / dt))
@@ -139,8 +148,18 @@ class Kernel(LowPass):
         # they sample.
         slope = (-1.0 / support, 0.0, 0.0, 0.0)
         bend = (0.0, 2.0 / support**2, 0.0, 0.0)
-        self.first = first * _moment_factor(first, u, odd, slope)(u)
-        self.second = second * _moment_factor(second, u, even, bend)(u)
+        self.first = first * _moment_factor(
+            first,
+            u,
+            odd,
+            slope,
+        )(u)
+        self.second = second * _moment_factor(
+            second,
+            u,
+            even,
+            bend,
+        )(u)
 
     def states(self, q: Array) -> tuple[Array, Array, Array]:
         """Filter positions, and differentiate them twice.
@@ -268,7 +287,11 @@ def _moment_factor(
     powers = 2 * np.arange(len(orders))
     u = np.asarray(u, float)
     weights = np.asarray(kernel, float)[:, None]
-    raised = np.vander(u, 2 * len(orders), increasing=True)
+    raised = np.vander(
+        u,
+        2 * len(orders),
+        increasing=True,
+    )
     matrix = raised[:, orders].T @ (weights * raised[:, powers])
     coefficients = np.zeros(powers[-1] + 1)
     coefficients[powers] = np.linalg.solve(matrix, np.array(moments))

@@ -27,13 +27,15 @@ from sdp_vs_penalty.signals.filtered import FilteredRuns
 from sdp_vs_penalty.signals.runs import interpolated, spans
 
 #: Motion is new beyond so many spreads of the training motion. A path of more than
-#: ``_MOST`` numbers is kept more coarsely, with a distance that grows alike, twice and
-#: four times as far; then not at all.
+#: ``_LARGEST_RECORD`` numbers is kept with twice the distance, then four times; then not
+#: at all.
 DISTANCE = 0.1
-_MOST = 100_000
+_LARGEST_RECORD = 100_000
 #: In units of the distance: how far the lines may pass beside a row, how near a row
 #: counts as there already, and the spacing at which lines are looked up.
 _NEAR = 0.2
+#: Rows of a path that are compared with the record at once, at least.
+_FEWEST_ROWS_AT_ONCE = 200
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ class MotionRecord(JsonRecord):
     distance: float
 
     def __post_init__(self) -> None:
+        """Refuse a record, read from a file, without lines, with numbers that are not
+        finite, or with a scale that is not above 0."""
         rows = np.concatenate(
             [
                 self.centre[None],
@@ -64,42 +68,61 @@ class MotionRecord(JsonRecord):
             raise ValueError("training_motion: a scale is not above 0")
 
     def new_share(self, runs: FilteredRuns) -> float | None:
-        """Share of the runs' filtered rows that are new: not within the distance of any
-        point. None where the filters leave none."""
+        """Return the share of the runs' filtered rows whose motion is new to the
+        record.
+
+        Parameters
+        ----------
+        runs : FilteredRuns
+            Runs of the same robot.
+
+        Returns
+        -------
+        float or None
+            Share, from 0 to 1, of rows that are not within ``distance`` of any point of
+            the path, in every coordinate; None where the filters leave no row.
+        """
         tree = _tree(self.lines, self.distance)
-        near = [
-            _near(
-                tree,
-                (x - self.centre) / self.scale,
-                self.distance,
-            )
-            for x in _paths(runs)
-        ]
-        if not near:
+        is_known = []
+        for path in _paths(runs):
+            scaled = (path - self.centre) / self.scale
+            is_known.append(_near(tree, scaled, self.distance))
+        if not is_known:
             return None
-        return 1.0 - float(np.mean(np.concatenate(near)))
+        return 1.0 - float(np.mean(np.concatenate(is_known)))
 
     def joined(self, other: MotionRecord) -> MotionRecord | None:
-        """The motion of both, in units of this one's spread; None where that is too
-        much to keep."""
-        there = [
+        """Return the record of the motion of both, in units of this one's spread; None
+        where that is too much to keep."""
+        of_other = [
             (line * other.scale + other.centre - self.centre) / self.scale
             for line in other.lines
         ]
         distance = max(self.distance, other.distance)
-        lines = [*self.lines, *there]
+        lines = [*self.lines, *of_other]
         return _record(self.centre, self.scale, lambda: lines, distance)
 
 
 def record_motion(runs: FilteredRuns) -> MotionRecord | None:
-    """The record of the runs' rows, in the memory of a part of them.
+    """Record the motion of runs, as a path of positions and velocities.
 
-    None where the filters leave no row, or where there is more motion than a record can
-    keep.
+    Parameters
+    ----------
+    runs : FilteredRuns
+        The training runs; they are read piece by piece.
+
+    Returns
+    -------
+    MotionRecord or None
+        None where the filters leave no row, or where there is more motion than a record
+        can hold.
     """
     count = 0
     n = runs.measurements.n
-    first = total = square = np.zeros(2 * n)
+    first = np.zeros(2 * n)
+    # Sums of displacements from the first row and of their squares.
+    total = np.zeros(2 * n)
+    square = np.zeros(2 * n)
     for rows in _paths(runs):
         first = first if count else rows[0]
         count = count + len(rows)
@@ -110,8 +133,8 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
         return None
     variance = square / count - (total / count) ** 2
     spread = np.sqrt(np.maximum(variance, 0.0)).reshape(2, n)
-    # A coordinate that stays within that distance of the largest one's is measured in
-    # it instead: the noise of a joint that hardly moves is no motion.
+    # A joint that hardly moves is measured in DISTANCE times the largest joint's spread:
+    # its noise is no motion.
     smallest = DISTANCE * spread.max(axis=1, keepdims=True)
     scale = np.maximum(spread, smallest).ravel()
     centre = first + total / count
@@ -119,13 +142,15 @@ def record_motion(runs: FilteredRuns) -> MotionRecord | None:
         return None
 
     def scaled_paths() -> Iterator[Array]:
-        return ((x - centre) / scale for x in _paths(runs))
+        """Yield the paths in units of the scale, about the centre."""
+        return ((path - centre) / scale for path in _paths(runs))
 
     return _record(centre, scale, scaled_paths, DISTANCE)
 
 
 def _paths(runs: FilteredRuns) -> Iterator[Array]:
-    """Of the runs' filtered rows consecutive ones (M, 2 n), M > 0, of q and dq."""
+    """Yield uninterrupted paths (M, 2 n), M > 0, of positions and velocities at the
+    runs' filtered rows; runs without rows are left out."""
     for run in runs.runs:
         with suppress(InputError):  # no rows
             longest_step = 1.5 * run.step * run.filters.dt
@@ -140,46 +165,48 @@ def _record(
     paths: Callable[[], Iterable[Array]],
     distance: float,
 ) -> MotionRecord | None:
-    """Paths (in units of the scale), thinned until the record is small enough."""
+    """Return the record of paths (in units of the scale), with twice and four times the
+    distance if it is too large; None if it is too large even so."""
     while distance <= 4.0 * DISTANCE:
         lines = _thinned(paths(), distance)
         if lines is not None:
-            rounded = tuple(np.round(x, 3) + 0.0 for x in lines)
+            # To a hundredth of the smallest distance; + 0.0 makes -0 to 0.
+            rounded = tuple(np.round(line, 3) + 0.0 for line in lines)
             return MotionRecord(centre, scale, rounded, distance)
         distance *= 2.0
     return None
 
 
 def _thinned(paths: Iterable[Array], distance: float) -> list[Array] | None:
-    """Few points of each path, and only where it has not been before; None for too
-    many."""
+    """List the lines (K, 2 n) that stand for paths: few points of each path, and only
+    where no line is near already. None for more numbers than _LARGEST_RECORD.
+    """
     lines = list[Array]()
     n_read = 0
     for path in paths:
         start = 0
         while not start or start < len(path):
-            # A quarter of all before is looked up at a time, so that a long path takes
-            # few looks and its first periods are enough for the later ones; and one row
-            # more, to the next part.
-            n_picked = min(max(200, n_read // 4), PART)
-            rows = path[start : start + n_picked + 1]
-            start = start + n_picked
-            n_read = n_read + n_picked
+            # As many rows at once as a quarter of all before: a long path needs few
+            # look-ups, and lines of its first periods serve the later ones. One row more
+            # joins the next part.
+            n_at_once = min(max(_FEWEST_ROWS_AT_ONCE, n_read // 4), PART)
+            rows = path[start : start + n_at_once + 1]
+            start = start + n_at_once
+            n_read = n_read + n_at_once
             fresh = np.ones(len(rows), bool)
             if lines:
                 fresh = ~_near(_tree(lines, distance), rows, _NEAR * distance)
             for first, end in spans(fresh):
                 piece = rows[max(first - 1, 0) : end + 1]
                 lines.append(_straight(piece, _NEAR * distance))
-            if sum(line.size for line in lines) > _MOST:
+            if sum(line.size for line in lines) > _LARGEST_RECORD:
                 return None
     return lines
 
 
 def _tree(lines: Iterable[Array], distance: float) -> Any:
-    """Points on all lines, so close that none between is missed, to look for the
-    nearest."""
-
+    """Return a k-d tree of points on all lines, _NEAR times the distance apart or less,
+    to look up the nearest."""
     points = []
     for line in lines:
         steps = np.abs(np.diff(line, axis=0))
@@ -196,8 +223,9 @@ def _near(
     rows: Array,
     reach: float,
 ) -> NDArray[np.bool_]:
-    """(M,) whether rows (M, d) are less than ``reach`` from some point in every
-    coordinate."""
+    """Return which rows (M, d) are nearer than ``reach`` to some point of a tree, in
+    every coordinate (maximum norm), (M,)."""
+    # The distance is infinite where no point is within the bound.
     distance, _ = tree.query(
         rows,
         p=np.inf,
@@ -207,16 +235,19 @@ def _near(
 
 
 def _straight(rows: Array, tolerance: float) -> Array:
-    """Rows between which straight lines pass all the others within ``tolerance``: halved
-    until they do."""
+    """Return some of the rows (M, d) of a path, so that straight lines between them
+    pass all other rows within ``tolerance`` in every coordinate.
+
+    Intervals that are too coarse are halved until they are not.
+    """
     index = np.arange(float(len(rows)))
     knots = np.unique([0, len(rows) - 1])
     while len(knots) > 1:
         line = interpolated(index, knots, rows[knots])
-        off = np.flatnonzero(np.abs(rows - line).max(axis=1) > tolerance)
-        if not len(off):
+        too_far = np.flatnonzero(np.abs(rows - line).max(axis=1) > tolerance)
+        if not len(too_far):
             break
-        far = np.unique(np.searchsorted(knots, off))
-        middle = (knots[far - 1] + knots[far] + 1) // 2
+        coarse = np.unique(np.searchsorted(knots, too_far))  # intervals, by their end
+        middle = (knots[coarse - 1] + knots[coarse] + 1) // 2
         knots = np.sort(np.append(knots, middle))
     return rows[knots]

@@ -80,8 +80,12 @@ class Noise:
 
     @cached_property
     def scale(self) -> Array:
-        """(M, n) standard deviation of the innovations; rows that follow one of a joint
-        that stood still remember it."""
+        """(M, n) standard deviation of the innovations (the part of the noise that its
+        past does not predict) [N m or N].
+
+        What friction adds while a joint stands still also disturbs the predictions of
+        the rows that follow, by the autoregression's coefficients.
+        """
         variance = (self.sigma * self.profile) ** 2 + self.held**2
         for lag, a in enumerate(self.ar.T, start=1):
             variance[lag:] += (a * self.held[:-lag]) ** 2
@@ -89,7 +93,8 @@ class Noise:
 
     @cached_property
     def worth(self) -> Array:
-        """(M, n) how much of a row's information standing still has left, from 0 to 1."""
+        """(M, n) share of a row's information that remains beside the friction of a
+        joint that stands still, from 0 to 1."""
         return np.asarray((self.sigma * self.profile / self.scale) ** 2)
 
     def whiten(
@@ -98,7 +103,8 @@ class Noise:
         joint: int,
         pieces: Pieces,
     ) -> Array:
-        """Whiten columns of a joint by its noise model: noise becomes white, of unit variance.
+        """Whiten columns of a joint by its noise model: noise becomes white, of unit
+        variance.
 
         Parameters
         ----------
@@ -107,8 +113,8 @@ class Noise:
         joint : int
             Index of the joint.
         pieces : Pieces
-            Uninterrupted pieces of rows. The first ORDER rows of each have no past and become
-            zero.
+            Uninterrupted pieces of rows. The first ORDER rows of each have no past and
+            become zero.
 
         Returns
         -------
@@ -121,13 +127,26 @@ class Noise:
 
 
 def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> Noise:
-    """The noise from repetition; where too little repeats from the torque's spectrum,
-    at most the model's residual, or from that residual alone, and then taken for white:
-    a colour would be that of the model's error, and hide what is looked for.
+    """Measure the noise of each joint's torque, from the best source that the runs
+    have.
 
-    noise_runs : all that was measured, where ``runs`` are windows of it: the noise is that
-    of the whole, which may repeat what a window does not; profile, suspect and repeats
-    are of the rows of ``runs``.
+    Where motion repeats, it is measured from repetition. Else the floor is taken from
+    the torque's spectrum, though no more than the model's residual; else from that
+    residual. Without repetition the noise is taken for white: a colour would be that of
+    the model's error, and hide what is looked for.
+
+    Parameters
+    ----------
+    runs : SegmentedRuns
+        The rows.
+    noise_runs : SegmentedRuns, optional
+        All that was measured, where ``runs`` are windows of it. The noise is that of
+        all of it, which may repeat what a window does not.
+
+    Returns
+    -------
+    Noise
+        Its profile, suspect rows and repeats are of the rows of ``runs``.
     """
     known = _from_repetition(noise_runs or runs, runs)
     if known is not None:
@@ -146,36 +165,46 @@ def noise_of(runs: SegmentedRuns, noise_runs: SegmentedRuns | None = None) -> No
 
 
 def noise_in(runs: SegmentedRuns, residual: Array) -> Noise:
-    """A guess: all of a residual (M, n) taken for noise, in rows during which the joint
-    moves."""
+    """Take a residual for noise: a guess, since the model's error is in it.
+
+    Parameters
+    ----------
+    runs : SegmentedRuns
+        The rows.
+    residual : (M, n) array
+        What a model leaves of the torque [N m or N].
+
+    Returns
+    -------
+    Noise
+        Of the rows in which a joint moves.
+    """
     n = runs.n
-    moving = [_without(runs.pieces[j], runs.still[:, j] >= STILL) for j in range(n)]
-    parts = [autoregression(residual[:, j], moving[j]) for j in range(n)]
-    ar = np.array([x for x, _, _ in parts])
-    sigma = np.array([x for _, x, _ in parts])
-    degrees = np.array([x for _, _, x in parts])
-    floor = np.array(
-        [
-            residual[np.concatenate(p), j].std() if p else 0.0
-            for j, p in enumerate(moving)
-        ]
-    )
-    suspect = np.zeros_like(runs.keep)
+    moving = []
+    for joint in range(n):
+        is_still = runs.still[:, joint] >= STILL
+        moving.append(_without_rows(runs.pieces[joint], is_still))
+    fits = [autoregression(residual[:, joint], moving[joint]) for joint in range(n)]
+    floor = []
+    for joint, pieces in enumerate(moving):
+        has_rows = len(pieces) > 0
+        floor.append(residual[np.concatenate(pieces), joint].std() if has_rows else 0.0)
     return Noise(
-        floor,
-        ar,
-        sigma,
-        degrees,
-        RESIDUAL,
-        suspect,
-        np.ones_like(residual),
-        runs.held,
+        floor=np.array(floor),
+        ar=np.array([coefficients for coefficients, _, _ in fits]),
+        sigma=np.array([deviation for _, deviation, _ in fits]),
+        degrees=np.array([degrees for _, _, degrees in fits]),
+        source=RESIDUAL,
+        suspect=np.zeros_like(runs.keep),
+        profile=np.ones_like(residual),
+        held=runs.held,
     )
 
 
-def _without(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
-    """Without the rows that are marked, unless too few would be left."""
-    others = Pieces(p[~marked[p]] for p in pieces)
+def _without_rows(pieces: Pieces, marked: NDArray[np.bool_]) -> Pieces:
+    """Return pieces of a series without the marked rows (M,); the pieces as they are if
+    too few rows would remain for an autoregression."""
+    others = Pieces(piece[~marked[piece]] for piece in pieces)
     return others if len(others.predicted) >= _FEWEST else pieces
 
 
@@ -223,12 +252,12 @@ class _JointNoise:
 
 
 class _RepeatedRows:
-    """The differences between rows with the same motion, of all joints.
+    """D differences of the residuals of n joints between rows with the same motion.
 
-    difference (D, n) : of noise, with the variance of one residual. both (D, 2) : the
-    rows at the two instants. pieces : uninterrupted differences. stuck (D, n) : a law
-    of friction does not say what holds the joint there. share : how many of the
-    differences say something new, over all.
+    difference (D, n) : noise, scaled to the variance of one residual [N m or N]; both
+    (D, 2) : the rows at the two instants; pieces : uninterrupted differences; stuck
+    (D, n) : where no law of friction says what torque holds the joint; share : of the
+    differences that are independent of the others; rates (n, M, 2) : rate_features.
     """
 
     def __init__(
@@ -236,15 +265,16 @@ class _RepeatedRows:
         runs: SegmentedRuns,
         repeats: tuple[Repeat, ...],
     ) -> None:
+        """Take the differences of the residuals of ``runs`` between rows with the same
+        motion."""
         self.runs = runs
         self.n_rows = len(runs.t)
         self.difference = differences(runs, repeats)
         self.both = pairs(repeats)
         self.index, later = self.both.T
         self.pieces = Pieces(consecutive(repeats))
-        # A joint that stands still does so again when the motion repeats, and what
-        # friction holds there too: it is no noise, but evidence only as far as a law of
-        # friction says it.
+        # A joint that stands still does so again when the motion repeats, and friction
+        # may hold another torque: this is no noise of the sensor.
         no_law = runs.unexplained_standstill_torque[1]
         self.stuck = no_law[self.index] | no_law[later]
         n_new = new_differences(self.both, self.n_rows)
@@ -262,7 +292,7 @@ class _RepeatedRows:
         """
         rates = self.rates[j][self.index]
         drift = self._drift(j)
-        pieces = _without(self.pieces, self.stuck[:, j])
+        pieces = _without_rows(self.pieces, self.stuck[:, j])
         left, good = _without_events(
             self.difference[:, j],
             drift,
@@ -271,6 +301,7 @@ class _RepeatedRows:
             self.runs.n,
             self._comes_back,
         )
+        # Only differences without an event.
         steady = Pieces(p[good[p]] for p in pieces)
         ar, deviation, free = autoregression(left, steady)
         n_used = sum(map(len, steady))
@@ -294,8 +325,12 @@ class _RepeatedRows:
         )
 
     def _drift(self, j: int) -> Array:
-        """(D, 6) what offset and frictions of a joint leave of a difference when they
-        drift, ever slower or faster; columns of unit norm."""
+        """Return the columns (D, 6), of unit norm, that drifts leave in joint j's
+        differences.
+
+        Offset, Coulomb and viscous friction drift at a constant or a linearly changing
+        rate, so that a difference holds that rate times the time between its instants.
+        """
         t = self.runs.t[self.index]
         dq = self.runs.dq[self.index, j]
         laws = np.column_stack(
@@ -311,7 +346,8 @@ class _RepeatedRows:
         return np.asarray(drift / nonzero_or_one(np.linalg.norm(drift, axis=0)))
 
     def _comes_back(self, marked: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(D,) which of the marked differences are no events, since they recur."""
+        """Return which of the marked differences (D,) recur at other instants with the
+        same motion: they are no events."""
         return recurring(self.both, self._phase, self._reach, marked)
 
 
@@ -320,19 +356,20 @@ def _carried(
     runs: SegmentedRuns,
     shown: SegmentedRuns,
 ) -> NDArray[np.bool_]:
-    """(M, n) whether the rows of windows ``shown`` are within a row of what is suspect
-    in ``runs``."""
-    out = []
+    """Return the suspect rows (M, n) of windows ``shown`` from those of all ``runs``: a
+    row of a window is suspect if one of its neighbours in the runs is."""
+    of_windows = []
     for window in shown.segments:
         marked = np.zeros((len(window.t), runs.n), bool)
         for number, source_segment in enumerate(runs.segments):
             if is_part(window, source_segment):
                 rows_here = suspect[runs.segment == number]
                 at = np.searchsorted(source_segment.t, window.t)
-                for k in (at - 1, at):
-                    marked |= rows_here[np.clip(k, 0, len(rows_here) - 1)]
-        out.append(marked)
-    return np.concatenate(out)
+                for neighbour in (at - 1, at):
+                    place = np.clip(neighbour, 0, len(rows_here) - 1)
+                    marked |= rows_here[place]
+        of_windows.append(marked)
+    return np.concatenate(of_windows)
 
 
 def differences(runs: SegmentedRuns, repeats: Sequence[Repeat]) -> Array:
@@ -369,14 +406,38 @@ def _without_events(
     tests: int,
     comes_back: Callable[[NDArray[np.bool_]], NDArray[np.bool_]],
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Take drift and events out of differences x (D,), in turns: each spoils the other.
+    """Take drift and events out of differences, in three turns: each spoils the
+    estimate of the other.
 
-    comes_back : tells which of marked differences are no events. Returns what the drift
-    leaves (D,), and which differences are no event's (D,).
+    Parameters
+    ----------
+    x : (D,) array
+        Differences of one joint [N m or N].
+    drift : (D, k) array
+        Columns of what drifts leave in them.
+    rates : (D, r) array
+        Squared rates that may swell the noise.
+    pieces : Pieces
+        Uninterrupted differences.
+    tests : int
+        Number of joints that are searched for events.
+    comes_back : callable
+        Returns which of marked differences (D,) recur, and are no events.
+
+    Returns
+    -------
+    without_drift : (D,) array
+        What the drift leaves.
+    good : (D,) array of bool
+        Which differences are not of an event.
     """
     good = np.ones(len(x), bool)
     for _ in range(3):
-        size = np.linalg.lstsq(drift[good], x[good], rcond=1e-10)[0]
+        size = np.linalg.lstsq(
+            drift[good],
+            x[good],
+            rcond=1e-10,
+        )[0]
         without_drift = x - drift @ size
         ar = autoregression(without_drift, Pieces(p[good[p]] for p in pieces))[0]
         white = pieces.filter(ar, len(without_drift)) @ without_drift
@@ -391,12 +452,15 @@ def _without_events(
 
 
 def rate_features(runs: SegmentedRuns) -> Array:
-    """Square what may swell the noise: the rate of the modelled torque, the velocity.
+    """Return the squares of two rates that may swell the noise of a torque: the rate of
+    change of the modelled torque, and the velocity.
+
+    A clock that jitters turns rates into noise.
 
     Parameters
     ----------
     runs
-        The rows.
+        The rows, with a model's torque.
 
     Returns
     -------
@@ -404,7 +468,12 @@ def rate_features(runs: SegmentedRuns) -> Array:
         (n, M, 2) both squares, for each joint and row.
     """
     rates = [
-        s.low_pass @ np.gradient(s.motion.modelled, s.motion.t, axis=0)
+        s.low_pass
+        @ np.gradient(
+            s.motion.modelled,
+            s.motion.t,
+            axis=0,
+        )
         for s in runs.segments
     ]
     features = np.stack([np.concatenate(rates), runs.dq], axis=2)
@@ -436,6 +505,7 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
     dt = stretches[0].dt
     frequency = noise.frequency
     kernel = Kernel(runs.cutoff, dt).value
+    # Power |H|^2 that the low-pass passes at each frequency of the spectrum.
     size = max(2 * len(frequency) - 2, 4 * len(kernel))
     gain = np.abs(np.fft.rfft(kernel, size))
     passed = np.interp(
@@ -443,6 +513,7 @@ def spectral_floor(runs: SegmentedRuns) -> Array | None:
         np.fft.rfftfreq(size, dt),
         gain**2,
     )
+    # All frequencies but 0 and the last one stand for a negative one as well.
     has_negative = (frequency > 0.0) & (frequency < 0.5 / dt)
     weight = np.where(has_negative, 2.0, 1.0)
     return np.asarray(np.sqrt(noise.spectrum @ (weight * passed) / np.sum(weight)))

@@ -23,6 +23,9 @@ from sdp_vs_penalty.signals.preprocessing import Preprocessing, RunFilter
 from sdp_vs_penalty.signals.repetition import ALIKE, Track, repeat_lag, repeat_period
 from sdp_vs_penalty.signals.runs import interpolated, sample_rate
 
+#: Rate at which positions are compared; motion holds little above half of it.
+_LARGEST_TRACK_RATE_HZ = 100.0
+
 
 @dataclass(frozen=True)
 class MotionClock:
@@ -70,13 +73,22 @@ def tracks_of(measurements: Measurements) -> list[Track]:
     list of Track
         One a run.
     """
-    out = []
+    tracks = []
     for run in measurements.runs():
         span = float(run.t[-1] - run.t[0])
-        rate = min(sample_rate(run), 100.0, SAMPLES / span)
+        rate = min(sample_rate(run), _LARGEST_TRACK_RATE_HZ, SAMPLES / span)
         t = run.t[0] + np.arange(int(span * rate) + 1) / rate
-        out.append((t, interpolated(t, run.t, run.q)))
-    return out
+        tracks.append(
+            (
+                t,
+                interpolated(
+                    t,
+                    run.t,
+                    run.q,
+                ),
+            )
+        )
+    return tracks
 
 
 def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
@@ -93,25 +105,26 @@ def motion_clocks(tracks: Sequence[Track]) -> tuple[MotionClock, ...]:
         One a run. Runs that repeat each other share a clock.
     """
     clocks: list[MotionClock] = []
-    for k, track in enumerate(tracks):
+    for number, track in enumerate(tracks):
         t = track[0]
         period = repeat_period(*track)
         length = float(t[-1] - t[0]) if period is None else period
         clock = MotionClock(
-            k,
-            float(t[0]),
-            length,
-            period is not None,
+            motion=number,
+            start=float(t[0]),
+            length=length,
+            periodic=period is not None,
         )
-        for other, there in zip(clocks, tracks, strict=False):
-            both = clock.periodic and other.periodic
-            if both and abs(other.length - length) > ALIKE * length:
+        # The first of the earlier runs that shows the same motion lends its clock.
+        for other, track_of_other in zip(clocks, tracks, strict=False):
+            both_periodic = clock.periodic and other.periodic
+            if both_periodic and abs(other.length - length) > ALIKE * length:
                 continue
-            lag = repeat_lag(
-                there,
-                track,
-                *([0.6 * length] if both else []),
-            )
+            if both_periodic:
+                # A little more than half a period reaches every phase.
+                lag = repeat_lag(track_of_other, track, slip=0.6 * length)
+            else:
+                lag = repeat_lag(track_of_other, track)
             if lag is not None:
                 clock = replace(other, start=other.start + lag)
                 break
@@ -161,7 +174,8 @@ class PhaseFolds:
         run: int,
         t: ArrayLike,
     ) -> NDArray[np.intp]:
-        """Index of the cell in which given instants lie, between two borders of folds or guards.
+        """Index of the cell in which given instants lie, between two borders of folds
+        or guards.
 
         Parameters
         ----------
@@ -178,21 +192,24 @@ class PhaseFolds:
         clock = self.clocks[run]
         first, _, edges = self._motions[clock.motion]
         inner = edges[1:-1]
-        return first + np.searchsorted(inner, clock.at(t), side="right")
+        return first + np.searchsorted(
+            inner,
+            clock.at(t),
+            side="right",
+        )
 
     @property
     def places(self) -> list[tuple[int, float, float]]:
-        """Of each cell its motion, and where it begins and ends on that motion's clock
-        [s]."""
-        motions = self._motions.items()
-        return [
-            (k, a, b)
-            for k, (_, _, edges) in motions
-            for a, b in pairwise(edges.tolist())
-        ]
+        """Of each cell the number of its motion, and the instants on that motion's
+        clock at which it begins and ends [s]."""
+        places = []
+        for motion, (_, _, edges) in self._motions.items():
+            for begin, end in pairwise(edges.tolist()):
+                places.append((motion, begin, end))
+        return places
 
     def tested(self, fold: int) -> list[int]:
-        """Cells on which a fold tests.
+        """List the cells on which a fold tests.
 
         Parameters
         ----------
@@ -204,10 +221,11 @@ class PhaseFolds:
         list of int
             Cells.
         """
-        return np.flatnonzero(self._apart(fold) < 0.0).tolist()
+        return np.flatnonzero(self._seconds_to_stretch(fold) < 0.0).tolist()
 
     def training(self, fold: int) -> list[int]:
-        """Cells on which a fold trains.
+        """List the cells on which a fold trains: those farther than the guard from the
+        tested ones.
 
         Parameters
         ----------
@@ -219,10 +237,11 @@ class PhaseFolds:
         list of int
             Cells.
         """
-        return np.flatnonzero(self._apart(fold) >= self.guard).tolist()
+        return np.flatnonzero(self._seconds_to_stretch(fold) >= self.guard).tolist()
 
     def stretch(self, fold: int) -> tuple[float, float]:
-        """First and last instant of a fold on the clock of the first motion.
+        """Return the first and last instant of a fold's stretch on the clock of the
+        first run's motion.
 
         Parameters
         ----------
@@ -239,43 +258,44 @@ class PhaseFolds:
 
     @cached_property
     def _motions(self) -> dict[int, tuple[int, MotionClock, Array]]:
-        """Of each motion the number of its first cell, its clock, and the borders of
-        its cells on it."""
-        out = dict[int, tuple[int, MotionClock, Array]]()
+        """By the motion's number, the number of its first cell, its clock, and the
+        borders of its cells on the clock [s].
+
+        Borders are those of the folds, and of the guards on either side of them.
+        """
+        motions = dict[int, tuple[int, MotionClock, Array]]()
         first = 0
         clocks = {clock.motion: clock for clock in reversed(self.clocks)}
         for motion, clock in sorted(clocks.items()):
             edges = np.linspace(0.0, clock.length, self.count + 1)
-            marks = np.concatenate(
-                [
-                    edges,
-                    edges - self.guard,
-                    edges + self.guard,
-                ]
-            )
+            marks = np.concatenate([edges, edges - self.guard, edges + self.guard])
             marks = marks % clock.length if clock.periodic else marks
             marks = marks[(marks > 0.0) & (marks < clock.length)]
-            out[motion] = first, clock, np.unique([0.0, *marks, clock.length])
-            first += len(out[motion][2]) - 1
-        return out
+            borders = np.unique([0.0, *marks, clock.length])
+            motions[motion] = first, clock, borders
+            first += len(borders) - 1
+        return motions
 
-    def _apart(self, fold: int) -> Array:
-        """Seconds on its clock from each cell to a fold's stretch, the shorter way; -1
-        within it."""
-        out = list[Array]()
+    def _seconds_to_stretch(self, fold: int) -> Array:
+        """Return the time [s] on its motion's clock from the middle of each cell to the
+        stretch that a fold tests, (cells,); -1 for cells within the stretch.
+
+        On a periodic clock it is the shorter way round.
+        """
+        of_motions = list[Array]()
         for _, clock, edges in self._motions.values():
             middle = 0.5 * (edges[:-1] + edges[1:])
             begin = fold * clock.length / self.count
-            before = begin - middle
-            after = middle - begin - clock.length / self.count
-            ways = np.array([before, after])
+            to_begin = begin - middle
+            from_end = middle - begin - clock.length / self.count
+            ways = np.array([to_begin, from_end])  # negative: on the other side
             if clock.periodic:
-                apart = np.min(ways % clock.length, axis=0)
+                seconds = np.min(ways % clock.length, axis=0)
             else:
-                apart = np.max(ways, axis=0)
+                seconds = np.max(ways, axis=0)
             is_within = np.all(ways < 0.0, axis=0)
-            out.append(np.where(is_within, -1.0, apart))
-        return np.concatenate(out)
+            of_motions.append(np.where(is_within, -1.0, seconds))
+        return np.concatenate(of_motions)
 
 
 def phase_folds(
@@ -283,17 +303,31 @@ def phase_folds(
     settings: Preprocessing,
     count: int,
 ) -> PhaseFolds:
-    """Folds of runs, guarded by the reach of the filters; ``settings`` must be
-    resolved.
+    """Cut runs into folds by the phase of their motion, guarded by the reach of the
+    filters.
 
     Two rows farther apart than the guard share no sample of the log.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The runs.
+    settings : Preprocessing
+        Filters, resolved: their cut-off frequencies are numbers.
+    count : int
+        Number of folds.
+
+    Returns
+    -------
+    PhaseFolds
+        The folds.
     """
     guard = max(filter_reach(run, settings) for run in measurements.runs())
     return PhaseFolds(motion_clocks(tracks_of(measurements)), count, guard)
 
 
 def filter_reach(run: Measurements, settings: Preprocessing) -> float:
-    """Seconds of a run's log that one filtered row is made of."""
+    """Return how many seconds of a run's log one filtered row is made of."""
     filters = RunFilter(run, settings)
     return 2.0 * (filters.state.half + filters.column.half) * filters.dt
 
@@ -305,18 +339,32 @@ def phase_windows(
     pause: float,
     shortest: float,
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]] | None:
-    """One run split in two: windows [s from its start] for training, and windows for
-    testing.
+    """Split one run into windows for training and windows for testing.
 
     The motion is cut into as many equal parts as there is room for, up to five; each
     begins with training and ends with testing, so that both see the whole run. What the
     filters leave of the tested windows is at least a fifth of the motion.
 
-    clock : of the run, whose start is its own first instant; span [s] : how long it
-    lasts; share : of the motion that is for training, all its repetitions with it,
-    where the filters leave enough beside it; pause [s] : between the two, half of what
-    the filters take of a window; shortest [s] : of what the filters leave something.
-    None where the motion is too short, or repeats too fast, for two such parts.
+    Parameters
+    ----------
+    clock : MotionClock
+        Of the run, whose start is its own first instant.
+    span : float
+        How long the run lasts [s].
+    share : float
+        Share of the motion, and of all its repetitions, that is for training, where the
+        filters leave enough for testing.
+    pause : float
+        Time between training and testing [s]: half of what the filters take of a
+        window.
+    shortest : float
+        Shortest window of which the filters leave something [s].
+
+    Returns
+    -------
+    tuple of two lists of (float, float), or None
+        Windows for training and for testing [s from the run's start]; None where the
+        motion is too short, or repeats too fast.
     """
     length = float(clock.length if clock.periodic else span)
     for n_parts in range(5, 0, -1):
@@ -327,24 +375,24 @@ def phase_windows(
             shortest,
         )
         trained = part - tested - 2.0 * pause
-        most_trained = 0.6 if n_parts > 1 else 0.5
-        if trained >= max(shortest, most_trained * part - 1e-9):
+        # Fewer parts leave more room for training; of the last choice half is enough.
+        least_trained = 0.6 if n_parts > 1 else 0.5
+        if trained >= max(shortest, least_trained * part - 1e-9):
             break
     else:
         return None
     train = []
     test = []
-    for begin in np.arange(0.0, span, length).tolist():
-        for k in range(n_parts):
-            start = begin + k * part
+    for begin in np.arange(0.0, span, length).tolist():  # of each repetition
+        for number in range(n_parts):
+            start = begin + number * part
             train.append((start, min(start + trained, span)))
-            is_end = not clock.periodic and k == n_parts - 1
+            is_end = not clock.periodic and number == n_parts - 1
             end = span if is_end else start + part - pause
             test.append((start + trained + pause, min(end, span)))
-    long_enough = [
-        [(a, b) for a, b in windows if b - a >= shortest] for windows in (train, test)
-    ]
-    return (long_enough[0], long_enough[1]) if all(long_enough) else None
+    train = [(begin, end) for begin, end in train if end - begin >= shortest]
+    test = [(begin, end) for begin, end in test if end - begin >= shortest]
+    return (train, test) if train and test else None
 
 
 def rotated_windows(
@@ -355,8 +403,8 @@ def rotated_windows(
     pause: float,
     shortest: float,
 ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-    """The windows of another split of a run: the tested stretches of the motion lie
-    ``offset`` later, and training is all that keeps off them.
+    """Return the windows of another split of a run, whose tested stretches of the
+    motion lie ``offset`` later; training is all that keeps off them.
 
     Parameters
     ----------
@@ -380,11 +428,14 @@ def rotated_windows(
         Windows for training and for testing [s from the run's start].
     """
     length = float(clock.length if clock.periodic else span)
-    test = _turned(tested, offset, length)
-    guarded = [(a - pause, b + pause) for a, b in test]
+    test = _moved_along_clock(tested, offset, length)
+    guarded = [(begin - pause, end + pause) for begin, end in test]
     if clock.periodic:
+        # A guard that passes an end of the clock goes on at the other.
         guarded += [
-            (a + turn, b + turn) for a, b in guarded for turn in (-length, length)
+            (begin + turn, end + turn)
+            for begin, end in guarded
+            for turn in (-length, length)
         ]
     train = _gaps(guarded, length)
     begins = np.arange(0.0, span, length).tolist()
@@ -394,16 +445,17 @@ def rotated_windows(
     )
 
 
-def _turned(
+def _moved_along_clock(
     stretches: Sequence[tuple[float, float]],
     offset: float,
     length: float,
 ) -> list[tuple[float, float]]:
-    """Stretches of a clock moved by an offset; one that passes its end is cut there."""
+    """Move stretches of a clock (begin, end) [s] by an offset, modulo its length; one
+    that passes the end is cut in two there."""
     moved = []
-    for a, b in stretches:
-        start = (a + offset) % length
-        end = start + b - a
+    for begin, old_end in stretches:
+        start = (begin + offset) % length
+        end = start + old_end - begin
         moved.append((start, min(end, length)))
         if end > length:
             moved.append((0.0, end - length))
@@ -414,13 +466,14 @@ def _gaps(
     taken: Sequence[tuple[float, float]],
     length: float,
 ) -> list[tuple[float, float]]:
-    """What stretches leave of a clock from 0 to its length."""
+    """List the stretches (begin, end) [s] of a clock from 0 to its length that are free
+    of ``taken`` ones."""
     free = []
     reached = 0.0
-    for a, b in sorted(taken):
-        if a > reached:
-            free.append((reached, min(a, length)))
-        reached = max(reached, b)
+    for begin, end in sorted(taken):
+        if begin > reached:
+            free.append((reached, min(begin, length)))
+        reached = max(reached, end)
     if reached < length:
         free.append((reached, length))
     return free
@@ -432,12 +485,16 @@ def _in_run(
     span: float,
     shortest: float,
 ) -> list[tuple[float, float]]:
-    """Stretches of the clock in every repetition of a run; those that meet are one."""
+    """List windows [s from the run's start] from stretches of the motion's clock, in
+    each repetition of the motion, which begin at ``begins``.
+
+    Windows that touch are joined; those below ``shortest`` are left out.
+    """
     windows: list[tuple[float, float]] = []
     for begin in begins:
-        for a, b in stretches:
-            window = (begin + a, min(begin + b, span))
+        for first, last in stretches:
+            window = (begin + first, min(begin + last, span))
             if windows and abs(windows[-1][1] - window[0]) < 1e-9:
                 window = (windows.pop()[0], window[1])
             windows.append(window)
-    return [(a, b) for a, b in windows if b - a >= shortest]
+    return [(first, last) for first, last in windows if last - first >= shortest]

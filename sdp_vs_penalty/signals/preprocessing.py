@@ -63,15 +63,15 @@ _COLUMN_RATE = 30.0
 class Preprocessing:
     """Settings of the filters; None is chosen from the data by :meth:`resolve`.
 
-    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation harmonic (on the slow
-        Panda run: 5 Hz), or more where that bends the motion by more than the positions' noise allows:
-        a robot that sticks at its reversals moves more sharply than it was told to.
-    torque_cutoff : [Hz] of columns and torque. Default: 16 times the highest harmonic (Panda: 8 Hz), or
-        1.6 times the state_cutoff that is given, so that friction at reversals stays visible; less where
-        the torque was smoothed before it was logged.
-    standstill : rows are dropped where no joint has moved faster than this share of its own
-        maximum for half a second: they repeat one static friction state that no model of
-        sliding friction explains.
+    state_cutoff : [Hz] of q, dq, ddq. Default: ten times the highest excitation
+    harmonic (on the slow Panda run: 5 Hz), or more where that bends the motion by more
+    than the positions' noise allows: a robot that sticks at its reversals moves more
+    sharply than it was told to. torque_cutoff : [Hz] of columns and torque. Default: 16
+    times the highest harmonic (Panda: 8 Hz), or 1.6 times the state_cutoff that is
+    given, so that friction at reversals stays visible; less where the torque was
+    smoothed before it was logged. standstill : rows are dropped where no joint has
+    moved faster than this share of its own maximum for half a second: they repeat one
+    static friction state that no model of sliding friction explains.
     """
 
     state_cutoff: float | None = None
@@ -79,6 +79,7 @@ class Preprocessing:
     standstill: float = 2e-3
 
     def __post_init__(self) -> None:
+        """Refuse cut-offs that are no frequencies, and a standstill that is no share."""
         for name in ("state_cutoff", "torque_cutoff"):
             value = getattr(self, name)
             if value is not None and not 0.0 < value < np.inf:
@@ -97,25 +98,41 @@ class Preprocessing:
         measurements: Measurements,
         lowest_cutoff: float | None = None,
     ) -> Preprocessing:
-        """The same settings with every number filled in for these measurements. least :
-        where the states' cut-off begins [Hz]; by default ten times the motion's highest
-        harmonic."""
+        """Choose the numbers that are None from the measurements.
+
+        Parameters
+        ----------
+        measurements : Measurements
+            All runs.
+        lowest_cutoff : float, optional
+            Smallest cut-off of the states that is tried [Hz]; default: ten times the
+            highest harmonic of the motion.
+
+        Returns
+        -------
+        Preprocessing
+            The settings with a number for each cut-off.
+        """
         rate = min(sample_rate(run) for run in measurements.runs())
         state = self.state_cutoff
         highest = rate / 10.0
         if state is None:
-            state = lowest_cutoff or 10.0 * max(
-                highest_harmonic(run) for run in measurements.runs()
-            )
+            state = lowest_cutoff
+        if not state:
+            harmonics = [highest_harmonic(run) for run in measurements.runs()]
+            state = 10.0 * max(harmonics)
         state = min(state, highest)
-        torque = min(
-            1.6 * state if self.torque_cutoff is None else self.torque_cutoff,
-            rate / 5.0,
-        )
+        torque = 1.6 * state if self.torque_cutoff is None else self.torque_cutoff
+        torque = min(torque, rate / 5.0)
         if self.torque_cutoff is None and measurements.torque_logged:
             torque = smoothed_cutoff(list(measurements.runs()), torque)
         if self.state_cutoff is None:
-            state = unbent_cutoff(list(measurements.runs()), state, torque, highest)
+            state = unbent_cutoff(
+                list(measurements.runs()),
+                state,
+                torque,
+                highest,
+            )
         return replace(self, state_cutoff=state, torque_cutoff=torque)
 
 
@@ -129,13 +146,18 @@ class RunFilter:
     """
 
     def __init__(self, run: Measurements, settings: Preprocessing) -> None:
+        """Make the kernels and grids of one run's filters.
+
+        settings : resolved, so that its cut-off frequencies are numbers. Raises
+        InputError for a run shorter than the filters.
+        """
         assert settings.state_cutoff is not None
         assert settings.torque_cutoff is not None
-        self.run, self.dt = run, 1.0 / sample_rate(run)
+        self.run = run
+        self.dt = 1.0 / sample_rate(run)
         # Before any kernel is made: its length is that of the cut-off, not of the run.
         reach = 2.0 / settings.state_cutoff + 2.0 / settings.torque_cutoff
-        # Nor longer than the grid of a run whose clock leaps: at most so many points a
-        # sample.
+        # The grid of a run whose clock leaps has FINEST points a sample at most.
         span = float(run.t[-1] - run.t[0]) + self.dt
         longest = min(span, 2.0 * FINEST * len(run.t) * self.dt)
         if not reach < longest:
@@ -147,8 +169,9 @@ class RunFilter:
         )
         self.stride = self.grid_stride
         self.coarse = self.column.sampled(self.stride)
-        # Smooth columns hold products of up to four states. Of the samples between two
-        # rows, so that rows lie on the grid of smooth columns too.
+        # Smooth columns hold products of up to four states, with as many times the
+        # bandwidth. Their stride divides the step from row to row, so that rows lie on
+        # their grid too.
         step = self.step(OVERSAMPLING)
         highest = settings.torque_cutoff + 4.0 * settings.state_cutoff
         highest_stride = max(1.0, 1.0 / (STOPS * highest * self.dt))
@@ -160,8 +183,8 @@ class RunFilter:
 
     @property
     def every_sample(self) -> RunFilter:
-        """The same with columns at the log's rate, for effects that remember sample by
-        sample."""
+        """The same filters with columns at the log's rate, for effects with memory,
+        whose state is followed sample by sample."""
         fine = copy(self)
         fine.stride = 1
         fine.coarse = self.column
@@ -217,6 +240,7 @@ class RunFilter:
         count = end + 1 - begin
 
         def on_grid(margin: int, stride: int) -> list[Array]:
+            """The states at every ``stride``-th sample, without a margin at each end."""
             return [x[margin : count - margin : stride] for x in states]
 
         first = at[0] - reach
@@ -246,8 +270,9 @@ class RunFilter:
         first: int,
         last: int,
     ) -> tuple[Array, Array, Array]:
-        """Positions of a log and their rates, low-passed, from sample ``first`` to
-        ``last``."""
+        """Return low-passed positions and their first and second derivative, each (K,
+        n), at the K samples ``first`` to ``last`` of a stretch; q (N, n) : as logged.
+        """
         positions = part.resampled(
             q,
             first - self.state.half,
@@ -262,8 +287,23 @@ class RunFilter:
         last: int,
         states: Sequence[Array] | None = None,
     ) -> Motion:
-        """On the column grid from the log's sample ``first`` to ``last``; states :
-        there, if known."""
+        """Compute the motion on the column grid, from sample ``first`` to ``last``.
+
+        Parameters
+        ----------
+        part : Stretch
+            The log.
+        first, last : int
+            Samples of the log.
+        states : q, dq, ddq, each (K, n), optional
+            On the grid, if they are known.
+
+        Returns
+        -------
+        Motion
+            States, and what was logged beside them: temperature, command, the integral
+            of the position, the motors' accelerations.
+        """
         if states is None:
             at_samples = self._states(part, part.q, first, last)
             states = [x[:: self.stride] for x in at_samples]
@@ -275,9 +315,10 @@ class RunFilter:
                 self.stride,
             )
         )
-        warm = part.temperature
-        if warm is not None:  # slow: it needs no filter
-            warm = part.resampled(warm, first, last + 1)[:: self.stride]
+        temperature = part.temperature
+        if temperature is not None:  # slow: it needs no filter
+            at_samples_of_log = part.resampled(temperature, first, last + 1)
+            temperature = at_samples_of_log[:: self.stride]
         command = path = motors = None
         if part.qcmd is not None:
             command, path = self._command(part, first, last)
@@ -294,7 +335,7 @@ class RunFilter:
             q,
             dq,
             ddq,
-            temperature=warm,
+            temperature=temperature,
             command=command,
             position_integral=path,
             motors=motors,
@@ -307,14 +348,18 @@ class RunFilter:
         first: int,
         last: int,
     ) -> tuple[Command, Array]:
-        """What the drives were told, from a longest delay before sample ``first`` on,
-        and the integral of the positions from there to ``last``: filtered as the
-        positions are."""
+        """Return the command of the drives and the integral of the positions, filtered
+        as the positions are, on the column grid up to sample ``last``.
+
+        The command begins before sample ``first``, by the longest delay of a drive; the
+        integral (K, n) begins at ``first``.
+        """
         assert part.qcmd is not None
         stride = self.stride
-        # Profiles look a little beyond the latest.
+        # The search for a delay looks a little beyond the longest one.
         n_before = int(1.2 * LATEST / self.dt)
-        begin = first - stride * -(-n_before // stride)
+        n_strides = -(-n_before // stride)  # rounded up
+        begin = first - stride * n_strides
         of_command, of_motion = part.integrals
         q, dq, ddq = self._states(
             part,
@@ -338,14 +383,23 @@ class RunFilter:
         part: Stretch,
         at: NDArray[np.int64],
     ) -> Array:
-        """Low-passed torque (len(at), n) at samples of the log, in order."""
+        """Return the low-passed torque (M, n) [N m or N] at samples ``at`` (M,) of the
+        log, in ascending order."""
         begin = at[0] - self.column.half
         end = at[-1] + self.column.half + 1
-        return Decimator(self.column, at - begin) @ part.resampled(part.tau, begin, end)
+        return Decimator(self.column, at - begin) @ part.resampled(
+            part.tau,
+            begin,
+            end,
+        )
 
 
 def no_rows(run: Measurements, seconds: float) -> InputError:
-    """For a run of which nothing is left; ``seconds`` are what the filters need."""
+    """Return the error for a run of which the filters leave no row.
+
+    seconds : what the filters need. It says whether no joint moves, the run is too
+    short, or its motion is.
+    """
     if not moving_joints(run).any():
         return no_motion(run)
     lasts = float(run.t[-1] - run.t[0])

@@ -29,9 +29,10 @@ _FEWEST_ROWS = 2 * ORDER
 
 
 def motion_scale(q: Array) -> Array | None:
-    """Measure the size of each joint's motion.
+    """Measure the size of each joint's motion, by its standard deviation.
 
-    A small motion counts too, but for what is alike beside the largest.
+    It is at least ALIKE times the largest joint's: the noise of a joint that hardly
+    moves is no motion.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def motion_scale(q: Array) -> Array | None:
     Returns
     -------
     Array or None
-        (n,) sizes [rad or m]; None of no motion at all.
+        (n,) sizes [rad or m]; None where no joint moves.
     """
     size = q.std(axis=0)
     largest = size.max()
@@ -76,7 +77,10 @@ def repeat_period(t: Array, q: Array) -> float | None:
     end = len(t) - int(np.argmax(is_coming[::-1]))
     t = t[begin:end]
     q = q[begin:end]
-    for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST) if len(t) > 1 else ():
+    if len(t) <= 1:
+        return None
+    # Cut more and more off both ends, where the motion may be another one.
+    for cut in (0.0, 0.5 * _SHORTEST, _SHORTEST):
         inside = (t >= t[0] + cut) & (t <= t[-1] - cut)
         lag = _first_period((t[inside], q[inside]))
         if lag is not None:
@@ -85,7 +89,8 @@ def repeat_period(t: Array, q: Array) -> float | None:
 
 
 def _first_period(track: Track) -> float | None:
-    """The first lag [s] after which a track repeats, not its multiples."""
+    """Return the shortest lag [s] after which a track repeats (and not a multiple of
+    it), of half a second or more; None where it does not."""
     t, q = track
     scale = motion_scale(q) if len(t) >= 3 else None
     if scale is None:
@@ -93,8 +98,14 @@ def _first_period(track: Track) -> float | None:
     step = float(np.median(np.diff(t)))
     first = max(1, int(0.5 / step))
     last = int((t[-1] - t[0] - _SHORTEST) / step)
-    for _, lag in _valleys(track, track, scale, step, np.arange(first, last)):
-        if _alike(track, track, scale, lag):
+    for _, lag in _valleys(
+        track,
+        track,
+        scale,
+        step,
+        np.arange(first, last),
+    ):
+        if _is_repeated(track, track, scale, lag):
             return lag
     return None
 
@@ -131,8 +142,22 @@ def repeat_lag(
     if min(back, forward) <= 0:
         return None
     lags = np.arange(-back, forward + 1)
-    best = min(_valleys(a, b, scale, step, lags), default=None)
-    if best is None or not _alike(a, b, scale, best[1]):
+    best = min(
+        _valleys(
+            a,
+            b,
+            scale,
+            step,
+            lags,
+        ),
+        default=None,
+    )
+    if best is None or not _is_repeated(
+        a,
+        b,
+        scale,
+        best[1],
+    ):
         return None
     return best[1] + float(t_b[0] - t_a[0])
 
@@ -144,12 +169,28 @@ def _valleys(
     step: float,
     lags: NDArray[np.int64],
 ) -> list[tuple[float, float]]:
-    """Mean square of the difference b(t_b0 + k step + lag) - a(t_a0 + k step), each
-    joint in units of its scale (n,), where it has a minimum that reaches the ground,
-    and that lag [s], in the order of ``lags`` [steps] in a row: all by one correlation.
+    """List the lags at which track b may repeat track a: minima of their difference.
 
-    Between two lags the difference grows linearly, its square has the vertex of a
-    parabola.
+    The difference is the mean square D(lag) of b(t_b0 + k step + lag) - a(t_a0 + k
+    step) over k and joints, each joint in units of its scale. All lags are computed by
+    one correlation, as sum x^2 + sum y^2 - 2 sum x y. Between lags D is a parabola.
+
+    Parameters
+    ----------
+    a, b : Track
+        Instants and positions.
+    scale : (n,) array
+        Size of each joint's motion [rad or m].
+    step : float
+        Time from one lag to the next [s].
+    lags : (L,) array of int
+        Consecutive lags, in steps.
+
+    Returns
+    -------
+    list of (float, float)
+        D and the lag [s] at each minimum that is near enough to 0 for a repetition, in
+        the order of the lags.
     """
     x = _evenly(a, step, scale)
     y = x if b is a else _evenly(b, step, scale)
@@ -159,13 +200,15 @@ def _valleys(
     n, M = x.shape
     N = y.shape[1]
     product = _correlation(x, y)[lags]
+    # Samples of x that overlap with y at each lag, and sums of squares over them.
     first = np.maximum(0, -lags)
     last = np.minimum(M, N - lags)
     squares_of_x = np.append(0.0, np.cumsum(np.sum(x**2, axis=0)))
     squares_of_y = np.append(0.0, np.cumsum(np.sum(y**2, axis=0)))
+    sum_of_x = squares_of_x[last] - squares_of_x[first]
+    # The order of these terms decides the rounding.
     total = (
-        squares_of_x[last]
-        - squares_of_x[first]
+        sum_of_x
         + squares_of_y[last + lags]
         - squares_of_y[first + lags]
         - 2.0 * product
@@ -174,25 +217,33 @@ def _valleys(
     left = squares[:-2]
     center = squares[1:-1]
     right = squares[2:]
+    # Vertex of the parabola through three neighbouring lags.
     bend = left - 2.0 * center + right
-    valley = (center <= left) & (center <= right) & (bend > 0.0)
-    shift = 0.5 * (left - right) / np.where(valley, bend, 1.0)
-    ground = center - 0.25 * (left - right) * shift
-    at = np.flatnonzero(valley & (ground < (2.0 * ALIKE) ** 2))
-    instants = (lags[1 + at] + shift[at]) * step
-    return list(zip(ground[at], instants, strict=True))
+    is_minimum = (center <= left) & (center <= right) & (bend > 0.0)
+    shift = 0.5 * (left - right) / np.where(is_minimum, bend, 1.0)
+    lowest = center - 0.25 * (left - right) * shift
+    at = np.flatnonzero(is_minimum & (lowest < (2.0 * ALIKE) ** 2))
+    seconds = (lags[1 + at] + shift[at]) * step
+    return list(zip(lowest[at], seconds, strict=True))
 
 
 def _evenly(track: Track, step: float, scale: Array) -> Array:
-    """(n, M) positions in units of the scale (n,), at evenly spaced instants."""
+    """Return the positions (n, M) of a track in units of the scale (n,), interpolated
+    at instants ``step`` [s] apart."""
     t, q = track
-    return interpolated(np.arange(t[0], t[-1], step), t, q / scale).T
+    return interpolated(
+        np.arange(t[0], t[-1], step),
+        t,
+        q / scale,
+    ).T
 
 
 def _correlation(x: Array, y: Array) -> Array:
-    """(L,) sum over joints and k of x(k) y(k + lag) by the lag, x (n, M), y (n, N).
+    """Return the cross-correlation (L,) of signals x (n, M) and y (n, N): the sum over
+    joints and k of x(k) y(k + lag), at place ``lag``.
 
-    Negative lags stand at the end. One joint after the other, in the memory of one.
+    Negative lags count from the end, as in x[-1]. It is computed by FFT, one joint
+    after the other, which needs the memory of one.
     """
     length = scipy.fft.next_fast_len(x.shape[1] + y.shape[1], real=True)
     spectrum = np.zeros(length // 2 + 1, complex)
@@ -203,31 +254,36 @@ def _correlation(x: Array, y: Array) -> Array:
     return np.asarray(scipy.fft.irfft(spectrum, length))
 
 
-def _alike(
+def _is_repeated(
     a: Track,
     b: Track,
     scale: Array,
     lag: float,
 ) -> bool:
-    """Whether b repeats a after a lag [s] of the instants since each began."""
-    (t_a, q_a), (t_b, q_b) = a, b
+    """Whether track b repeats track a: lag [s] after its begin it is where a was at its
+    begin, and so on, within ALIKE of each joint's motion (``scale``, (n,))."""
+    t_a, q_a = a
+    t_b, q_b = b
     at = t_a - t_a[0] + lag + t_b[0]
     inside = (at >= t_b[0]) & (at <= t_b[-1])
-    return _difference(q_a[inside], interpolated(at[inside], t_b, q_b), scale) < ALIKE
+    repeated = interpolated(at[inside], t_b, q_b)
+    return _difference(q_a[inside], repeated, scale) < ALIKE
 
 
 def _difference(q: Array, other: Array, scale: Array) -> float:
-    """Root mean square of the difference of two motions (M, n), each joint in units of
-    its scale."""
+    """Return the root mean square difference of two motions (M, n), each joint in units
+    of its scale (n,)."""
     relative = (q - other) / scale
     return float(np.sqrt(np.mean(relative**2)))
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """What of a segment is compared: rows t (M,) of which ``keep`` (M,) count;
-    positions q_dense (D, n) at t_dense (D,), between which they can be read by
-    interpolation."""
+    """The filtered positions of a segment, to find repeated motion in.
+
+    t (M,) : instants of the rows [s]; keep (M,) : which rows count; q_dense (D, n) :
+    positions at t_dense (D,), close enough to be interpolated.
+    """
 
     t: Array
     keep: NDArray[np.bool_]
@@ -237,9 +293,12 @@ class Filtered:
 
 @dataclass(frozen=True)
 class Repeat:
-    """Rows ``rows`` (indices into all rows) of a segment come back at the instants
-    ``later`` of the segment ``other``, of which the first rows from then on are
-    ``there``."""
+    """M rows of a segment whose motion repeats at other instants.
+
+    rows (M,) : numbers among the rows of all segments; other : number of the segment
+    that repeats them; later (M,) : instants of that segment with the same motion [s];
+    there (M,) : its first rows from those instants on, numbers among all rows.
+    """
 
     rows: NDArray[np.intp]
     other: int
@@ -248,8 +307,8 @@ class Repeat:
 
 
 def is_part(window: Filtered, longer: Filtered) -> bool:
-    """Whether a segment is a stretch of another one: the same positions at the same
-    instants."""
+    """Whether a segment is a part of a longer one: it has the same positions at the
+    same instants, within a tenth of ALIKE."""
     t = window.t_dense
     span = longer.t_dense
     inside = (t >= span[0]) & (t <= span[-1])
@@ -274,13 +333,9 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
     tuple of Repeat
         What comes back, and where.
     """
-    out = []
-    starts = np.cumsum(
-        [
-            0,
-            *(len(s.t) for s in segments),
-        ]
-    )
+    repeats = []
+    # Number of the first row of each segment, among all rows.
+    starts = np.cumsum([0, *(len(segment.t) for segment in segments)])
     for k, a in enumerate(segments):
         for m, b in enumerate(segments[k:], k):
             if m == k:
@@ -292,16 +347,19 @@ def find_repeats(segments: Sequence[Filtered]) -> tuple[Repeat, ...]:
             rows, later = _same_positions(a, b, shift)
             if len(rows) >= _FEWEST_ROWS:
                 place = np.searchsorted(b.t, later)
-                place = np.clip(place, 0, len(b.t) - 1)
-                out.append(
-                    Repeat(
-                        starts[k] + rows,
-                        m,
-                        later,
-                        starts[m] + place,
-                    )
+                place = np.clip(
+                    place,
+                    0,
+                    len(b.t) - 1,
                 )
-    return tuple(out)
+                repeat = Repeat(
+                    rows=starts[k] + rows,
+                    other=m,
+                    later=later,
+                    there=starts[m] + place,
+                )
+                repeats.append(repeat)
+    return tuple(repeats)
 
 
 def _same_positions(
@@ -309,9 +367,8 @@ def _same_positions(
     b: Filtered,
     shift: float,
 ) -> tuple[NDArray[np.intp], Array]:
-    """The rows of a at which b has the same positions ``shift`` seconds later, and
-    these instants; none where there are too few."""
-
+    """Return the rows (K,) of segment a at which b has the same positions ``shift``
+    seconds later, and these instants (K,); none where there are too few."""
     later = a.t + shift
     is_within = (later >= b.t_dense[0]) & (later <= b.t_dense[-1])
     rows = np.flatnonzero(a.keep & is_within)
@@ -326,27 +383,29 @@ def _same_positions(
 
 
 def pairs(repeats: Sequence[Repeat]) -> NDArray[np.intp]:
-    """List the two rows of each difference.
+    """Return the two rows whose motion is the same, for each repeated row.
+
+    Noise is measured on the D differences of the torque's residual between them.
 
     Parameters
     ----------
     repeats
-        What comes back.
+        What repeats.
 
     Returns
     -------
     NDArray
-        (D, 2) rows at the two instants of D differences.
+        (D, 2) numbers of the rows, at the earlier and at the later instant.
     """
     rows = [np.column_stack([r.rows, r.there]) for r in repeats]
     return np.concatenate(rows)
 
 
 def new_differences(both: NDArray[np.intp], count: int) -> int:
-    """Count the differences that say something new.
+    """Count the independent differences between rows with the same motion.
 
-    Of K instants with the same motion, K - 1 do. Six equal runs make fifteen pairs, but
-    at most five such differences an instant.
+    Of K rows with the same motion K - 1 differences are independent. Six equal runs
+    make fifteen pairs of each row, but five independent differences.
 
     Parameters
     ----------
@@ -388,8 +447,15 @@ def phases(both: NDArray[np.intp], count: int) -> NDArray[np.intp]:
 def _motions_of_rows(
     both: NDArray[np.intp], count: int
 ) -> tuple[int, NDArray[np.intp]]:
-    """How many motions the rows show, and the number (count,) of each row's motion: pairs
-    (D, 2) connect rows of the same motion."""
+    """Group rows that show the same motion: pairs ``both`` (D, 2) connect two of them.
+
+    Returns
+    -------
+    int
+        Number of groups (connected components); a row without a pair is one.
+    (count,) array of int
+        Number of each row's group.
+    """
     entries = (np.ones(len(both)), tuple(both.T))
     graph = scipy.sparse.coo_array(entries, shape=(count, count))
     n_motions, motion = scipy.sparse.csgraph.connected_components(graph, directed=False)
@@ -422,35 +488,32 @@ def recurring(
     NDArray
         (D,) those that come back.
     """
-    out = np.zeros(len(phase), bool)
-    others = np.flatnonzero(marked)
-    for k in others:
-        near = others[np.abs(phase[others] - phase[k]) <= reach]
-        distance = np.abs(both[near][:, :, None] - both[k])
+    recurs = np.zeros(len(phase), bool)
+    candidates = np.flatnonzero(marked)
+    for k in candidates:
+        same_phase = candidates[np.abs(phase[candidates] - phase[k]) <= reach]
+        # From both rows of each of these to both rows of difference k, (K, 2, 2).
+        distance = np.abs(both[same_phase][:, :, None] - both[k])
         is_elsewhere = (distance > 2 * reach).all(axis=(1, 2))
-        out[k] = is_elsewhere.any()
-    return out
+        recurs[k] = is_elsewhere.any()
+    return recurs
 
 
 def consecutive(repeats: Sequence[Repeat]) -> list[NDArray[np.intp]]:
-    """Cut the differences of all repeats where rows are not consecutive.
+    """Cut the differences of all repeats into pieces of consecutive rows.
 
     Parameters
     ----------
     repeats
-        What comes back.
+        Rows whose motion repeats; each makes one difference.
 
     Returns
     -------
     list of NDArray
-        Numbers of the differences, piece by piece.
+        Numbers of the differences, from 0, of each piece.
     """
-    rows = np.concatenate(
-        [
-            np.arange(0),
-            *(r.rows for r in repeats),
-        ]
-    )
+    none = np.arange(0)
+    rows = np.concatenate([none, *(repeat.rows for repeat in repeats)])
     ends = np.cumsum([len(r.rows) for r in repeats])[:-1]
     gaps = np.flatnonzero(np.diff(rows) != 1) + 1
     return np.split(np.arange(len(rows)), np.union1d(ends, gaps))

@@ -29,8 +29,8 @@ def sample_rate(run: Measurements) -> float:
     """Return the sample rate of a run [Hz]: one over the median time step.
 
     Of a long run the steps of stretches spread over it are used. Where stamps come in
-    bursts the median step is nearly 0: the rate is at most FINEST times that of the mean
-    step, in which long pauses count as short ones.
+    bursts the median step is nearly 0: the rate is at most FINEST times that of the
+    mean step, in which long pauses count as short ones.
 
     Parameters
     ----------
@@ -47,7 +47,11 @@ def sample_rate(run: Measurements) -> float:
     if size > SAMPLES:
         n_stretches = SAMPLES // PART
         size = PART
-    starts = np.linspace(0, len(run.t) - size, n_stretches).astype(int)
+    starts = np.linspace(
+        0,
+        len(run.t) - size,
+        n_stretches,
+    ).astype(int)
     stretches = [run.t[k : k + size] for k in starts]
     steps = np.concatenate([np.diff(t) for t in stretches])
     middle = float(np.median(steps))
@@ -60,9 +64,9 @@ def moving_joints(run: Measurements) -> NDArray[np.bool_]:
     """Return which joints (n,) move at all, rather than flicker about one position.
 
     A joint moves if the standard deviation of its position is large, or large compared
-    with its changes from row to row. A noisy position changes as much from row to row as
-    it ever does (the ratio is 0.7 for white noise, up to 1.5 for the idle joints of a
-    real arm), a smooth motion far less (over 100).
+    with its changes from row to row. A noisy position changes as much from row to row
+    as it ever does (the ratio is 0.7 for white noise, up to 1.5 for the idle joints of
+    a real arm), a smooth motion far less (over 100).
     """
     # Sums over the rows of displacements, their squares, and squared steps.
     total = np.zeros(run.n)
@@ -91,6 +95,11 @@ class Movement:
     """
 
     def __init__(self, run: Measurements, share: float) -> None:
+        """Find the samples of a run at which the arm moves.
+
+        share : of the largest displacement in half a second of each joint, below which
+        it stands still [-].
+        """
         self.t = run.t
         way = concatenate_chunks(_ways(run))
         largest = np.max([x.max(axis=0) for _, x in iter_chunks(way)], axis=0)
@@ -112,7 +121,13 @@ class Movement:
             (M,) flags.
         """
         sample = np.searchsorted(self.t, t)
-        return self.moves[np.clip(sample, 0, len(self.t) - 1)]
+        return self.moves[
+            np.clip(
+                sample,
+                0,
+                len(self.t) - 1,
+            )
+        ]
 
 
 def _ways(run: Measurements) -> Iterator[Array]:
@@ -142,7 +157,13 @@ def spans(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
     >>> spans(np.array([True, True, False, True])).tolist()
     [[0, 2], [3, 4]]
     """
-    padded = np.concatenate([[0], flags.astype(np.int8), [0]])
+    padded = np.concatenate(
+        [
+            [0],
+            flags.astype(np.int8),
+            [0],
+        ]
+    )
     return np.flatnonzero(np.diff(padded)).reshape(-1, 2)
 
 
@@ -215,18 +236,31 @@ def interpolated(at: Array, t: Array, values: Array) -> Array:
     Returns
     -------
     (M, n) array
-        Their values; each column is contiguous in memory. Beyond the ends they are those
-        of the ends.
+        Their values; each column is contiguous in memory. Beyond the ends they are
+        those of the ends.
     """
     out = np.empty((values.shape[1], len(at)))
     for start in range(0, len(at), PART):
         instants = at[start : start + PART]
         # Pass only the samples around: interpolation copies its arguments.
-        begin = int(np.searchsorted(t, instants[0], "right")) - 1
+        begin = (
+            int(
+                np.searchsorted(
+                    t,
+                    instants[0],
+                    "right",
+                )
+            )
+            - 1
+        )
         end = int(np.searchsorted(t, instants[-1])) + 1
         samples = slice(max(begin, 0), end)
         for row, channel in zip(out, values[samples].T, strict=True):
-            row[start : start + PART] = np.interp(instants, t[samples], channel)
+            row[start : start + PART] = np.interp(
+                instants,
+                t[samples],
+                channel,
+            )
     return out.T
 
 

@@ -59,30 +59,39 @@ Kept: TypeAlias = dict[Hashable, tuple[Effect, list[Block]]]
 
 @dataclass(frozen=True)
 class ColumnCache:
-    """Effects' columns at the rows. parts : low-pass (M, N) and motion of each segment;
-    cache : those that were asked for, of the motion alone and, with the model's torque
-    and links, of this model."""
+    """Low-passed columns of effects at the rows of all segments.
+
+    parts : low-pass (M, N) and motion of each segment; cache : columns made before, in
+    two: those that depend on the motion alone, which all models share, and those that
+    depend on the torque and links of this model.
+    """
 
     parts: Sequence[tuple[Decimator, Motion]]
     cache: tuple[Kept, Kept] = field(default_factory=lambda: ({}, {}))
 
     def of(self, effect: Effect, keep: bool) -> list[Block]:
-        """Blocks of (M, k) of the true torque; keep : for who asks again."""
-        width = (
-            None if effect.signless or not self.parts else self.parts[0][1].sign_width
-        )
+        """Return an effect's blocks of columns (M, k), per unit of true torque; cached
+        ones, or new ones, which are cached if ``keep``."""
+        # Columns that turn with the sign of a velocity depend on the width of the turn.
+        width = None
+        if self.parts and not effect.signless:
+            _, motion = self.parts[0]
+            width = motion.sign_width
         key = type(effect), effect.joints, *effect.shape.items(), width
         cache = self.cache[depends(effect)]
         known, blocks = cache.get(key, (None, None))
         if blocks is None or known is None or not known.same_columns(effect):
-            blocks = self._made(effect)
+            blocks = self._make_columns(effect)
             if keep:
                 cache[key] = effect, blocks
         return blocks
 
-    def _made(self, effect: Effect) -> list[Block]:
-        """A few rows at a time, of a column grid many times as fine: the fewer, the
-        more columns."""
+    def _make_columns(self, effect: Effect) -> list[Block]:
+        """Make an effect's low-passed columns, a few rows at a time.
+
+        The column grid is many times as fine as the rows: the more columns, the fewer
+        rows at once, to bound the memory. Effects with memory need all rows at once.
+        """
         uncut = depends(effect) or effect.has_memory
         pieces = list[list[Block]]()
         for low_pass, motion in self.parts:
@@ -97,21 +106,21 @@ class ColumnCache:
                 pieces.append(
                     low_passed(chunk_low_pass, {0: effect.blocks(chunk_motion)})[0]
                 )
-        blocks_by_place = zip(*pieces, strict=True)
-        return [
-            replace(b[0], columns=np.concatenate([x.columns for x in b]))
-            for b in blocks_by_place
-        ]
+        joined = []
+        for parts_of_block in zip(*pieces, strict=True):
+            columns = np.concatenate([part.columns for part in parts_of_block])
+            joined.append(replace(parts_of_block[0], columns=columns))
+        return joined
 
 
 @dataclass(frozen=True)
 class Segment(Filtered):
-    """One uninterrupted piece of a run.
+    """One uninterrupted piece of a run, filtered: M rows of n joints.
 
-    motion : on the column grid; torque (M, n) : at the rows; stretch : of the log;
-    still : (M, n) the share of each row that a joint stood still; low_pass (M, N),
-    dense (D, N) : from the column grid to the rows and to the dense grid, on which
-    torque_dense (D, n) is known too.
+    motion : on the column grid of N samples; torque (M, n) : at the rows [N m or N];
+    stretch : of the log; still : returns the share (M, n) of each row that comes from a
+    standstill of the joint; low_pass (M, N), dense (D, N) : from the column grid to the
+    rows, and to the dense grid of D samples; torque_dense (D, n) : there.
     """
 
     run: int
@@ -125,7 +134,7 @@ class Segment(Filtered):
 
     @property
     def residual(self) -> Array:
-        """(M, n) filtered measured less modelled torque."""
+        """(M, n) filtered measured torque minus the model's [N m or N]."""
         return np.asarray(self.torque - self.low_pass @ self.motion.modelled)
 
 
@@ -136,8 +145,8 @@ class SegmentedRuns:
 
     masked (M, n) : rows that do not count for a joint although its segment keeps them
     (events); columns : of effects on the rows; repeats : says which rows come back
-    where; with_shifted_encoders : the same read by encoders whose steps lie elsewhere; attached : the
-    arguments of :meth:`with_model`.
+    where; with_shifted_encoders : the same read by encoders whose steps lie elsewhere;
+    attached : the arguments of :meth:`with_model`.
     """
 
     segments: tuple[Segment, ...]
@@ -153,20 +162,23 @@ class SegmentedRuns:
 
     @property
     def gains(self) -> tuple[float, ...] | None:
-        """(n,) what the torque channels read over the true torque, where the attached
-        model knows it."""
+        """(n,) gains of the torque channels (reading over true torque), if the attached
+        model has them."""
         return self.attached[2] if self.attached else None
 
     @cached_property
     def t(self) -> Array:
+        """(M,) instants of the rows [s]."""
         return np.concatenate([s.t for s in self.segments])
 
     @cached_property
     def run(self) -> NDArray[np.int64]:
+        """(M,) number of each row's run, from 0."""
         return np.concatenate([np.full(len(s.t), s.run) for s in self.segments])
 
     @cached_property
     def segment(self) -> NDArray[np.int64]:
+        """(M,) number of each row's segment, from 0."""
         return np.concatenate(
             [np.full(len(s.t), k) for k, s in enumerate(self.segments)]
         )
@@ -193,7 +205,7 @@ class SegmentedRuns:
 
     @cached_property
     def still(self) -> Array:
-        """(M, n) share of each row that a joint stood still."""
+        """(M, n) share of each row that comes from a standstill of the joint."""
         return np.concatenate([s.still() for s in self.segments])
 
     @cached_property
@@ -208,7 +220,8 @@ class SegmentedRuns:
         return np.concatenate(shares)
 
     def seen(self, joint: int) -> JointCoverage:
-        """Say what all runs show of a joint.
+        """Return how much of a joint all runs show: its travel, and the resolution of
+        its positions.
 
         Parameters
         ----------
@@ -218,7 +231,7 @@ class SegmentedRuns:
         Returns
         -------
         JointCoverage
-            How far it went, how fine its positions are, and the standstill.
+            Travel and resolution [rad or m], and the share of rows at standstill.
         """
         paths = np.concatenate([s.motion.q[:, joint] for s in self.segments])
         resolutions = [resolution(s.stretch.q[:, joint]) for s in self.segments]
@@ -230,11 +243,11 @@ class SegmentedRuns:
 
     @cached_property
     def held(self) -> Array:
-        """(M, n) standard deviation of what friction may hold of a row while its joint
-        stands still.
+        """(M, n) standard deviation of the friction torque in a row while its joint
+        stands still [N m or N].
 
-        Friction is as large as what the links leave of the torque; held, it is anywhere
-        up to that.
+        Dry friction that holds a joint is anything up to its size; its size is taken to
+        be the root mean square torque that the links leave.
         """
         links = [
             s.low_pass @ s.motion.link_torque for s in self.segments if s.motion.current
@@ -246,21 +259,33 @@ class SegmentedRuns:
 
     @cached_property
     def steps(self) -> Array:
-        """(M, n) an example of what the encoders' steps make of the model's torque."""
+        """(M, n) an example of the error that the encoders' resolution makes in the
+        residual [N m or N].
+
+        It is the difference of the residuals under the logged positions and under those
+        of encoders with shifted steps, over sqrt(2).
+        """
         shifted = self.with_shifted_encoders().segments
         by_start = {(s.run, s.t[0]): s for s in shifted}
         differences = []
         for s in self.segments:
-            # A segment that seems to stand then is not among them.
+            # Read anew, a segment may seem to stand, and be left out.
             other = by_start.get((s.run, s.t[0]), s)
             differences.append(s.residual - other.residual)
         return np.concatenate(differences) / np.sqrt(2.0)
 
     @cached_property
     def unexplained_standstill_torque(self) -> tuple[Array, NDArray[np.bool_]]:
-        """(M, n) the same, beyond what Dahl's law, whatever its travel, and sliding
-        friction can say, and whether a row is of a standstill of which no law of
-        friction says anything."""
+        """Torque at standstill that laws of friction do not explain.
+
+        Returns
+        -------
+        (M, n) array
+            Its standard deviation in each row [N m or N], beyond Dahl's law, of any
+            travel, and sliding friction.
+        (M, n) array of bool
+            Rows of a standstill about which no law of friction says anything.
+        """
         held = np.zeros_like(self.still)
         stuck = np.zeros(self.still.shape, bool)
         for j, share in enumerate(self.still.T):
@@ -291,16 +316,16 @@ class SegmentedRuns:
 
     @cached_property
     def pieces(self) -> list[Pieces]:
-        """Of each joint the index arrays of consecutive rows that count for it."""
+        """For each joint the pieces of consecutive rows that count for it."""
         index = np.arange(len(self.t))
-        out = []
-        apart = np.diff(self.segment) != 0
+        of_joints = []
+        is_other_segment = np.diff(self.segment) != 0
         for keep in self.keep.T:
-            changes = apart | (keep[1:] != keep[:-1])
-            ends = np.flatnonzero(changes) + 1
+            is_cut = is_other_segment | (keep[1:] != keep[:-1])
+            ends = np.flatnonzero(is_cut) + 1
             pieces = np.split(index, ends)
-            out.append(Pieces(p for p in pieces if keep[p[0]]))
-        return out
+            of_joints.append(Pieces(piece for piece in pieces if keep[piece[0]]))
+        return of_joints
 
     def with_model(
         self,
@@ -308,9 +333,22 @@ class SegmentedRuns:
         add_others: Attach = lambda motion: motion,
         gains: tuple[float, ...] | None = None,
     ) -> SegmentedRuns:
-        """The same with a model's torque and links attached to each segment's motion;
-        add_others : what adds to these the torque of others, where columns refer to it;
-        gains : the model's."""
+        """Return the runs with a model's torque attached to the motion of each segment.
+
+        Parameters
+        ----------
+        attach : callable
+            Adds the torques of the model and of its links to a motion.
+        add_others : callable, optional
+            Adds the torques of other models, to which some columns refer.
+        gains : (n,) tuple, optional
+            The model's gains of the torque channels.
+
+        Returns
+        -------
+        SegmentedRuns
+            With cached columns of the motion alone; those of another model are dropped.
+        """
         segments = tuple(replace(s, motion=attach(s.motion)) for s in self.segments)
         parts = [(s.low_pass, add_others(s.motion)) for s in segments]
         columns = ColumnCache(parts, (self.columns.cache[0], {}))
@@ -329,8 +367,20 @@ class SegmentedRuns:
         effect: Effect,
         keep: bool = True,
     ) -> list[Block]:
-        """The effect's columns on the rows: blocks of (M, k); keep : them for who asks
-        again."""
+        """Return an effect's columns at the rows, as the torque channels read them.
+
+        Parameters
+        ----------
+        effect : Effect
+            Of the torque.
+        keep : bool
+            Whether to cache them.
+
+        Returns
+        -------
+        list of Block
+            Columns (M, k), one block for each joint.
+        """
         column_blocks = self.columns.of(effect, keep)
         if self.gains is None or effect.needs_torque:
             return column_blocks
@@ -340,8 +390,20 @@ class SegmentedRuns:
 
 
 def segmented(measurements: Measurements, settings: Preprocessing) -> SegmentedRuns:
-    """Filter all runs; ``settings`` must be resolved. No segment where no run is long
-    enough."""
+    """Filter all runs, and cut them into segments at gaps.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The runs.
+    settings : Preprocessing
+        Filters, resolved: their cut-off frequencies are numbers.
+
+    Returns
+    -------
+    SegmentedRuns
+        Without segments where no run is long enough.
+    """
     assert settings.torque_cutoff is not None
     segments: list[Segment] = []
     rate = 0.0
@@ -372,7 +434,8 @@ def _segment(
     part: Stretch,
     filters: RunFilter,
 ) -> Segment | None:
-    """One stretch filtered; None where it is too short, or nothing in it counts."""
+    """Filter one stretch of run ``index``; None where it is too short for the filters,
+    or the arm stands all the time."""
     state = filters.state
     column = filters.column
     stride = filters.stride
@@ -399,7 +462,12 @@ def _segment(
     keep = filters.movement.at(motion.t[rows])
     if not keep.any():
         return None
-    leakage = partial(standstill_leakage, part, (state, column), grid[rows])
+    leakage = partial(
+        standstill_leakage,
+        part,
+        (state, column),
+        grid[rows],
+    )
     return Segment(
         t=motion.t[rows],
         keep=keep,
@@ -419,13 +487,23 @@ def _segment(
 def window_subsample(
     measurements: Measurements, settings: Preprocessing
 ) -> Measurements:
-    """Windows of at most MOST rows in all, each a run of its own; all of a recording
-    that has fewer.
+    """Take windows of a long recording, for what needs all rows at once.
 
-    For what needs all rows at once: comparing a motion with itself, searching a library
-    of effects. They are spread evenly over all runs, both ends among them, long enough
-    that a motion repeats inside one. settings : resolved. Of many short runs some are
-    taken whole.
+    The windows are spread evenly over all runs, both ends among them, and are long
+    enough that a motion repeats inside one. Of many short runs some are taken whole.
+
+    Parameters
+    ----------
+    measurements : Measurements
+        The runs.
+    settings : Preprocessing
+        Filters, resolved.
+
+    Returns
+    -------
+    Measurements
+        Windows of about MAX_ROWS rows in all, each a run of its own; the measurements
+        themselves if they have fewer.
     """
     assert settings.torque_cutoff is not None
     runs = measurements.runs()
@@ -439,13 +517,21 @@ def window_subsample(
         edges = np.linspace(0.0, span, n_slots + 1)
         slots += [(run, a, b) for a, b in pairwise(edges.tolist())]
     count = max(1, int(len(slots) * allowed / sum(spans)))
-    places = np.linspace(0, len(slots) - 1, count).round().astype(int)
-    out = []
-    for k in np.unique(places):
-        run, start, stop = slots[k]
+    places = (
+        np.linspace(
+            0,
+            len(slots) - 1,
+            count,
+        )
+        .round()
+        .astype(int)
+    )
+    windows = []
+    for place in np.unique(places):
+        run, start, stop = slots[place]
         name = f"{run.names[0]}, {start:.4g} s to {stop:.4g} s"
-        out.append(replace(run.window(start, stop), names=(name,)))
-    return concatenate(out)
+        windows.append(replace(run.window(start, stop), names=(name,)))
+    return concatenate(windows)
 
 
 def subsample_sentence(
@@ -453,7 +539,8 @@ def subsample_sentence(
     measurements: Measurements,
     what: str,
 ) -> str | None:
-    """That ``what`` rests on windows only, and on how many; None where it rests on all."""
+    """Say that ``what`` rests on windows of a long recording, and on how many; None
+    where it rests on all of it."""
     if part is measurements:
         return None
     return (
@@ -463,5 +550,5 @@ def subsample_sentence(
 
 
 def _seconds(measurements: Measurements) -> float:
-    """How long all runs last together [s]."""
+    """Return how long all runs last together [s]."""
     return sum(float(run.t[-1] - run.t[0]) for run in measurements.runs())

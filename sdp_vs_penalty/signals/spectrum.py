@@ -16,32 +16,53 @@ from sdp_vs_penalty.signals.kernels import Kernel
 from sdp_vs_penalty.signals.repetition import ALIKE
 from sdp_vs_penalty.signals.runs import Stretch, moving_joints, no_motion, split_at_gaps
 
+#: Fewest samples of a spectrum.
+_FEWEST_SAMPLES = 16
+#: Power of 1 % of an amplitude, as a share of the largest [-].
+_SMALLEST_POWER = 1e-4
+
 
 def highest_harmonic(run: Measurements) -> float:
-    """Highest frequency [Hz] at which some joint's position has 1 % of its largest
-    amplitude.
+    """Return the highest frequency at which some joint's position has 1 % of its
+    largest amplitude.
 
     The largest amplitude is that of the whole run: in a short stretch between two gaps,
     in which a joint hardly moves, its noise is no motion.
 
-    Raises InputError for a run without motion, or with gaps everywhere.
+    Parameters
+    ----------
+    run : Measurements
+        A single run.
+
+    Returns
+    -------
+    float
+        Frequency [Hz].
+
+    Raises
+    ------
+    InputError
+        For a run without motion, or with gaps everywhere.
     """
     moving = moving_joints(run)
     if not moving.any():
         raise no_motion(run)
-    parts = [part for part in split_at_gaps(run) if part.count >= 16]
+    parts = [part for part in split_at_gaps(run) if part.count >= _FEWEST_SAMPLES]
     highest = 0.0
     if parts:
         highest = _last_harmonic(parts, [part.q[:, moving] for part in parts])
     if highest == 0.0:
-        what = f"{len(run.t)} samples, but no 16 consecutive ones without a gap in time"
+        what = (
+            f"{len(run.t)} samples, but no {_FEWEST_SAMPLES} consecutive ones without a"
+            " gap in time"
+        )
         raise InputError(what, "record longer", run.names[0])
     return highest
 
 
 def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
-    """Highest frequency [Hz] at which one of n signals, (N, n) in each stretch, has 1 %
-    of its largest amplitude in any stretch."""
+    """Return the highest frequency [Hz] at which one of n signals has 1 % of its
+    largest amplitude in any stretch; signals : (N, n) for each stretch."""
     spectra = []
     frequencies = []
     for part, signal in zip(parts, signals, strict=True):
@@ -52,27 +73,44 @@ def _last_harmonic(parts: Sequence[Stretch], signals: Sequence[Array]) -> float:
     largest = np.max([spectrum.max(axis=0) for spectrum in spectra], axis=0)
     highest = 0.0
     for spectrum, frequency in zip(spectra, frequencies, strict=True):
-        is_strong = np.any(spectrum > 1e-4 * largest, axis=1)
+        is_strong = np.any(spectrum > _SMALLEST_POWER * largest, axis=1)
         highest = max(highest, float(frequency[is_strong].max(initial=0.0)))
     return highest
 
 
 def _power(part: Stretch, values: Array) -> tuple[Array, Array]:
-    """Estimate the spectra of signals (N, n).
+    """Estimate the power spectra of n signals of a stretch.
 
     A long stretch is cut into pieces, whose periodograms are averaged (Welch 1967).
-    Returns (F, n) the spectra and (F,) their frequencies [Hz].
+
+    Parameters
+    ----------
+    part : Stretch
+        Of the log.
+    values : (N, n) array
+        Signals at its samples.
+
+    Returns
+    -------
+    (F, n) array
+        Power, in units of the signal's variance.
+    (F,) array
+        Frequencies [Hz].
     """
     length = min(part.count, c.SAMPLES)
-    n_pieces = -(-part.count // length)
-    starts = np.linspace(0, part.count - length, n_pieces).astype(int)
+    n_pieces = -(-part.count // length)  # rounded up
+    starts = np.linspace(
+        0,
+        part.count - length,
+        n_pieces,
+    ).astype(int)
     pieces = [
         part.resampled(
             values,
-            k,
-            k + length,
+            start,
+            start + length,
         )
-        for k in starts
+        for start in starts
     ]
     spectra = [periodograms(piece, length)[0] for piece in pieces]
     frequency = np.asarray(np.fft.rfftfreq(length, part.dt), float)
@@ -104,13 +142,21 @@ def periodograms(
         (W, F, n) periodograms of W windows.
     """
     window = np.hanning(length)[:, None]
-    powers = np.vander(np.linspace(-1.0, 1.0, length), degree + 1)
+    powers = np.vander(
+        np.linspace(
+            -1.0,
+            1.0,
+            length,
+        ),
+        degree + 1,
+    )
     course = np.linalg.qr(powers)[0]
     starts = range(0, len(x) - length + 1, length // 2)
     pieces = np.stack([x[k : k + length] for k in starts])
     moves = np.ptp(pieces, axis=1, keepdims=True) > 0.0
-    rest = pieces - course @ (course.T @ pieces)
-    pieces = np.where(moves, rest, 0.0)
+    without_course = pieces - course @ (course.T @ pieces)
+    # A constant channel has no spectrum, rather than one of rounding errors.
+    pieces = np.where(moves, without_course, 0.0)
     spectrum = np.fft.rfft(pieces * window, axis=1)
     return np.asarray(np.abs(spectrum) ** 2 / np.sum(window**2))
 
@@ -163,25 +209,39 @@ def unbent_cutoff(
 
 
 def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
-    """Compute what filters with these cut-offs [Hz] do to moving joints' acceleration.
+    """Compute the errors that low-passes make in the accelerations of moving joints.
 
-    Returns (2, joints, C): squares of the shares of the acceleration that they take
-    away, and of the noise that they let through.
+    Parameters
+    ----------
+    run : Measurements
+        A single run.
+    cutoffs : (C,) array
+        Cut-offs of the low-pass of the states [Hz].
+    band : float
+        Cut-off of the torque's low-pass, through which accelerations pass too [Hz].
+
+    Returns
+    -------
+    (2, joints, C) array
+        Squared errors over the mean square acceleration: of the motion that a filter
+        takes away, and of the noise that it lets through. No joints for a run shorter
+        than the filter.
     """
     part = max(split_at_gaps(run), key=lambda p: p.count)
     length = min(part.count, c.SAMPLES)
-    if length * part.dt * cutoffs[0] < 8.0:  # the kernel is no shorter than the stretch
+    if length * part.dt * cutoffs[0] < 8.0:  # twice a kernel of 2 / cut-off each way
         return np.zeros((2, 0, len(cutoffs)))
     powers, frequency = _power(part, part.q[:, moving_joints(run)])
     twice_derived = (2.0 * np.pi * frequency) ** 4
     transfer = twice_derived * _gain(Kernel(band, part.dt), length) ** 2
-    gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])
+    gains = np.array([_gain(Kernel(x, part.dt), length) for x in cutoffs])  # (C, F)
     taken = (1.0 - gains.T) ** 2
     noise_gain = twice_derived @ gains.T**2
     # The spectrum is smoothed over 1 Hz.
     width = min(max(1, int(1.0 / frequency[1])), len(frequency))
     errors = []
     for power in powers.T:
+        # At the highest frequencies there is only noise; it is taken for white.
         noise = float(power[frequency > c.LAST / part.dt].mean())
         smooth = np.convolve(
             power,
@@ -198,7 +258,8 @@ def _errors(run: Measurements, cutoffs: Array, band: float) -> Array:
 
 
 def _gain(kernel: Kernel, length: int) -> Array:
-    """Gain (length // 2 + 1,) of a low-pass at multiples of 1 / (length dt)."""
+    """Return the gain (length // 2 + 1,) of a low-pass at the frequencies of a spectrum
+    of ``length`` samples, multiples of 1 / (length dt)."""
     padded = np.pad(kernel.value, (0, length - len(kernel.value)))
     centred = np.roll(padded, -kernel.half)
     return np.asarray(np.fft.rfft(centred).real)
@@ -247,7 +308,11 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
     length = 2 * round(1.0 / cutoff / dt)  # as far as the low-pass reaches
     windows = [
         periodograms(
-            p.resampled(p.tau, 0, min(p.count, c.SAMPLES)),
+            p.resampled(
+                p.tau,
+                0,
+                min(p.count, c.SAMPLES),
+            ),
             length,
             degree=3,
         )
@@ -281,11 +346,19 @@ def torque_spectrum(parts: Sequence[Stretch], cutoff: float) -> TorqueNoise | No
 
 
 def _mean_by_quantile(powers: Array, share: float) -> Array:
-    """Mean (F, n) of periodograms (W, F, n) of noise, by a quantile over the windows.
+    """Estimate the mean (F, n) of periodograms (W, F, n) of noise by their quantile
+    ``share`` over the windows, which loud windows do not disturb.
 
     A periodogram of noise is exponential: its quantile is -log(1 - share) of its mean.
     """
-    return np.asarray(np.quantile(powers, share, axis=0) / -np.log1p(-share))
+    return np.asarray(
+        np.quantile(
+            powers,
+            share,
+            axis=0,
+        )
+        / -np.log1p(-share)
+    )
 
 
 def _autoregression(
@@ -293,17 +366,39 @@ def _autoregression(
     angle: Array,
     band: NDArray[np.bool_],
 ) -> tuple[Array, float]:
-    """Fit c / (1 + a^2 - 2 a cos(w)) to powers (F, n) at angles w (F,), within a band.
+    """Fit the spectrum of a first-order autoregression, c / (1 + a^2 - 2 a cos(w)), to
+    the powers of n joints.
 
-    Returns the spectra (n, F), and the largest joint's median deviation from them in
-    natural logarithms.
+    Parameters
+    ----------
+    powers : (F, n) array
+        Power at each frequency.
+    angle : (F,) array
+        Frequencies w [rad/sample].
+    band : (F,) array of bool
+        Frequencies that are fitted.
+
+    Returns
+    -------
+    spectra : (n, F) array
+        Fitted, at all frequencies.
+    deviation : float
+        Median over the band of the absolute deviation in natural logarithms; of the
+        joint with the largest.
     """
-    a = np.linspace(-0.9, 0.9, 181)[:, None]  # beyond, its corner is far below the band
-    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * np.cos(angle))
-    # (n, colours, frequencies)
+    # Colours that are tried; beyond, the corner is far below the band.
+    a = np.linspace(-0.9, 0.9, 181)[:, None]
+    shapes = 1.0 / (1.0 + a**2 - 2.0 * a * np.cos(angle))  # (colours, F)
+    # The level c of each joint and colour is the mean of this; the best colour has the
+    # smallest variance. (n, colours, frequencies of the band)
     log_ratio = np.log(powers[band].T[:, None] / shapes[:, band])
     best = np.argmin(np.var(log_ratio, axis=2), axis=1)
-    log_ratio = np.take_along_axis(log_ratio, best[:, None, None], axis=1)[:, 0]
+    # Of each joint the best colour, (n, frequencies).
+    log_ratio = np.take_along_axis(
+        log_ratio,
+        best[:, None, None],
+        axis=1,
+    )[:, 0]
     level = log_ratio.mean(axis=1, keepdims=True)
     deviation = np.median(np.abs(log_ratio - level), axis=1).max()
     return np.exp(level) * shapes[best], float(deviation)

@@ -78,13 +78,14 @@ def is_still(q: Array) -> NDArray[np.bool_]:
     NDArray
         (N, n) flags.
     """
-    out = np.zeros(q.shape[::-1], bool)
-    if len(q) < 16:
-        return out.T
+    still = np.zeros(q.shape[::-1], bool)  # (n, N)
+    if len(q) < 16:  # too short to tell noise from motion
+        return still.T
     step = resolution(q)[:, None]
     half = 1
     joints = np.arange(q.shape[1])
     positions = np.ascontiguousarray(q.T)
+    # Windows of 2 half + 1 samples, each half again as long as the last.
     while half < 0.1 * len(q) and len(joints):
         quiet = _spread(positions, half) <= 2.0 * step[joints]
         some = quiet.any(axis=1)  # the others are not quiet for longer either
@@ -92,28 +93,40 @@ def is_still(q: Array) -> NDArray[np.bool_]:
         positions = positions[some]
         # In three times the time a moving joint comes 9 times as far where it turns
         # round, and 27 times where its velocity passes through zero. Farther: it stood.
-        is_far = _way(positions, 3 * half) > 3**3 * step[joints]
+        is_far = _displacement(positions, 3 * half) > 3**3 * step[joints]
         stood = (quiet[some] & is_far).astype(np.uint8)
         near = np.pad(stood, ((0, 0), (half, half)))
-        out[joints] |= sliding(np.maximum, near, 2 * half + 1) > 0
+        still[joints] |= (
+            sliding(
+                np.maximum,
+                near,
+                2 * half + 1,
+            )
+            > 0
+        )
         half = max(half + 1, 3 * half // 2)
-    return out.T
+    return still.T
 
 
 def _spread(positions: Array, half: int) -> Array:
-    """How far positions (n, N) spread within ``half`` samples of each (n, N)."""
+    """Return the range (largest minus smallest) of positions (n, N) within ``half``
+    samples of each one, (n, N)."""
     near = np.pad(
         positions,
         ((0, 0), (half, half)),
         mode="symmetric",
     )
     width = 2 * half + 1
-    return sliding(np.maximum, near, width) - sliding(np.minimum, near, width)
+    return sliding(
+        np.maximum,
+        near,
+        width,
+    ) - sliding(np.minimum, near, width)
 
 
-def _way(positions: Array, steps: int) -> Array:
-    """How far positions (n, N) are from those so many samples before or after, the
-    farther one (n, N)."""
+def _displacement(positions: Array, steps: int) -> Array:
+    """Return the distance (n, N) of positions (n, N) from those ``steps`` samples
+    before or after, whichever is larger."""
     ends = np.pad(
         positions,
         ((0, 0), (steps, steps)),
@@ -171,7 +184,16 @@ def resolution(q: Array) -> Array:
     """
     # Of fourth differences motion is no part, and white noise has 70 times its variance
     # in them.
-    median = np.median(np.abs(np.diff(q, 4, axis=0)), axis=0)
+    median = np.median(
+        np.abs(
+            np.diff(
+                q,
+                4,
+                axis=0,
+            )
+        ),
+        axis=0,
+    )
     return np.asarray(_ALIKE * median / (0.6745 * np.sqrt(70.0)))
 
 
@@ -237,7 +259,11 @@ def unexplained_standstill_torque(
         return 0.0, False
     size = np.linalg.norm(laws, axis=0)
     laws = laws / nonzero_or_one(size)
-    fitted = np.linalg.lstsq(laws, left, rcond=1e-10)[0]
+    fitted = np.linalg.lstsq(
+        laws,
+        left,
+        rcond=1e-10,
+    )[0]
     squared_residual = (left - laws @ fitted) ** 2
     usual = float(squared_residual[moves].mean())
     variance = max(float(squared_residual[stands].mean()) - usual, 0.0)

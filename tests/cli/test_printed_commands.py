@@ -291,7 +291,7 @@ def test_weak_findings_at_the_end_are_shown_to_who_asks(
             replace(
                 f,
                 confidence="weak",
-                remarks=("small",),
+                remarks=("its gain is small",),
             )
             for f in rest
         ),

@@ -150,6 +150,11 @@ def test_the_grade_is_the_same_everywhere(modelled):
     assert re.search(rf"\b{grade}\b", modelled.said["html"], re.IGNORECASE)
 
 
+def test_every_stage_of_the_page_has_one_grade(diagnosed):
+    grade = diagnosed.session.current.comparison["verdict"]["grade"]
+    assert f"identified {grade} " in diagnosed.screen.text("history")
+
+
 def test_the_findings_have_the_floor_of_the_comparison(diagnosed):
     floor = diagnosed.compared["noise_floor"]
     if None in floor:

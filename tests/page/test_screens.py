@@ -412,7 +412,7 @@ def show_every_kind(story: SimpleNamespace) -> SimpleNamespace:
     weak = {
         "indistinguishable_from": ("torque_ripple",),
         "confidence": "weak",
-        "remarks": ("small",),
+        "remarks": ("its gain is small",),
     }
     rival = replace(one, text="presliding_hysteresis:1@d=0.1", **weak)
     sure = replace(

@@ -26,7 +26,25 @@ class Clock(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with time reversed, and with the clock at other
+        rates.
+
+        Rates are tried only under gravity: inertia compared with weight shows the rate.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         yield replace(now, reversed=not now.reversed)
         if not any(now.gravity):
             return  # without weight a time scale is a scale of all torques
@@ -34,7 +52,22 @@ class Clock(Transformation):
             yield replace(now, rate=now.rate * factor)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield the faults that a repair's clock corrects: rows in reverse order, and a
+        clock that runs too fast or too slow; nothing where the repair leaves the clock
+        as it is.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         if repair.reversed:
             what = "the rows are in reverse order: friction would drive the motion."
             remedy = "reverse q and tau in time"

@@ -31,7 +31,25 @@ class Degrees(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with positions converted from degrees to radians: of
+        all revolute joints, and of each single joint that moves beyond a turn.
+
+        Nothing is yielded where no joint moves beyond a turn [rad].
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         largest = np.abs(now.positions(log.data.motion.q)).max(axis=0)  # (n,)
         beyond_a_turn = [j for j in log.revolute if largest[j] > 2.0 * np.pi]
         if not beyond_a_turn:
@@ -44,7 +62,21 @@ class Degrees(Transformation):
             yield now.with_multiplied("scale", (j,), radians_per_degree)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield one fault about all joints whose positions a repair converts from
+        degrees.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         is_in_degrees = np.abs(repair.scale) < _BELOW_ANY_OTHER_SCALE
         joints = tuple(np.flatnonzero(is_in_degrees).tolist())
         if not joints:

@@ -39,7 +39,23 @@ class Delay(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with a delay or a low-pass undone: of all torques,
+        and of each joint's torque.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         for name, times in _TIMES_TRIED.items():
             for seconds in times:
                 yield now.with_entries(name, range(log.n), seconds)
@@ -52,7 +68,21 @@ class Delay(Transformation):
                     yield now.with_entries(name, (j,), seconds)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for each delay (entry ``lead``) and each low-pass (entry
+        ``lag``) of torques that a repair undoes.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for joints, seconds in repair.list_nonzero("lead"):
             yield _delay(log, repair, joints, seconds)
         for joints, seconds in repair.list_nonzero("lag"):

@@ -35,7 +35,24 @@ class Beside(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with one more torque that is not the arm's: a law of
+        each poorly explained joint's motion, the likeliest drift, and the likeliest
+        step.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         yield from _laws(log, now, fit)
         ramp = LogEvent(0).shape(log.data.motion.t)  # (M, 1), the same for any joint
         mask = log.torque_mask(now)[:, :, None]
@@ -46,7 +63,21 @@ class Beside(Transformation):
         yield from _likeliest_step(log, now, fit)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a note for each law, and a fault for each drift and each step, that a
+        repair takes out of a joint's torque.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for event in repair.events:
             if isinstance(event.at, str):
                 yield _law(log, repair, event)
@@ -61,9 +92,8 @@ def _laws(
     now: LogTransform,
     fit: ArmFit,
 ) -> Iterator[LogTransform]:
-    """Yield, for each joint that the arm explains poorly, the law of its own motion that
-    lowers its squared residual most: a spring, drag, hysteresis.
-    """
+    """Yield, for each joint that the arm explains poorly, the law of its own motion
+    that lowers its squared residual most: a spring, drag, hysteresis."""
     order = list(now.order)
     names = [*log.data.laws]
     mask = log.torque_mask(now)[:, :, None]

@@ -82,11 +82,11 @@ class FaultSize:
     """The size of a fault: one number of a repair, 0 where the log is right.
 
     value : the size, in the number's own unit (rad, m, s, a share, or the natural
-    logarithm of a factor); repair_with : gives the repair with another size; tolerance :
-    by how much arms and loggers differ anyway; search_radius : how far to either side of
-    ``value`` the best size is looked for; in_words : size with its unit; round_values :
-    round sizes, tried beside it (90 degrees, a factor of 1000); widest : widest 95 %
-    interval, to either side, with which a size is claimed.
+    logarithm of a factor); repair_with : gives the repair with another size; tolerance
+    : by how much arms and loggers differ anyway; search_radius : how far to either side
+    of ``value`` the best size is looked for; in_words : size with its unit;
+    round_values : round sizes, tried beside it (90 degrees, a factor of 1000); widest :
+    widest 95 % interval, to either side, with which a size is claimed.
     """
 
     value: float
@@ -99,7 +99,18 @@ class FaultSize:
 
     def round_values_within(self, distance: float) -> list[float]:
         """List the nearest round value, if it is nearer than ``distance``; else
-        nothing."""
+        nothing.
+
+        Parameters
+        ----------
+        distance : float
+            In the size's own unit.
+
+        Returns
+        -------
+        list of float
+            At most one round value.
+        """
         by_distance = sorted(self.round_values, key=lambda x: abs(x - self.value))
         return [x for x in by_distance[:1] if abs(x - self.value) < distance]
 
@@ -142,7 +153,18 @@ class FaultSize:
 
 def odds_against_one_of(count: int) -> float:
     """Natural logarithm of the prior odds against one of ``count`` equally likely
-    faults: those against any fault, times their number."""
+    faults: those against any fault, times their number.
+
+    Parameters
+    ----------
+    count : int
+        Number of equally likely faults.
+
+    Returns
+    -------
+    float
+        Natural logarithm of odds.
+    """
     return c.ODDS + float(np.log(max(count, 1)))
 
 
@@ -234,9 +256,9 @@ class Transformation(ABC):
         fit : ArmFit
             The arm fitted to the rows as ``now`` repairs them.
 
-        Yields
-        ------
-        LogTransform
+        Returns
+        -------
+        iterator of LogTransform
             Complete repairs, each of which the search fits an arm to.
         """
 
@@ -251,8 +273,8 @@ class Transformation(ABC):
         repair : LogTransform
             A complete repair, with faults of any kinds.
 
-        Yields
-        ------
-        Fault
+        Returns
+        -------
+        iterator of Fault
             With the words for the user.
         """

@@ -40,7 +40,24 @@ class Gain(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with each joint's torque multiplied by a factor:
+        units, a coarse grid, and the factor of a first-order step. Nothing for a single
+        joint.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         if len(log.joints) < 2:
             return
         # The grid is too coarse for factors near one: a Gauss-Newton step from one gives
@@ -61,7 +78,21 @@ class Gain(Transformation):
                 yield repair_by(factor)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for each joint whose torque a repair scales, apart from its
+        sign.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for j in np.flatnonzero(np.abs(repair.gain) != 1.0).tolist():
             yield _gain(log, repair, j)
 

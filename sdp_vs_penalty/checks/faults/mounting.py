@@ -40,7 +40,23 @@ class Mounting(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with gravity along each of the six axes of the base,
+        and with the assumed gravity turned by the two angles of a first-order step.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         gravity = np.array(now.gravity)
         size = float(np.linalg.norm(gravity))
         is_of_earth = _is_earths_gravity(size)
@@ -66,7 +82,22 @@ class Mounting(Transformation):
             yield _with_gravity(now, size * turned / np.linalg.norm(turned))
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield the fault that gravity is another vector than the problem's, if a
+        repair has another one. Its words name an offset of joint 1's encoder where that
+        is equivalent.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         assumed = np.array(log.problem.robot.gravity)
         g = np.array(repair.gravity)
         if np.allclose(assumed, g, rtol=0.0, atol=1e-6):
@@ -129,8 +160,9 @@ def _repair_by_angle(
     assumed: Array,
     g: Array,
 ) -> Callable[[float], LogTransform]:
-    """Return the repair as a function of an angle [rad], by which gravity is turned from
-    the assumed vector (3,) towards g (3,) [m/s^2]; the size stays the assumed one."""
+    """Return the repair as a function of an angle [rad], by which gravity is turned
+    from the assumed vector (3,) towards g (3,) [m/s^2]; the size stays the assumed one.
+    """
     size = float(np.linalg.norm(assumed))
     along = assumed / size
     across = g - (g @ along) * along

@@ -26,7 +26,24 @@ class Exchange(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with the channels of two moving joints exchanged,
+        for each pair: of their torques and, if one is poorly explained, of positions
+        and of both.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         for a, b in combinations(log.joints, 2):
             yield now.with_swap(a, b, "tau_order")
             if fit.is_poorly_explained[a] or fit.is_poorly_explained[b]:
@@ -34,7 +51,22 @@ class Exchange(Transformation):
                 yield now.with_swap(a, b, "order", "tau_order")
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for the joints whose channels a repair exchanges: one about
+        both channels where positions and torques have the same order, else one about
+        each.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         if repair.order == repair.tau_order:
             yield from _swapped(log, repair, BOTH)
             return
@@ -46,8 +78,8 @@ class Exchange(Transformation):
 class _Channels:
     """Channels that may be exchanged between joints.
 
-    kind : of the issue; words : the channels' name; columns : theirs in a file; entries :
-    those of a repair that hold their order.
+    kind : of the issue; words : the channels' name; columns : theirs in a file; entries
+    : those of a repair that hold their order.
     """
 
     kind: str

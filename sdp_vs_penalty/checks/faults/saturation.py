@@ -35,14 +35,43 @@ class Saturation(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with the torque of each joint straightened, for an
+        amplifier whose limit the largest torque comes near to.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         for j in log.joints:
             # Torques that come to 90 and to 98 % of the limit.
             for distance in (0.5 * _STRAIGHT, 0.1 * _STRAIGHT):
                 yield now.with_entries("bend", (j,), 1.0 - distance)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for each joint whose torque a repair straightens.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for j in np.flatnonzero(repair.bend).tolist():
             yield _saturated(log, repair, j)
 
@@ -50,8 +79,8 @@ class Saturation(Transformation):
 def _saturated(log: Likelihood, repair: LogTransform, j: int) -> Fault:
     """The fault that joint j's torque bends towards its amplifier's limit.
 
-    The limit is that of the raw channel, multiplied by the channel's gain: so it has the
-    unit of the joint's torque also where the channel was logged in another.
+    The limit is that of the raw channel, multiplied by the channel's gain: so it has
+    the unit of the joint's torque also where the channel was logged in another.
     """
     bend = repair.bend[j]
     largest_logged = log.data.largest[repair.tau_order[j]]

@@ -33,7 +33,26 @@ class Sign(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with other signs: of all torques, of each torque, of
+        the positions of poorly explained joints, and of the likeliest sets of torques.
+
+        Gravity upside down and time reversed come with all torques' signs: they fit the
+        same, and physics alone distinguishes them.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         all_turned = now.with_multiplied("gain", range(log.n), -1.0)
         yield all_turned
         for j in range(log.n):
@@ -51,7 +70,21 @@ class Sign(Transformation):
         yield from _likeliest_patterns(log, now, fit)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for each position whose sign a repair changes, alone or with
+        its torque, and one fault about all other torques whose sign it changes.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         is_q_turned = np.array(repair.scale) < 0.0
         is_tau_turned = np.array(repair.gain) < 0.0
         for j in np.flatnonzero(is_q_turned).tolist():

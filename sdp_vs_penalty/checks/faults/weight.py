@@ -31,7 +31,24 @@ class Weight(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with the arm's weight missing from the torques: all
+        of it or 80 %, of all torques, and all of it of single joints that bear much
+        weight.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         if not any(now.gravity):
             return
         # A little weight that is left makes the rest look like inertia under another
@@ -48,7 +65,21 @@ class Weight(Transformation):
             yield now.with_entries("lacks", (j,), 1.0)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for the torques from which a repair takes the weight to be
+        missing.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for joints, share in repair.list_nonzero("lacks"):
             yield _gravity_removed(log, repair, joints, share)
 

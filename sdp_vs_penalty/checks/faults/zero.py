@@ -35,7 +35,24 @@ class Place(Transformation):
         now: LogTransform,
         fit: ArmFit,
     ) -> Iterator[LogTransform]:
-        """Propose repairs that correct one more fault of this kind than ``now`` does."""
+        """Yield the repair ``now`` with each joint at another place: its distance from
+        the joint before, or its encoder's zero, changed by a first-order step or by
+        quarter turns.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        now : LogTransform
+            The present repair.
+        fit : ArmFit
+            The arm fitted to the rows under ``now``.
+
+        Returns
+        -------
+        iterator of LogTransform
+            Complete repairs, to fit arms to.
+        """
         places = [
             *_distances(log, now),
             *_zeros(log, now, bool(fit.is_poorly_explained.any())),
@@ -60,7 +77,21 @@ class Place(Transformation):
                 yield place.repair_with(place.value + change)
 
     def list_faults(self, log: Likelihood, repair: LogTransform) -> Iterator[Fault]:
-        """Yield the faults of this kind that a repair corrects."""
+        """Yield a fault for each link length and each encoder's zero that a repair
+        changes.
+
+        Parameters
+        ----------
+        log : Likelihood
+            Rows that repairs are judged on.
+        repair : LogTransform
+            A complete repair, with faults of any kinds.
+
+        Returns
+        -------
+        iterator of Fault
+            With the words for the user.
+        """
         for j in np.flatnonzero(repair.longer).tolist():
             yield _link_length(log, repair, j)
         for j in np.flatnonzero(repair.zero).tolist():

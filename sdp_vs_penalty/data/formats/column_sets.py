@@ -254,8 +254,8 @@ def _is_candidate(positions: ColumnSet, n_joints: int | None, has_blocks: bool) 
 def _with_partners(
     positions: ColumnSet, sets_of_quantity: Mapping[str, Sequence[ColumnSet]]
 ) -> dict[str, ColumnSet]:
-    """Return a set of positions with the set of every other quantity that has the same
-    joints."""
+    """Return the chosen set of each quantity by its name: the given set of positions,
+    and for the other quantities the set with equal joints."""
     chosen = {"q": positions}
     for quantity, column_sets_of_it in sets_of_quantity.items():
         if quantity == "q":

@@ -232,7 +232,7 @@ class Header:
         return read
 
     def run(self, columns: Mapping[str, Array]) -> Measurements:
-        """Make measurements of the file's columns, or of a piece of them.
+        """Make measurements of the file's columns, or of a piece of their rows.
 
         Parameters
         ----------

@@ -130,9 +130,10 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
 
     The penalty along one variable is I (x) (D2' D2 + c D1' D1) (x) I over its trace,
     with first and second differences D1 and D2 of the coefficients. c is (2 pi /
-    count)^2 for more than _SPLINES_OF_PAIR splines, else 0: first differences then count as much
-    as second ones do for a wave as long as the range, and where few measurements lie,
-    the curve levels off instead of going on straight. A sign has no penalty.
+    count)^2 for more than _SPLINES_OF_PAIR splines, else 0: first differences then
+    count as much as second ones do for a wave as long as the range, and where few
+    measurements lie, the curve levels off instead of going on straight. A sign has no
+    penalty.
 
     Parameters
     ----------
@@ -430,8 +431,8 @@ class CurveColumns:
             coefficients = inverse @ s
             freedom = max(float(np.trace(inverse @ D)), 1.0)
             T = fit.residual_of({joint: z})
-            left = fit.residual - T @ coefficients
-            v = score.rows_worth_one(T, left, inverse, freedom)
+            residual = fit.residual - T @ coefficients
+            v = score.rows_worth_one(T, residual, inverse, freedom)
         return cls(
             fit=fit,
             joint=joint,
@@ -542,7 +543,12 @@ class SplineFit:
 
     @cached_property
     def solution(self) -> Array:
-        """(k,) the coefficients (D + P)^-1 s."""
+        """(k,) spline coefficients that minimise the penalised squared error: (D +
+        P)^-1 s.
+
+        D and s are the splines' products with each other and with the residual, beside
+        the model's columns; P is the penalty.
+        """
         return np.asarray(np.linalg.solve(self.columns.D + self.P, self.columns.s))
 
     @cached_property

@@ -162,14 +162,16 @@ def measure_curves(
         beside_all = None
         if joint in left:
             beside_all = _best_curve(search, search.terms, joint, variables)
-        alone = None
+        curve_alone = None
         if of_joint and (beside_all is not None or joint in parts):
-            alone = _best_curve(search, others, joint, variables)
+            curve_alone = _best_curve(search, others, joint, variables)
         worth = sum(t.evidence for t in search.score_jointly(of_joint, others))
         chosen = beside_all
         replaced: tuple[ScoredEffect, ...] = ()
-        if alone is not None and is_curve_preferred(worth, of_joint, alone, beside_all):
-            chosen = alone
+        if curve_alone is not None and is_curve_preferred(
+            worth, of_joint, curve_alone, beside_all
+        ):
+            chosen = curve_alone
             replaced = tuple(of_joint)
         if chosen is not None:
             _, spline, law = chosen
@@ -235,6 +237,17 @@ class _Measuring:
     ) -> None:
         """Fit the model with the findings, and list the bases over which a curve may
         run.
+
+        Parameters
+        ----------
+        search
+            The search, for its rows, scorer and nuisances.
+        terms
+            The findings beside which a curve is measured.
+        joint
+            The joint (from 0) whose unexplained torque is measured.
+        variables
+            Values of the variables on the rows.
         """
         data = search.data
         self.data = data
@@ -244,15 +257,15 @@ class _Measuring:
         self.fit = search.score.fit(
             search.nuisances.with_law_misfits(terms), search.fit
         )
+        # Gain of the joint's torque channel, through which a curve's torque is logged.
         self.gain = 1.0 if data.rows.gains is None else data.rows.gains[joint]
-        effects = [
-            *data.estimate.model.effects,
-            *(t.form.effect for t in terms),
-        ]
-        bases = [variables.basis(v) for v in self._new_variables(effects)]
-        self.bases = [b for b in bases if b is not None]
-        if not search.rules.curves_of_two:
-            self.bases = [b for b in self.bases if len(b.axes) == 1]
+        effects = [*data.estimate.model.effects, *(t.form.effect for t in terms)]
+        most_axes = 2 if search.rules.curves_of_two else 1
+        self.bases = list[Basis]()
+        for chosen in self._new_variables(effects):
+            basis = variables.basis(chosen)  # None: a variable does not change
+            if basis is not None and len(basis.axes) <= most_axes:
+                self.bases.append(basis)
 
     def _new_variables(self, effects: Sequence[Effect]) -> list[tuple[Variable, ...]]:
         """List variables and pairs of variables over which the joint has no curve yet."""
@@ -364,7 +377,7 @@ def _tabulate(
     f
         The spline curve.
     law
-        The law that it follows, or None.
+        The law that the curve follows, or None.
     variables
         Values of the variables on the rows.
     fold
@@ -375,7 +388,7 @@ def _tabulate(
     Returns
     -------
     Measured
-        The curve.
+        The curve with its table, and a table for each fold from the other folds' rows.
     """
     robot = search.data.estimate.robot
     points = variables.points_near_motion(f.basis)
@@ -400,6 +413,7 @@ def _tabulate(
         values=values,
         measured=measured,
     )
+    # Which points of the whole grid the motion has come near, in any fold.
     known = variables.is_near_motion(f.basis, variables.keep)
     by_fold = []
     for k, coefficients in enumerate(columns.without_fold(fold, P)):
@@ -437,5 +451,5 @@ def _tabulate(
 def unmeasured(basis: Basis, points: Array) -> Array:
     """Return the points (P', v) of a basis's grid that are not among ``points`` (P, v)."""
     have = {tuple(p) for p in points.tolist()}
-    left = [p for p in basis.points.tolist() if tuple(p) not in have]
-    return np.reshape(left, (-1, points.shape[1]))
+    missing = [p for p in basis.points.tolist() if tuple(p) not in have]
+    return np.reshape(missing, (-1, points.shape[1]))

@@ -21,7 +21,11 @@ from sdp_vs_penalty.render.words import (
 )
 
 
-@requires_model("history", "The model so far", lambda s: len(s.undone))
+@requires_model(
+    "history",
+    "The model so far",
+    lambda s: (len(s.undone), [model.judged for model in s.history]),
+)
 def models(view: View) -> None:
     """Draw each joint's error from model to model, with buttons to undo and redo."""
     session = view.session
