@@ -282,7 +282,7 @@ def _runs() -> Iterator[tuple[str, str, str, Spoil]]:
         yield (
             "clock rate",
             f"x {factor:g}",
-            "clock rate",
+            "clock rate|clock against velocity",
             partial(_clock, lambda t, f=factor: f * t),
         )
     yield "time unit", "ms", "time unit", partial(_clock, lambda t: 1e3 * t)

@@ -19,6 +19,7 @@ from sdp_vs_penalty import (
 )
 from sdp_vs_penalty.checks.faults import Gain, Saturation
 from sdp_vs_penalty.checks.repair import LogTransform
+from sdp_vs_penalty.checks.search import RepairSearch
 from sdp_vs_penalty.data import concatenate
 from sdp_vs_penalty.effects.bristles import dahl
 from tests.helpers.arms import THREE, TURN, write_urdf
@@ -52,6 +53,34 @@ def test_a_gain_that_is_taken_away_again_costs_nothing():
             SimpleNamespace(n=2), none.with_entries("gain", (1,), x)
         )
         assert gain.repair_without == none.with_entries("gain", (1,), np.sign(x))
+
+
+@pytest.mark.parametrize(
+    ("joints", "falls", "shows"),
+    [
+        ((0, 1, 2), [3.0, -1.4, 0.2], False),
+        ((0, 1, 2), [3.0, 0.4, -0.2], True),
+        ((1,), [3.0, -1.4, 0.2], True),
+    ],
+)
+def test_what_all_torques_have_in_common_shows_without_the_best_joint(
+    joints,
+    falls,
+    shows,
+):
+    """A delay of all torques, and one of a single torque."""
+    fault = SimpleNamespace(size=0.02, joints=joints)
+    search = SimpleNamespace(
+        log=SimpleNamespace(n=3),
+        new_faults=lambda repair, now: [fault],
+    )
+    answer = RepairSearch._shows_where_it_acts(
+        search,
+        np.array(falls),
+        None,
+        None,
+    )
+    assert answer is shows
 
 
 @pytest.mark.parametrize("gain", [1.0, -1.0, 1e-3])

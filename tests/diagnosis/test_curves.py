@@ -117,7 +117,9 @@ def test_a_curve_stands_instead_of_terms_that_are_worth_less(
     beside,
     least,
 ):
-    terms: Any = [SimpleNamespace(form=SimpleNamespace(n_coefficients=1, constants=2))]
+    terms: Any = [
+        SimpleNamespace(form=SimpleNamespace(n_coefficients=1, n_constants=2))
+    ]
     law = size and SimpleNamespace(size=size)
     named = max(worth, 0.0) + (beside or 0.0)
     for more in (0.1, -0.1):
