@@ -24,6 +24,9 @@ PARTS = 8
 #: alone.
 LOUDEST = 60.0
 LOUDEST_INERTIA = 12.0
+#: Centres of mass of a robot's description are right to so much [m]: what it says of the
+#: weight's sign is worth no more (tools' drawings, and what identified models differ by).
+CENTRE_OF_MASS = 0.02
 
 # -- the search ----------------------------------------------------------------------------------------
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
