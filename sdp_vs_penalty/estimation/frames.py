@@ -228,8 +228,7 @@ def base_covariance_frame(estimate: Parameters) -> pandas.DataFrame:
 
 
 def _labelled(matrix: Array, names: Sequence[str]) -> pandas.DataFrame:
-    """Return a square matrix as a DataFrame with the same names for rows and columns.
-    """
+    """Return a square matrix as a DataFrame with the same names for rows and columns."""
     import pandas
 
     index = pandas.Index(list(names), name="parameter")
