@@ -653,8 +653,10 @@ def compress_cells(
 
 
 def _with_instruments(model: Model, factors: Sequence[Factor]) -> list[Factor]:
-    """Return the factors with instruments for columns, which the positions' noise does
-    not enter.
+    """Return the factors with instrumental-variable columns.
+
+    Instruments are columns that correlate with the motion but not with the noise of
+    measured positions, so that least squares is unbiased.
     """
     parts = [(f.joint, f.indices, f.triangle) for f in factors]
     out = []
@@ -697,10 +699,12 @@ def _take(
     rows: Rows,
     owner: NDArray[np.intp],
 ) -> None:
-    """Add rows to the factors ``cells`` by (block, joint), in place.
+    """Merge rows into the factors ``cells`` of their block and joint, in place.
 
-    ``owner`` (M,) is the block of each row.
+    A factor is a triangle that replaces its rows in least squares. ``rows`` are M rows
+    a joint; ``owner`` (M,) is the block (fold or piece of a run) of each row.
     """
+    # Sort the rows by block; block k of ``blocks`` begins at row begin[k].
     order = np.argsort(owner, kind="stable")
     blocks, begin = np.unique(owner[order], return_index=True)
     for joint, columns in enumerate(rows.columns):
@@ -711,7 +715,7 @@ def _take(
             ]
         )
         rows_and_torque = rows_and_torque.take(order, axis=0)
-        pieces = np.split(rows_and_torque, begin[1:])
+        pieces = np.split(rows_and_torque, begin[1:])  # one a block
         for block, piece in zip(blocks.tolist(), pieces, strict=True):
             empty = Factor(
                 joint,
