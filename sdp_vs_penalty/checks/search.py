@@ -575,11 +575,14 @@ class RepairSearch:
         return net
 
     def _without(self, net: LogTransform, fault: Fault) -> LogTransform:
-        """Return the repair without the correction of a fault, by the fault's name: its
-        size may have changed meanwhile."""
-        for fault in self.list_faults(net):
-            if fault.name == fault.name:
-                return fault.repair_without
+        """Return the repair ``net`` without its correction of ``fault``.
+
+        The fault is found by its name (kind and joints), because its size may have
+        changed since; ``net`` itself is returned where it corrects no such fault.
+        """
+        for present in self.list_faults(net):
+            if present.name == fault.name:
+                return present.repair_without
         return net
 
     def _holds(
