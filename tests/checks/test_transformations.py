@@ -72,12 +72,12 @@ def test_of_two_faults_the_named_one_is_kept(joint):
     assert kept == log.as_logged.with_entries("gain", (joint,), 2.0)
 
 
-@pytest.mark.parametrize(("lever", "is_decisive"), [(0.5, True), (0.005, False)])
+@pytest.mark.parametrize(("lever", "is_decisive"), [(0.4, True), (0.005, False)])
 def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
-    """A drawing's centre of mass may lie on the other side of the axis: joint 1 of
-    this arm is upright."""
+    """A drawing's centre of mass may lie on the other side of the axis: of joint 2, as
+    joint 1 is upright, 0.8 m behind the frame of link 2."""
     links = PROBLEM.nominal_links.copy()
-    links[:, 1:4] = links[:, :1] * np.array([lever, 0.0, 0.0])
+    links[1, 1:4] = links[1, 0] * np.array([lever - 0.8, 0.0, 0.0])
     settings = PROBLEM.preprocessing.resolve(RUN)
     log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
     log.problem = SimpleNamespace(robot=PROBLEM.robot, nominal_links=links)
