@@ -58,13 +58,12 @@ def test_a_gain_that_is_taken_away_again_costs_nothing():
         assert gain.repair_without == none.with_entries("gain", (1,), np.sign(x))
 
 
-@pytest.mark.parametrize(("lever", "is_decisive"), [(0.2, True), (0.005, False)])
+@pytest.mark.parametrize(("lever", "is_decisive"), [(0.4, True), (0.005, False)])
 def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
-    """A drawing's centre of mass may lie on the other side of the axis; link 2 weighs
-    nothing."""
+    """A drawing's centre of mass may lie on the other side of the axis: of joint 2, as
+    joint 1 is upright, 0.8 m behind the frame of link 2."""
     links = PROBLEM.nominal_links.copy()
-    links[1] = 0.0
-    links[:, 1:4] = links[:, :1] * np.array([lever, 0.0, 0.0])
+    links[1, 1:4] = links[1, 0] * np.array([lever - 0.8, 0.0, 0.0])
     settings = PROBLEM.preprocessing.resolve(RUN)
     log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
     log.problem = SimpleNamespace(robot=PROBLEM.robot, nominal_links=links)
