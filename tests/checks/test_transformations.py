@@ -17,7 +17,7 @@ from sdp_vs_penalty import (
     identify,
     load_problem,
 )
-from sdp_vs_penalty.checks.constants import LOUDEST_INERTIA
+from sdp_vs_penalty.checks.constants import MAX_INERTIA_LOG_ODDS
 from sdp_vs_penalty.checks.faults import Gain, Saturation
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
@@ -82,7 +82,7 @@ def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
     log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
     log.problem = SimpleNamespace(robot=PROBLEM.robot, nominal_links=links)
     log_odds = log._make_loudest_weight(log.as_logged.motion_part)
-    assert (log_odds > LOUDEST_INERTIA) is is_decisive
+    assert (log_odds > MAX_INERTIA_LOG_ODDS) is is_decisive
 
 
 @pytest.mark.parametrize(
