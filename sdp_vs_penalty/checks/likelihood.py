@@ -24,7 +24,12 @@ import numpy as np
 import scipy
 
 from sdp_vs_penalty.checks.arm_fit import ArmFit, RepairedRows
-from sdp_vs_penalty.checks.constants import LOUDEST, LOUDEST_INERTIA, PARTS
+from sdp_vs_penalty.checks.constants import (
+    CENTRE_OF_MASS,
+    MAX_INERTIA_LOG_ODDS,
+    MAX_PHYSICS_LOG_ODDS,
+    PARTS,
+)
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
 from sdp_vs_penalty.checks.repair import LogEvent, LogTransform, Numbers, Order
 from sdp_vs_penalty.effects.effect import Motion
@@ -84,6 +89,7 @@ class Likelihood:
         self._model = lru_cache(12)(self._make_model)
         self._basis = lru_cache(20)(self._make_basis)
         self._inertia_and_weight = lru_cache(12)(self._make_inertia_and_weight)
+        self._loudest_weight = lru_cache(12)(self._make_loudest_weight)
         self._channels_at = lru_cache(40)(self._interpolate_channels)
 
     @classmethod
@@ -790,7 +796,7 @@ class Likelihood:
         Returns
         -------
         float
-            At most 0; each joint and kind takes at most LOUDEST or LOUDEST_INERTIA.
+            At most 0; each joint and kind takes at most MAX_PHYSICS_LOG_ODDS or MAX_INERTIA_LOG_ODDS.
         """
         states = self._centred_states(repair)  # (2, n, M): dq / M, ddq / M
         not_of_links = fit.channels - fit.rows.raw @ fit.theta  # (n, M)
@@ -814,11 +820,36 @@ class Likelihood:
         )  # (s, s)
         variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = estimates / np.sqrt(np.maximum(variance, _TINY))
-        loudest = np.full(len(z), LOUDEST)
-        loudest[-2] = LOUDEST_INERTIA  # the two last ones are inertia and weight
+        loudest = np.full(len(z), MAX_PHYSICS_LOG_ODDS)
+        # The two last ones are inertia and weight.
+        loudest[-2] = MAX_INERTIA_LOG_ODDS
+        loudest[-1] = self._loudest_weight(repair.motion_part)
         is_used = np.append(self.moving, [True, True])
         log_probabilities = np.maximum(scipy.special.log_ndtr(z), -loudest)
         return float(log_probabilities[is_used].sum())
+
+    def _make_loudest_weight(self, repair: LogTransform) -> float:
+        """Return the log-odds that the plausible arm's weight tells the true one's sign,
+        at most MAX_PHYSICS_LOG_ODDS.
+
+        Centres of mass differ by CENTRE_OF_MASS from the plausible ones. Where joints
+        are upright, or masses lie near the axes, this may turn the sign of the weight.
+        """
+        model = self.data.shared
+        if model is None or not len(model.rigid_indices):
+            return MAX_PHYSICS_LOG_ODDS
+        weight = self.columns(repair.arm_part, 0.0, 0.0)[:, :, model.rigid_indices]
+        joints_and_rows = ((1, 0), (0, 1))
+        products = np.tensordot(
+            self.nominal(repair, speed=0.0), weight, joints_and_rows
+        )  # (10 L,)
+        links = self.problem.nominal_links
+        expected = float(products @ links.ravel())
+        by_first_moments = products.reshape(-1, 10)[:, 1:4]  # (L, 3)
+        spreads = CENTRE_OF_MASS * links[:, :1] * by_first_moments
+        spread = float(np.linalg.norm(spreads))
+        certainty = expected / max(spread, _TINY)
+        return min(MAX_PHYSICS_LOG_ODDS, -float(scipy.special.log_ndtr(-certainty)))
 
     def _centred_states(self, repair: LogTransform) -> Array:
         """Return velocity and acceleration (2, n, M), without their means and over M,
