@@ -26,8 +26,8 @@ import scipy
 from sdp_vs_penalty.checks.arm_fit import ArmFit, RepairedRows
 from sdp_vs_penalty.checks.constants import (
     CENTRE_OF_MASS,
-    LOUDEST,
-    LOUDEST_INERTIA,
+    MAX_INERTIA_LOG_ODDS,
+    MAX_PHYSICS_LOG_ODDS,
     PARTS,
 )
 from sdp_vs_penalty.checks.regression_data import RegressionData, on_robot
@@ -796,7 +796,7 @@ class Likelihood:
         Returns
         -------
         float
-            At most 0; each joint and kind takes at most LOUDEST or LOUDEST_INERTIA.
+            At most 0; each joint and kind takes at most MAX_PHYSICS_LOG_ODDS or MAX_INERTIA_LOG_ODDS.
         """
         states = self._centred_states(repair)  # (2, n, M): dq / M, ddq / M
         not_of_links = fit.channels - fit.rows.raw @ fit.theta  # (n, M)
@@ -820,9 +820,9 @@ class Likelihood:
         )  # (s, s)
         variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = estimates / np.sqrt(np.maximum(variance, _TINY))
-        loudest = np.full(len(z), LOUDEST)
+        loudest = np.full(len(z), MAX_PHYSICS_LOG_ODDS)
         # The two last ones are inertia and weight.
-        loudest[-2] = LOUDEST_INERTIA
+        loudest[-2] = MAX_INERTIA_LOG_ODDS
         loudest[-1] = self._loudest_weight(repair.motion_part)
         is_used = np.append(self.moving, [True, True])
         log_probabilities = np.maximum(scipy.special.log_ndtr(z), -loudest)
@@ -830,14 +830,14 @@ class Likelihood:
 
     def _make_loudest_weight(self, repair: LogTransform) -> float:
         """Return the log-odds that the plausible arm's weight tells the true one's sign,
-        at most LOUDEST.
+        at most MAX_PHYSICS_LOG_ODDS.
 
         Centres of mass differ by CENTRE_OF_MASS from the plausible ones. Where joints
         are upright, or masses lie near the axes, this may turn the sign of the weight.
         """
         model = self.data.shared
         if model is None or not len(model.rigid_indices):
-            return LOUDEST
+            return MAX_PHYSICS_LOG_ODDS
         weight = self.columns(repair.arm_part, 0.0, 0.0)[:, :, model.rigid_indices]
         joints_and_rows = ((1, 0), (0, 1))
         products = np.tensordot(
@@ -849,7 +849,7 @@ class Likelihood:
         spreads = CENTRE_OF_MASS * links[:, :1] * by_first_moments
         spread = float(np.linalg.norm(spreads))
         certainty = expected / max(spread, _TINY)
-        return min(LOUDEST, -float(scipy.special.log_ndtr(-certainty)))
+        return min(MAX_PHYSICS_LOG_ODDS, -float(scipy.special.log_ndtr(-certainty)))
 
     def _centred_states(self, repair: LogTransform) -> Array:
         """Return velocity and acceleration (2, n, M), without their means and over M,

@@ -31,7 +31,7 @@ SHOWN_BY_A_POOR_MOTION = "degrees", "sign", "mounting", "events"
 
 
 #: Additional prior odds (natural logarithm) against a size that is no round value.
-_ODDS_AGAINST_UNEVEN = 0.5 * c.ODDS
+_ODDS_AGAINST_UNEVEN = 0.5 * c.LOG_ODDS_AGAINST_FAULT
 #: A fall of the logarithm of the squared residual below this is no change of the fit.
 _SAME_FIT_FALL = 0.05
 #: A run speaks against a fault where it raises the logarithm of the squared residual on
@@ -71,20 +71,20 @@ class RepairSearch:
         """
         self.log = log
         self.logs = logs or [log]
-        self.samples = log.count_independent_samples(log.fit(log.as_logged))
+        self.independent_samples = log.count_independent_samples(log.fit(log.as_logged))
         issues = [issue for of_run in facts for issue in of_run]
-        self.known = {issue.kind for issue in issues}
+        self.known_kinds = {issue.kind for issue in issues}
         # A motion is poor whose directions are half as many as its joints, in all runs.
         ranks = [f.figures["rank"] for f in issues if f.kind == "lockstep motion"]
         in_all_runs = len(ranks) == len(self.logs)
         is_low = 2 * max(ranks, default=0) <= len(log.joints)
-        self.is_poor = in_all_runs and is_low
+        self.has_few_directions = in_all_runs and is_low
         self.list_faults = lru_cache(99)(self._list_faults)
         self.posterior = lru_cache(99)(self._posterior)
         #: Repairs, laws apart, that no law makes likely.
-        self.hopeless: set[LogTransform] = set()
+        self.hopeless_repairs: set[LogTransform] = set()
         #: Of faults that were added, by name, others that explain as much.
-        self.rivals: dict[tuple[str, tuple[int, ...]], tuple[Fault, ...]] = {}
+        self.rivals_by_fault: dict[tuple[str, tuple[int, ...]], tuple[Fault, ...]] = {}
 
     def _list_faults(self, repair: LogTransform) -> tuple[Fault, ...]:
         """List the faults of any kind that a repair corrects (:attr:`list_faults`
@@ -101,9 +101,9 @@ class RepairSearch:
         Joints that move in lockstep do not show the order of channels; a poor motion
         shows units, signs, the mounting and events alone.
         """
-        if self.is_poor:
+        if self.has_few_directions:
             return [kind for kind in FAULTS if kind.name in SHOWN_BY_A_POOR_MOTION]
-        barred = {"order"} if "lockstep motion" in self.known else set()
+        barred = {"order"} if "lockstep motion" in self.known_kinds else set()
         return [kind for kind in FAULTS if kind.name not in barred]
 
     # -- the posterior
@@ -130,13 +130,13 @@ class RepairSearch:
             e.log_odds_against + _ODDS_AGAINST_UNEVEN * e.has_uneven_size
             for e in self.list_faults(repair)
         )
-        return -0.5 * self.samples * score.log_unexplained - cost
+        return -0.5 * self.independent_samples * score.log_unexplained - cost
 
     def _posterior(self, repair: LogTransform) -> float:
         """Compute the log-posterior of a repair: likelihood, prior odds, and the
         log-probability of physics (:attr:`posterior` caches it)."""
         score = self.log.fit(repair)
-        physics = self.log.physics(score, repair, self.samples)
+        physics = self.log.physics(score, repair, self.independent_samples)
         return self.likelihood(score, repair) + physics
 
     def _learn_samples(self, scores: Sequence[ArmFit]) -> None:
@@ -146,7 +146,7 @@ class RepairSearch:
         that the best fit has the most independent samples. Posteriors change with it.
         """
         known = [self.log.count_independent_samples(score) for score in scores]
-        self.samples = max([self.samples, *known])
+        self.independent_samples = max([self.independent_samples, *known])
         self.posterior.cache_clear()
 
     def new_faults(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
@@ -181,17 +181,17 @@ class RepairSearch:
         Returns
         -------
         LogTransform
-            The one repair of all faults, MOST of them at most.
+            The one repair of all faults, MAX_FAULTS of them at most.
         """
         now = self.log.as_logged
-        for _ in range(c.MOST):
+        for _ in range(c.MAX_FAULTS):
             better = self.add_best_fault(now)
             if better is None:
                 break
             before = now
             now = self.round_sizes(better)
             if now.without_laws != before.without_laws:
-                self.hopeless.clear()
+                self.hopeless_repairs.clear()
         return self.with_settled_signs(now)
 
     def add_best_fault(self, now: LogTransform) -> LogTransform | None:
@@ -208,17 +208,17 @@ class RepairSearch:
         LogTransform or None
             With one more fault.
         """
-        # Of each proposal the best sizes; those whose posterior odds exceed ODDS.
+        # Of each proposal the best sizes; those whose posterior odds exceed LOG_ODDS_AGAINST_FAULT.
         refined = [self.refine(repair, now) for repair in self.proposals(now)]
         self._learn_samples([self.log.fit(repair) for repair in refined])
-        threshold = self.posterior(now) + c.ODDS
+        threshold = self.posterior(now) + c.LOG_ODDS_AGAINST_FAULT
         likely = [r for r in refined if self.posterior(r) >= threshold]
 
         def rank(repair: LogTransform) -> int:
             """Sort key: the larger posterior first; a law, which arms have, comes
             before a fault that explains as much."""
             is_law = all(e.severity == "note" for e in self.new_faults(repair, now))
-            return -round(self.posterior(repair) + c.ODDS * is_law)
+            return -round(self.posterior(repair) + c.LOG_ODDS_AGAINST_FAULT * is_law)
 
         for repair in sorted(likely, key=rank):
             if self.is_confirmed(repair, now):
@@ -243,7 +243,7 @@ class RepairSearch:
         are left out.
         """
         names = {fault.name for fault in self.new_faults(repair, now)}
-        least = self.posterior(repair) - c.ODDS
+        least = self.posterior(repair) - c.LOG_ODDS_AGAINST_FAULT
         tied = []
         for other in likely:
             new = self.new_faults(other, now)
@@ -286,7 +286,7 @@ class RepairSearch:
         others = [self.new_faults(repair, now) for repair in tied if repair != best]
         single = tuple(faults[0] for faults in others if len(faults) == 1)
         if len(new) == 1 and single:
-            self.rivals[new[0].name] = single
+            self.rivals_by_fault[new[0].name] = single
 
     def proposals(self, now: LogTransform) -> list[LogTransform]:
         """Repairs with one more fault that may be believed, the likeliest first.
@@ -299,7 +299,7 @@ class RepairSearch:
         Returns
         -------
         list of LogTransform
-            Of each fault the best number, MOST faults in all; and those of the same fit
+            Of each fault the best number, MAX_FAULTS faults in all; and those of the same fit
             as ``now``, which physics alone tells apart.
         """
         gains = self._gains_on_few_rows(self._one_fault_more(now), now)
@@ -311,7 +311,7 @@ class RepairSearch:
             names = frozenset(fault.name for fault in self.list_faults(repair))
             best_of_fault.setdefault(names, repair)
         best = [*best_of_fault.values()]
-        return list(dict.fromkeys(best[: c.MOST] + same_fit[: c.MOST]))
+        return list(dict.fromkeys(best[: c.MAX_FAULTS] + same_fit[: c.MAX_FAULTS]))
 
     def _one_fault_more(self, now: LogTransform) -> list[LogTransform]:
         """List the repairs that all kinds of fault propose, with one more fault than
@@ -323,7 +323,7 @@ class RepairSearch:
         return [
             repair
             for repair in dict.fromkeys(repairs)
-            if repair != now and repair.without_laws not in self.hopeless
+            if repair != now and repair.without_laws not in self.hopeless_repairs
         ]
 
     def _gains_on_few_rows(
@@ -343,14 +343,18 @@ class RepairSearch:
         self._learn_samples(sorted(fits, key=lambda fit: fit.log_unexplained)[:1])
         taken_by_physics = self.likelihood(self.log.fit(now), now)
         taken_by_physics -= self.posterior(now)
-        smallest_gain = c.ODDS - taken_by_physics
+        smallest_gain = c.LOG_ODDS_AGAINST_FAULT - taken_by_physics
         before = self.likelihood(fit_now, now)
         gains = {}
         for repair, fit in zip(repairs, fits, strict=True):
-            fall = 0.5 * self.samples * (fit_now.log_unexplained - fit.log_unexplained)
+            fall = (
+                0.5
+                * self.independent_samples
+                * (fit_now.log_unexplained - fit.log_unexplained)
+            )
             further_gain_of_best_size = max(fall, 0.0)
-            if fall < -c.HOPELESS:
-                self.hopeless.add(repair.without_laws)
+            if fall < -c.HOPELESS_LOSS:
+                self.hopeless_repairs.add(repair.without_laws)
             # Before the repair's cost, which takes longer to work out.
             if fall + further_gain_of_best_size <= smallest_gain:
                 continue
@@ -390,7 +394,9 @@ class RepairSearch:
         threshold = self._least_clearness(new)
         if _same_fit(repair, now):
             return clearness > -threshold and self._is_decided_by_physics(repair, now)
-        if not self.is_poor and all(fault.kind == "torque sign" for fault in new):
+        if not self.has_few_directions and all(
+            fault.kind == "torque sign" for fault in new
+        ):
             # Friction that drives its joint shows a wrong sign, whatever the fit.
             return clearness > -0.5 * threshold
         if clearness <= threshold:
@@ -407,13 +413,13 @@ class RepairSearch:
         """
         are_numbers = all(fault.size for fault in new)
         is_enough = are_numbers and len(self.log.joints) > 1
-        return 0.5 * c.SIGMAS if is_enough else c.SIGMAS
+        return 0.5 * c.REQUIRED_SIGMAS if is_enough else c.REQUIRED_SIGMAS
 
     def _is_decided_by_physics(self, repair: LogTransform, now: LogTransform) -> bool:
         """Whether physics (positive inertia, friction that takes power) prefers a
         repair to ``now`` clearly, where both fit the same."""
         gain = self.posterior(repair) - self.posterior(now)
-        return not self.is_poor and gain > c.LOUDEST_INERTIA
+        return not self.has_few_directions and gain > c.MAX_INERTIA_LOG_ODDS
 
     def _held_out_errors(self, repair: LogTransform) -> Array:
         """Return the errors (PARTS, n) on parts of the log left out in turn: squared
@@ -456,7 +462,10 @@ class RepairSearch:
         is_harmless = np.exp(np.mean(np.log(ratio))) > 1.0
         if strict:
             is_harmless = not self._speaks_against(before, after).any()
-        is_likely = 0.5 * self.samples * np.log(ratio).sum() > c.ODDS
+        is_likely = (
+            0.5 * self.independent_samples * np.log(ratio).sum()
+            > c.LOG_ODDS_AGAINST_FAULT
+        )
         is_large = ratio.max() > self._least_ratio(repair, now)
         is_everywhere = self._shows_where_it_acts(np.log(ratio), repair, now)
         return bool(is_likely and is_large and is_harmless and is_everywhere)
@@ -504,7 +513,7 @@ class RepairSearch:
         Returns
         -------
         (K,) array
-            Whether the error rises by more than WORSE, by more than its scatter over
+            Whether the error rises by more than LARGEST_ERROR_RISE, by more than its scatter over
             the parts (one odd part is no rise), and by so much that it costs a third of
             the likelihood that the falling errors gain.
         """
@@ -513,8 +522,8 @@ class RepairSearch:
         ratio = after.mean(axis=0) / before.mean(axis=0)
         gained = float(-np.log(ratio)[ratio < 1.0].sum())
         is_costly = c.TIMES * np.log(ratio) > gained
-        is_clear = clearness > 0.5 * c.SIGMAS
-        return np.asarray((ratio > c.WORSE) & is_clear & is_costly)
+        is_clear = clearness > 0.5 * c.REQUIRED_SIGMAS
+        return np.asarray((ratio > c.LARGEST_ERROR_RISE) & is_clear & is_costly)
 
     def _errors_beside_physics(self, log: Likelihood, repair: LogTransform) -> Array:
         """Return the errors (PARTS, K) of the K moving joints on parts left out in
@@ -533,10 +542,12 @@ class RepairSearch:
         new = self.new_faults(repair, now)
         # Friction with memory looks like a delay of its joint.
         is_late = any(e.kind in ("channel delay", "channel filter") for e in new)
-        if self.is_poor or is_late:
-            return c.MUCH
+        if self.has_few_directions or is_late:
+            return c.LEAST_RATIO_IF_DOUBTFUL
         has_uneven_size = any(fault.has_uneven_size for fault in new)
-        return c.WITH_A_NUMBER if has_uneven_size else c.ONE_OF_FEW
+        return (
+            c.LEAST_RATIO_WITH_SIZE if has_uneven_size else c.LEAST_RATIO_WITHOUT_SIZE
+        )
 
     def drop_unconfirmed(self, net: LogTransform) -> LogTransform:
         """Return the repair without the faults that do not hold in every run.
@@ -575,11 +586,14 @@ class RepairSearch:
         return net
 
     def _without(self, net: LogTransform, fault: Fault) -> LogTransform:
-        """Return the repair without the correction of a fault, by the fault's name: its
-        size may have changed meanwhile."""
-        for fault in self.list_faults(net):
-            if fault.name == fault.name:
-                return fault.repair_without
+        """Return the repair ``net`` without its correction of ``fault``.
+
+        The fault is found by its name (kind and joints), because its size may have
+        changed since; ``net`` itself is returned where it corrects no such fault.
+        """
+        for present in self.list_faults(net):
+            if present.name == fault.name:
+                return present.repair_without
         return net
 
     def _holds(
@@ -603,11 +617,11 @@ class RepairSearch:
     def _is_determined(self, number: FaultSize) -> bool:
         """Whether the data determine the size of a fault, and it is not usual.
 
-        The size exceeds the tolerance by SIGMAS standard deviations; its 95 % interval
+        The size exceeds the tolerance by REQUIRED_SIGMAS standard deviations; its 95 % interval
         is narrow; and sizes far to either side fit clearly worse.
         """
         spread = self.gauss_newton_step(number)[1]
-        margin = c.SIGMAS * spread
+        margin = c.REQUIRED_SIGMAS * spread
         if abs(number.value) <= number.tolerance + margin:
             return False
         if 2.0 * spread > max(number.tolerance, number.widest):
@@ -618,7 +632,7 @@ class RepairSearch:
         nearest = min(below.log_unexplained, above.log_unexplained)
         rise = nearest - at_value.log_unexplained
         # Twice the log-likelihood ratio is the square of a standard normal variable.
-        return self.samples * rise >= (0.5 * c.SIGMAS) ** 2
+        return self.independent_samples * rise >= (0.5 * c.REQUIRED_SIGMAS) ** 2
 
     def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
         """Return the change of a fault's size to its best value, to first order, and
@@ -712,7 +726,7 @@ class RepairSearch:
 
     def round_sizes(self, repair: LogTransform) -> LogTransform:
         """Return the repair with each size replaced by the nearest round value, where
-        the two differ by no more than the tolerance and SIGMAS standard deviations.
+        the two differ by no more than the tolerance and REQUIRED_SIGMAS standard deviations.
 
         Parameters
         ----------
@@ -729,7 +743,9 @@ class RepairSearch:
         ]
         for name in names:
             number = self.sizes_by_name(repair)[name]
-            reach = number.tolerance + c.SIGMAS * self.gauss_newton_step(number)[1]
+            reach = (
+                number.tolerance + c.REQUIRED_SIGMAS * self.gauss_newton_step(number)[1]
+            )
             for x in number.round_values_within(reach):
                 repair = number.repair_with(x)
         return repair
@@ -847,7 +863,7 @@ class RepairSearch:
         """
         rivals = [
             Rival(other.kind, other.joints, other.what)
-            for other in self.rivals.get(fault.name, ())
+            for other in self.rivals_by_fault.get(fault.name, ())
         ]
         if fault.kind == "torque sign":
             rivals += self._signs_as_likely(net, fault.joints)
@@ -881,7 +897,10 @@ class RepairSearch:
             if not joints:
                 continue
             objection, clearness = self._against_turning(net, j)
-            if objection < c.LOUDEST_INERTIA and clearness < 0.5 * c.SIGMAS:
+            if (
+                objection < c.MAX_INERTIA_LOG_ODDS
+                and clearness < 0.5 * c.REQUIRED_SIGMAS
+            ):
                 what = f"the torque of {joints_text(joints)} has the wrong sign"
                 others.append(Rival("torque sign", joints, what))
         unsigned = tuple(j for j in turned if self._is_unsigned(net.tau_order[j]))
@@ -917,7 +936,7 @@ class RepairSearch:
             return net
         for j in self.log.joints:
             objection, clearness = self._against_turning(net, j)
-            if objection < -c.LOUDEST_INERTIA and clearness <= c.SIGMAS:
+            if objection < -c.MAX_INERTIA_LOG_ODDS and clearness <= c.REQUIRED_SIGMAS:
                 net = net.with_multiplied("gain", (j,), -1.0)
         return net
 
@@ -942,12 +961,12 @@ class RepairSearch:
         physics_now = self.log.physics(
             fits[0],
             net,
-            self.samples,
+            self.independent_samples,
         )
         physics_turned = self.log.physics(
             fits[1],
             other,
-            self.samples,
+            self.independent_samples,
         )
         clearness = self.log.clearness_of_fall(
             self._held_out_errors(other), self._held_out_errors(net)
