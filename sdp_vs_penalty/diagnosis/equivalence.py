@@ -232,7 +232,7 @@ def _promising(search: Search, group: _Group) -> list[Candidate]:
     """
     best = dict[Hashable, tuple[float, Candidate]]()
     for batch in search.library.batches:
-        if not _acts_where(group, batch):
+        if not _may_do_the_same(group, batch):
             continue
         explained, _ = search.score.explained(group.fit, batch)
         shares = explained / max(group.squares, 1e-300)
@@ -246,18 +246,20 @@ def _promising(search: Search, group: _Group) -> list[Candidate]:
     return [form for _, form in ranked[:MAX_CANDIDATES_REFINED]]
 
 
-def _acts_where(group: _Group, batch: Batch) -> bool:
-    """Return whether a batch's candidates act on the joints of the group.
+def _may_do_the_same(group: _Group, batch: Batch) -> bool:
+    """Return whether a batch's candidates may make a group's torque beside the model.
 
-    For a single finding one common joint is enough; for several findings all their
-    joints are needed. Other values of the model's own constants are no rivals.
+    A single finding may have a rival on any joint: masses that are fitted again turn a
+    gain of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. For
+    several findings all their joints are needed. Other values of the model's own
+    constants are no rivals.
     """
     if batch.forms[0].replaces_own_constant:
         return False
+    if len(group.terms) == 1:
+        return True
     joints = frozenset[int]().union(*(t.joints for t in group.terms))
-    if len(group.terms) > 1:
-        return joints <= {*batch.joints}
-    return bool(joints & {*batch.joints})
+    return joints <= {*batch.joints}
 
 
 def _that_may_stand(

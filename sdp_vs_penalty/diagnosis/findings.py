@@ -844,7 +844,8 @@ class Diagnosis(Record, JsonRecord):
             "near-tie": "the near-ties",
             "weak": "what is weak in name or size only",
         }
-        return " and ".join(text for kind, text in names.items() if kind in kinds)
+        shown = [text for kind, text in names.items() if kind in kinds]
+        return formatting.words(shown) if shown else ""
 
     def _summary(self) -> Summary:
         """Return the headline, and rows of label and text for the printed summary."""
