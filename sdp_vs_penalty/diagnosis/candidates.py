@@ -130,8 +130,8 @@ class _Shown:
     def __call__(self, effect: Effect) -> bool:
         """Return whether the rows can show the effect, and tell it from others.
 
-        ``looks_like`` returns the name of another effect that looks the same in the
-        covered range, for a size; 0 asks whether it does so at any size.
+        ``looks_like`` gives a reason for doubt: what else would look the same in the
+        covered range. The size 0 stands for an effect whose size is not known yet.
         """
         if effect.needs_temperature and not self.has_temperature:
             return False
