@@ -281,7 +281,8 @@ def without_trailing_weak(effects: Sequence[Finding]) -> Sequence[Finding]:
     """
     certain = [k for k, f in enumerate(effects, start=1) if f.torque_is_certain]
     n_up_to_last_certain = certain[-1] if certain else 0
-    return effects[: n_up_to_last_certain + 2]
+    trailing = effects[n_up_to_last_certain:]
+    return [*effects[:n_up_to_last_certain], *trailing[:2]]
 
 
 def before_after(

@@ -181,7 +181,7 @@ def errors(page: Page) -> list[list[float]]:
     """RMS errors of the history's table: a list a joint, of its models."""
     rows = page.locator("table.history tbody tr").all()
     return [
-        [float(cell) for cell in row.locator("td").all_inner_texts()[:-3]]
+        [float(cell) for cell in row.locator("td").all_text_contents()[:-3]]
         for row in rows
     ]
 

@@ -98,7 +98,7 @@ def story(
         go(page, "diagnose")
         act(page, "diagnose", key("add-0"))
         seen["barriers"] += driver.barriers(page)
-        act(page, "add-0", "table.history")
+        act(page, "add-0", key("undo"))
         seen["errors"] = driver.errors(page)
         go(page, "identify")
         act(page, "compare", "table.methods")

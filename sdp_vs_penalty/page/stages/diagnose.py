@@ -43,11 +43,12 @@ def models(view: View) -> None:
     floor = history[-1].comparison["noise_floor"]
     ui.html(bars(errors[0], errors[-1], floor, units), sanitize=False)
     names = [str(k) for k, _ in enumerate(history, start=1)]
-    draw.table(
-        error_table(names, errors, floor, units),
-        "RMS error of each joint, model by model",
-    )
-    draw.note(f"RMS error on {', '.join(history[-1].judged_on)}.")
+    runs = ", ".join(history[-1].judged_on)
+    with draw.details(f"RMS errors on {runs} as a table", "history-table"):
+        draw.table(
+            error_table(names, errors, floor, units),
+            "RMS error of each joint, model by model",
+        )
 
 
 @requires_model(
