@@ -136,11 +136,21 @@ def _predicts_as_well(
     group: _Group,
     rival: int,
 ) -> bool:
-    """Return whether a rival predicts data left out as well as the group it replaces.
+    """Return whether a rival predicts data left out as well as the group that it
+    replaces.
 
-    That is the case if the sum over joints of log(error) rises by less than MINOR, 1 %.
-    ``rival`` is its number among the effects of ``held_out``, where the findings have
-    the numbers from 0 on.
+    The sum of the joints' log errors may rise by less than MINOR (1 %).
+
+    Parameters
+    ----------
+    explanation
+        All constants and findings; their numbers in ``held_out`` come first.
+    held_out
+        Errors on data left out of any selection of effects, by number.
+    group
+        The findings that the rival replaces.
+    rival
+        Number of the rival among the effects of ``held_out``.
     """
     replaced = {t.text for t in group.terms}
     before = range(len(explanation.terms))
@@ -171,10 +181,16 @@ def _judge_group(
     full: WhiteFit,
     terms: tuple[ScoredEffect, ...],
 ) -> _Group:
-    """Compute what a group of findings explains in addition to all other findings.
+    """Compute what a group of findings explains beside all other findings.
 
-    ``terms`` are the findings of the group; ``full`` is a fit with all findings, whose
-    columns are used again.
+    Parameters
+    ----------
+    search
+        The search with all findings.
+    full
+        A fit with all findings, whose columns are used again.
+    terms
+        The findings of the group.
     """
     others = [t for t in search.terms if t not in terms]
     terms_beside = search.nuisances.with_law_misfits(others)
@@ -223,7 +239,7 @@ def _promising(search: Search, group: _Group) -> list[Candidate]:
     # By law: the share of the group's squares, and the best candidate so far.
     best = dict[Hashable, tuple[float, Candidate]]()
     for batch in search.library.batches:
-        if not _acts_where(group, batch):
+        if not _may_do_the_same(group, batch):
             continue
         explained, _ = search.score.explained(group.fit, batch)
         shares = explained / max(group.squares, 1e-300)
@@ -237,19 +253,20 @@ def _promising(search: Search, group: _Group) -> list[Candidate]:
     return [form for _, form in ranked[:MAX_CANDIDATES_REFINED]]
 
 
-def _acts_where(group: _Group, batch: Batch) -> bool:
-    """Return whether a batch's candidates act on the joints of a group of findings.
+def _may_do_the_same(group: _Group, batch: Batch) -> bool:
+    """Return whether a batch's candidates may make a group's torque beside the model.
 
-    For a single finding one common joint is enough; for several findings a candidate
-    has to act on all their joints. Candidates that are other values of the model's
-    shape constants are no rivals: False.
+    A single finding may have a rival on any joint: masses that are fitted again turn a
+    gain of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. For
+    several findings all their joints are needed. Other values of the model's own
+    constants are no rivals.
     """
     if batch.forms[0].replaces_own_constant:
         return False
+    if len(group.terms) == 1:
+        return True
     joints = frozenset[int]().union(*(t.joints for t in group.terms))
-    if len(group.terms) > 1:
-        return joints <= {*batch.joints}
-    return bool(joints & {*batch.joints})
+    return joints <= {*batch.joints}
 
 
 def _list_possible_replacements(
