@@ -112,12 +112,9 @@ def mesh_of(
     except (RuntimeError, ValueError) as error:
         remedy = "export it as STL"
         raise InputError("assimp cannot read it", remedy, path) from error
-    corners = [
-        [corner[k] for k in range(3)]
-        for corner in (
-            model.tri_indices(k) for k in range(has_triangles * model.num_tris)
-        )
-    ]
+    n_triangles = model.num_tris if has_triangles else 0
+    triangles = (model.tri_indices(k) for k in range(n_triangles))
+    corners = [[triangle[k] for k in range(3)] for triangle in triangles]
     yield {
         "vertices": np.array(model.vertices(), float).reshape(-1, 3),
         "triangles": np.array(corners, float).reshape(-1, 3),
@@ -146,6 +143,8 @@ def _gltf_geometry(path: Path, content: bytes) -> bytes:
     a buffer that cannot be read or lies outside of the mesh's folder.
     """
     embedded = b""
+    # Binary glTF: a header of 12 bytes; the length and kind (8 bytes) of the JSON and
+    # its text; then length and kind (8 bytes) of the buffer and its bytes.
     if content[:4] == b"glTF":
         n_json = struct.unpack_from("<I", content, 12)[0]
         embedded = content[20 + n_json + 8 :]
