@@ -226,7 +226,8 @@ def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
 
 
 def _effect_parameter_names(data: Data) -> list[str]:
-    """Return the names of the parameters that belong to effects, not to links."""
+    """Return the names of the parameters that belong to effects such as friction, not
+    to links: ["f_v1", "f_c1", ...], in the order of theta."""
     names = (p.name for p in data.model.parameters)
     return np.delete(list(names), data.model.rigid_indices).tolist()
 
