@@ -45,7 +45,7 @@ from corruptions.kinds import Corruption
 from sdp_vs_penalty import identify
 from sdp_vs_penalty.checks import Report, check
 from sdp_vs_penalty.checks.check import judge_facts
-from sdp_vs_penalty.checks.constants import ODDS
+from sdp_vs_penalty.checks.constants import LOG_ODDS_AGAINST_FAULT
 from sdp_vs_penalty.checks.dynamics import LoggerJudge
 from sdp_vs_penalty.checks.issue import Issue
 from sdp_vs_penalty.checks.likelihood import Likelihood
@@ -315,10 +315,10 @@ def summary(title: str, cases: Sequence[Case]) -> list[str]:
     seen = [c for c in spoiled if c.outcome != "silent" or c.harm > 1.1]
     alarms = [c.outcome for c in cases if c.outcome.startswith("false")]
     named = [c for c in spoiled if c.outcome == "named"]
-    shown = [c for c in spoiled if c.told > ODDS]
+    shown = [c for c in spoiled if c.told > LOG_ODDS_AGAINST_FAULT]
     shares = (
         (len(bad), len(spoiled)),
-        (sum(c.told > ODDS for c in bad), len(spoiled)),
+        (sum(c.told > LOG_ODDS_AGAINST_FAULT for c in bad), len(spoiled)),
         (len(named), len(spoiled)),
         (len(named), len(seen)),
         (len(named), len(named) + len(shown)),
@@ -367,7 +367,7 @@ def markdown(cases: Sequence[Case], command: str) -> str:
     ]
     text += [
         "clean run. The data tell a corruption where the log before it is likelier, by"
-        f" log-odds of {ODDS:g}, each with its best arm.",
+        f" log-odds of {LOG_ODDS_AGAINST_FAULT:g}, each with its best arm.",
         "In brackets Wilson's 95 % interval.",
         "",
     ]

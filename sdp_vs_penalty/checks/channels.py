@@ -487,7 +487,7 @@ def _is_unsigned(torque: Array, q: Array) -> bool:
             if all(np.abs(pose - other).max() > _ONE_POSE for other in poses):
                 poses.append(pose)
     log_odds = len(poses) * np.log(near / step)
-    return bool(log_odds > c.ODDS)
+    return bool(log_odds > c.LOG_ODDS_AGAINST_FAULT)
 
 
 #: Channels of no more different values are coarse, whether in counts or not.

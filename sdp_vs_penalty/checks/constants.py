@@ -22,8 +22,8 @@ PARTS = 8
 #: Physics may speak with so much (natural logarithm) on each joint's friction and on
 #: the weight; on inertia, which is differentiated twice, with less: it must not decide
 #: alone.
-LOUDEST = 60.0
-LOUDEST_INERTIA = 12.0
+MAX_PHYSICS_LOG_ODDS = 60.0
+MAX_INERTIA_LOG_ODDS = 12.0
 #: Centres of mass of a robot's description are right to so much [m]: what it says of the
 #: weight's sign is worth no more (tools' drawings, and what identified models differ by).
 CENTRE_OF_MASS = 0.02
@@ -31,31 +31,31 @@ CENTRE_OF_MASS = 0.02
 # -- the search ----------------------------------------------------------------------------------------
 #: Prior odds against any repair, by which its posterior odds have to exceed one, too (natural
 #: logarithm): one log in some hundred has a given fault.
-ODDS = 6.0
+LOG_ODDS_AGAINST_FAULT = 6.0
 #: A repair that lowers the log-likelihood by so much is not tried again before another
 #: fault is repaired: a law of friction brings no such repair back.
-HOPELESS = 100.0
+HOPELESS_LOSS = 100.0
 #: Standard errors by which what the arm leaves of parts that it was not fitted to has
 #: to fall (half of them where a number tells as well), and that a number has to lie
 #: beyond what is usual (Student's t of PARTS, 99.5 %).
-SIGMAS = 4.0
+REQUIRED_SIGMAS = 4.0
 #: A fault is claimed only where it divides the energy that is left over of some joint on
 #: parts left out by so much, beside all laws of friction and position that may explain
 #: the same: one of a few (a sign, an axis, an order), or one with a number, which adapts
 #: to whatever the model lacks. No joint's may rise by more than the last.
-ONE_OF_FEW = 1.5
-WITH_A_NUMBER = 2.0
-WORSE = 1.2
+LEAST_RATIO_WITHOUT_SIZE = 1.5
+LEAST_RATIO_WITH_SIZE = 2.0
+LARGEST_ERROR_RISE = 1.2
 #: The same of a motion of few directions, in which much explains much, and of what
 #: friction with memory resembles.
-MUCH = 4.0
+LEAST_RATIO_IF_DOUBTFUL = 4.0
 #: One arm for all runs has to explain them so many times worse than one for each.
 TIMES_BETTER = 1.5
 #: Widest 95 % interval of a number that is claimed, to either side: of a factor (natural
 #: logarithm), of an angle [rad].
 WIDEST = 0.35
 #: At most so many things are wrong at once; so many proposals are looked at closely.
-MOST = 6
+MAX_FAULTS = 6
 
 # -- what arms and loggers differ by themselves, and from where on a model of a log means nothing ----
 #: Zeros and bases are calibrated to so much [rad]; beyond the second, as many times what is usual of

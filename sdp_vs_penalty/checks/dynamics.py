@@ -246,7 +246,7 @@ class LoggerJudge:
         if any(issue.kind in UNSCALED for issue in size):
             stated = [f for f in stated if f.kind not in ("torque gain", "torque unit")]
         for number in self.logs:
-            self._report_run(number, stated, size, search.is_poor, net)
+            self._report_run(number, stated, size, search.has_few_directions, net)
 
     def _report_run(
         self,

@@ -59,7 +59,7 @@ _WORDS = {
 Proposals = Callable[[int], Sequence[tuple[Fault, LogTransform]]]
 #: Log-odds (natural logarithm) that a difference of runs has to exceed: three times
 #: what any fault of a log needs, since friction never repeats exactly.
-_ODDS_OF_A_DIFFERENCE = 3.0 * c.ODDS
+_ODDS_OF_A_DIFFERENCE = 3.0 * c.LOG_ODDS_AGAINST_FAULT
 #: Step of the difference quotient by an encoder's zero [rad or m].
 _ZERO_STEP = 0.01
 #: Torque gains that a drive may have beside another run [-].
@@ -415,7 +415,7 @@ class RunComparison:
         value, spread = jackknifed(values)
         size = float(value)
         usual = _USUAL.get(difference.kind, 0.0)
-        threshold = max(c.SIGMAS * float(spread), usual)
+        threshold = max(c.REQUIRED_SIGMAS * float(spread), usual)
         if abs(size) <= threshold or not _is_possible(log, difference, size):
             return None
         # A number has an interval that speaks for it as well: half as clear a
@@ -479,7 +479,7 @@ class RunComparison:
         n_parts = 2.0 * c.PARTS  # of both suspects
         if proposals is not None:
             # The odds as a sum over parts of the logarithm of the squared residual.
-            odds = n_parts * c.ODDS / self.samples_per_run
+            odds = n_parts * c.LOG_ODDS_AGAINST_FAULT / self.samples_per_run
             faults = [
                 cause
                 for cause in self.judge_faults(proposals)
@@ -488,7 +488,7 @@ class RunComparison:
             best = _simplest(faults, odds) if faults else best
         log_likelihood = 0.5 * self.samples_per_run * best.gain / n_parts
         is_likely = log_likelihood >= _ODDS_OF_A_DIFFERENCE
-        is_clear = best.clearness >= c.SIGMAS and is_likely
+        is_clear = best.clearness >= c.REQUIRED_SIGMAS and is_likely
         # Friction that the model lacks differs from run to run, as another arm does.
         is_unspecific = best.difference.is_another_arm and self.error_ratio < c.TIMES
         if not is_clear or is_unspecific:

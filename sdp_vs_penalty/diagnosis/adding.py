@@ -134,7 +134,25 @@ def _read_effects(
     effects: str | Diagnosis | Sequence[Finding | Retune | str],
     frozen: bool,
 ) -> tuple[list[Effect], list[ShapeEstimate]]:
-    """Read the effects to add, and the constants to change, of a model.
+    """Separate what is to be added to a model: new effects, and new constants of
+    effects that it has.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    effects
+        As :func:`add` takes them.
+    frozen
+        Whether the model's parameters stay fixed: then constants of its effects do,
+        too.
+
+    Returns
+    -------
+    list of Effect
+        Effects to add.
+    list of ShapeEstimate
+        Shape constants (such as a Stribeck velocity) of the model's effects to change.
 
     Raises
     ------
@@ -156,7 +174,7 @@ def _read_effects(
 
 
 def _refuse_duplicates(estimate: Estimate, new: Sequence[Effect]) -> None:
-    """Raise InputError where a model has one of these effects already."""
+    """Raise InputError if a model already has one of the effects on one of its joints."""
     # A model refuses an effect that comes twice.
     Model(estimate.robot, (*estimate.model.effects, *new))
 
@@ -164,11 +182,10 @@ def _refuse_duplicates(estimate: Estimate, new: Sequence[Effect]) -> None:
 def _written(
     effects: str | Diagnosis | Sequence[Finding | Retune | str], estimate: Estimate
 ) -> str:
-    """Return effects in their written form, ``name[:joints][@shape=value]``, with
-    commas.
+    """Write effects as one text with commas, ``name[:joints][@shape=value]`` each.
 
-    Of a diagnosis these are its re-estimated constants, the findings that stay beside
-    its measured curves, and the curves.
+    Of a diagnosis these are its re-estimated constants, the findings that no measured
+    curve replaces, and the curves.
     """
     if isinstance(effects, str):
         return effects
@@ -179,10 +196,9 @@ def _written(
 
 
 def _without_held(estimate: Estimate, added: Sequence[Effect]) -> list[Effect]:
-    """Return those effects that a model held fixed does not have already.
+    """Return those effects that a model with fixed parameters does not have already.
 
-    Changes of its own effects need an identification of all parameters, which `add`
-    does not do here.
+    Changes of its own effects would need an identification of all parameters.
 
     Raises
     ------
@@ -216,7 +232,9 @@ class _Again:
     progress: Progress
 
     def identified(self, effects: Sequence[Effect]) -> Estimate:
-        """Identify the model with these effects, and return the new estimate."""
+        """Identify all parameters of the model anew, with these effects as its only
+        effects.
+        """
         options = PoseOptions(
             effects=effects,
             weighting=self.estimate.weighting,
@@ -236,12 +254,18 @@ class _Again:
         effects: Sequence[Effect],
         to_estimate: Sequence[Effect],
     ) -> Estimate:
-        """Identify the model with these effects, at the joint optimum of shape
-        constants.
+        """Identify the model with these effects, and optimise shape constants jointly.
 
-        ``to_estimate`` are the effects whose constants nobody has given. Where the
-        model's own constants on the same joints change beside them, the model is
-        identified a second time at the joint optimum.
+        Shape constants are non-linear constants of effects, such as a Stribeck
+        velocity. If those of the model change beside the added ones, the model is
+        identified a second time with the joint optimum of all.
+
+        Parameters
+        ----------
+        effects
+            All effects of the extended model.
+        to_estimate
+            Those of them whose shape constants were not given and are estimated.
         """
         extended = self.identified(effects)
         together = joint_optimum_of_constants(extended, to_estimate, self.runs)
@@ -257,8 +281,8 @@ class _Again:
 
 
 def _with_noise_of(estimate: Estimate, extended: Estimate) -> Estimate:
-    """Return an extended model with the noise floor that the original one keeps, if
-    any.
+    """Copy the noise floor in the original model's provenance, if any, to the extended
+    model.
     """
     noise = estimate.provenance.get("noise")
     if noise:
@@ -322,10 +346,19 @@ def _retunes(
 
 
 def _own(estimate: Estimate, retuned: Sequence[ShapeEstimate]) -> list[Effect]:
-    """Return the model's own effects with changed constants, ready for identification.
+    """Return the model's own effects with changed shape constants, ready for
+    identification.
 
-    Constants that `identify` has estimated are marked as free: they are estimated again
-    beside what is new. Those in ``retuned`` take the value given there and stay fixed.
+    Shape constants are non-linear constants, such as a Stribeck velocity. Those that
+    `identify` had estimated are marked as free, and are estimated again beside new
+    effects.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    retuned
+        Constants with new values, at which they stay fixed.
     """
     free = {
         (s["effect"], s["joint"] - 1, s["shape"])
@@ -355,9 +388,28 @@ def _add_frozen(
 ) -> Estimate:
     """Add effects to a model whose parameters stay fixed.
 
-    The effects are fitted to the torque that the model leaves, under their own
-    constraints. The result has the certificate, details and provenance of the two
-    together.
+    The effects are fitted to the residual torque of the model, under their own
+    constraints.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    new
+        The effects.
+    runs
+        Filtered runs to fit.
+    seed
+        Seed of the method.
+    progress
+        Called with a text at each step.
+    gain_errors
+        (n, e) factor of the covariance of the torque channels' gains.
+
+    Returns
+    -------
+    Estimate
+        The extended model. Certificate, details and provenance are of both together.
     """
     fit = _fit_new_effects(estimate, new, runs, seed, progress)
     theta = np.concatenate([estimate.theta, fit.theta])
@@ -428,11 +480,24 @@ def _fit_new_effects(
     seed: int,
     progress: Progress,
 ) -> _FitBeside:
-    """Fit new effects to the torque that a model leaves.
+    """Fit new effects to the residual torque of a model whose parameters stay fixed.
 
-    Where columns are computed from the model's torque (a gain, a delay), the fit is
-    done twice: the torque of the new effects is a part of it, and is known after the
-    first.
+    Some effects (a gain, a delay) have columns that are computed from the modelled
+    torque, to which the new effects contribute. The fit is then done twice: the second
+    time with the torque that the first one found.
+
+    Parameters
+    ----------
+    estimate
+        The model.
+    new
+        The effects.
+    runs
+        Filtered runs to fit.
+    seed
+        Seed of the method.
+    progress
+        Called with a text at each step.
     """
     model_of_new = Model(
         estimate.robot,
@@ -467,10 +532,23 @@ def _uncertainty_beside(
     base: BaseParameters,
     gain_errors: Array,
 ) -> Uncertainty:
-    """Return the uncertainty of all parameters of a model with new effects.
+    """Compute the uncertainty of all parameters of a model with new effects.
 
-    Intervals of the new effects include the errors of their shape constants, to first
-    order, and those of the parameters that were held fixed.
+    Intervals of the new effects include, to first order, the errors of their shape
+    constants and of the model's parameters that were held fixed.
+
+    Parameters
+    ----------
+    estimate
+        The model that was held fixed.
+    fit
+        The new effects fitted to its residual torque.
+    runs
+        Filtered runs.
+    base
+        Base parameters (identifiable combinations) of the new effects.
+    gain_errors
+        (n, e) factor of the covariance of the torque channels' gains.
     """
     model = fit.model
     betas = [fit.theta[k] for k in fit.model_of_new.indices]
@@ -503,19 +581,20 @@ def _uncertainty_beside(
 
 
 def _given_constants(effect: Effect) -> frozenset[str]:
-    """Return the names of the shape constants that are not searched.
+    """Return the names of an effect's shape constants that stay fixed in a search.
 
-    These are the ones that were written, and those that only this instance of the
-    effect has: they say what it acts on (such as the ratios of a coupled pair), as
-    joints do.
+    These are the ones that were written with a value, and those that only this instance
+    of the effect has: the latter say what it acts on, such as the ratios of a coupled
+    pair.
     """
     return effect.given | (set(effect.shape) - set(type(effect).shapes))
 
 
 def all_given(effect: Effect) -> bool:
-    """Return whether no shape constant of an effect is left to estimate.
+    """Return whether all shape constants of an effect have values, so that none is
+    estimated.
 
-    Searched constants and a clock's start (t0) must have been given.
+    Needed are the constants that a search may vary, and the start t0 of a clock.
     """
     clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
     return _given_constants(effect) >= clock.union(effect.searched)
@@ -527,17 +606,18 @@ def estimate_constants(
     measurements: Measurements,
     frozen: bool,
 ) -> list[Effect]:
-    """Estimate the shape constants that were not given.
+    """Estimate the shape constants (such as a Stribeck velocity) of effects that lack
+    values.
 
-    An effect that acts on each joint by itself is returned as one effect a joint, since
+    An effect that acts on each joint by itself becomes one effect for each joint, since
     its constants may differ.
 
     Parameters
     ----------
     estimate
-        The model beside which they are estimated.
+        The model to which the effects are added.
     new_effects
-        The effects, some of whose constants are open.
+        The effects, some of whose constants have no value yet.
     measurements
         The runs to estimate from.
     frozen
@@ -574,11 +654,19 @@ def _shaped(
     effect: Effect,
     joint: int | None,
 ) -> Effect:
-    """Return one joint's effect with the shape constants that have most evidence.
+    """Return an effect with those shape constants that have the highest evidence.
 
-    All starting values of its file are scored beside the model; the best of each
-    discrete law is refined. Constants that were given keep their values. joint : from
-    0; None for the whole robot.
+    All starting values of the effect's class are scored as additions to the model. The
+    best start of each discrete variant is refined.
+
+    Parameters
+    ----------
+    search
+        Scores candidates (an effect on a joint with constants) by evidence.
+    effect
+        The effect; constants that were given keep their values.
+    joint
+        The joint (from 0); None for an effect on the whole robot.
     """
     fixed = _given_constants(effect)
     start = min(float(s.motion.t[0]) for s in search.data.rows.segments)
@@ -662,10 +750,12 @@ _ConstantKey = tuple[str, int, str]
 
 
 def _free_constants_of(effects: Sequence[Effect]) -> set[_ConstantKey]:
-    """Return the constants of effects that were not given and may be estimated.
+    """Return the keys (effect, joint from 0, constant) of the constants that may be
+    estimated.
 
-    Effects that act on several joints at once, or several times on a joint, are left
-    out: name and joint do not identify their constants.
+    Left out are constants that were given. So are effects on several joints at once,
+    and those that may come several times on a joint: the key would not identify their
+    constants.
     """
     out = set[_ConstantKey]()
     for effect in effects:
@@ -677,7 +767,9 @@ def _free_constants_of(effects: Sequence[Effect]) -> set[_ConstantKey]:
 
 
 def _constants_of(model: Model) -> dict[_ConstantKey, float]:
-    """Return the values of all shape constants of a model, in SI units."""
+    """Return the values of all shape constants of a model, in SI units, by (effect
+    name, joint from 0, constant).
+    """
     return {
         (effect.name, joint, shape): value
         for effect in model.effects

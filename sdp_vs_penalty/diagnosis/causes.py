@@ -52,7 +52,7 @@ _ABSORBED = 1e-3
 _RIDGES = np.array([1e-3, 1e-2, 1e-1])
 #: Shares that differ by less are of causes that data do not tell apart.
 _SAME_SHARE = 0.02
-#: Powers of time: a drift goes on where it was not seen, hats do not.
+#: Powers of time: a drift goes on where it was not seen, hat_functions do not.
 _TIME_POWERS = (1, 2, 3)
 
 
@@ -71,7 +71,11 @@ class States:
 
     @classmethod
     def of(cls, rows: SegmentedRuns) -> States:
-        """Low-pass the motion of filtered runs as their torque was."""
+        """Compute the motion and torque of all rows, low-passed as the measured torque
+        was.
+
+        Each array is (M, n): segments below each other, a column for each joint.
+        """
 
         def filtered(name: str) -> Array:
             parts = [s.low_pass @ getattr(s.motion, name) for s in rows.segments]
@@ -81,7 +85,7 @@ class States:
         return cls(rows, q, dq, ddq, torque, rows.t)
 
     def others(self, joint: int) -> list[int]:
-        """List all joints (from 0) but one."""
+        """List the numbers (from 0) of all joints except ``joint``."""
         return [i for i in range(self.rows.n) if i != joint]
 
 
@@ -97,11 +101,12 @@ class JointError:
     orders: Sequence[int]
 
 
-def hats(x: Array, knots: Array | None = None) -> Array:
-    """Return piecewise linear hat functions (N, count) of x (N,), which add up to one.
+def hat_functions(x: Array, knots: Array | None = None) -> Array:
+    """Return piecewise linear hat functions (N, K) of x (N,), one for each of K knots.
 
-    Each is 1 at its own knot and 0 at the others. Default knots: up to _HATS quantiles
-    of x. A constant x has one function, 1.
+    Each is 1 at its knot and falls to 0 at the two neighbouring knots, so that they add
+    up to one; their weighted sums are all piecewise linear functions of x. Default
+    knots: up to _HATS (9) quantiles of x. A constant x has one function, 1.
     """
     if knots is None:
         knots = np.unique(np.quantile(x, np.linspace(0.0, 1.0, _HATS)))
@@ -149,9 +154,16 @@ def from_reversal(velocity: Array, rows: SegmentedRuns) -> tuple[Array, Array]:
 
 
 def travel_since_reversal(q: Array, velocity: Array, rows: SegmentedRuns) -> Array:
-    """Return the distance (M,) of a joint from where it last reversed [rad or m].
+    """Return the distance (M,) of a joint from its position at the last reversal [rad
+    or m].
 
-    At the begin of a segment it counts from there.
+    Parameters
+    ----------
+    q, velocity
+        (M,) position and velocity of the joint.
+    rows
+        The rows with their segments. At the begin of a segment the distance counts from
+        its first row.
     """
     segment = rows.segment
     has_turned = np.sign(velocity[1:]) != np.sign(velocity[:-1])
@@ -164,189 +176,224 @@ def travel_since_reversal(q: Array, velocity: Array, rows: SegmentedRuns) -> Arr
     return np.asarray(np.abs(q - q[last_start]))
 
 
-def _near_reversals(x: States, e: JointError) -> Array:
-    """Return columns (M, k) of the time around a reversal, and of the travel since it.
+def _reversal_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, k) for the cause "reversal": functions that a
+    least-squares fit to the joint's error combines.
 
-    Within FOLLOWS (0.4 s) they are hat functions of the time, alone and times the
-    direction; hat functions of the travel are times the direction.
+    There are hat functions (piecewise linear) of the time within FOLLOWS (0.4 s) of the
+    nearest velocity reversal, the same times the direction after it, and hat functions
+    of the distance travelled since the last reversal times the direction (hysteresis).
     """
-    velocity = x.dq[:, e.joint]
-    since, direction = from_reversal(velocity, x.rows)
+    velocity = states.dq[:, joint_error.joint]
+    since, direction = from_reversal(velocity, states.rows)
     near = np.abs(since) < FOLLOWS
-    in_time = near[:, None] * hats(since, np.linspace(-FOLLOWS, FOLLOWS, _HATS))
-    travel = travel_since_reversal(x.q[:, e.joint], velocity, x.rows)
-    in_travel = hats(travel) * smooth_sign(velocity)[:, None]
+    in_time = near[:, None] * hat_functions(
+        since, np.linspace(-FOLLOWS, FOLLOWS, _HATS)
+    )
+    travel = travel_since_reversal(
+        states.q[:, joint_error.joint], velocity, states.rows
+    )
+    in_travel = hat_functions(travel) * smooth_sign(velocity)[:, None]
     return np.hstack([in_time, in_time * direction[:, None], in_travel])
 
 
-def _at_standstill(x: States, e: JointError) -> Array:
-    """Return columns (M, 2) of a torque at standstill: constant, and times the
-    direction.
+def _standstill_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, 2) for the cause "standstill".
+
+    At rows where the joint stands they are 1 and the smoothed sign of its velocity; at
+    all other rows 0.
     """
-    still = np.asarray(x.rows.still[:, e.joint] > STILL, float)
-    direction = smooth_sign(x.dq[:, e.joint])
+    still = np.asarray(states.rows.still[:, joint_error.joint] > STILL, float)
+    direction = smooth_sign(states.dq[:, joint_error.joint])
     return np.column_stack([still, still * direction])
 
 
-def _at_high_speed(x: States, e: JointError) -> Array:
-    """Return columns (M, 2) that grow beyond FAST (3/4) of the largest speed.
+def _high_speed_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, 2) for the cause "high speed": e = max(|dq| - FAST max
+    |dq|, 0), and e times the direction.
 
-    One has the same sign in both directions, one follows the direction.
+    They are 0 below FAST (3/4) of the joint's largest speed.
     """
-    velocity = x.dq[:, e.joint]
+    velocity = states.dq[:, joint_error.joint]
     speed = np.abs(velocity)
     excess = np.maximum(speed - FAST * speed.max(), 0.0)
     return np.column_stack([excess, excess * smooth_sign(velocity)])
 
 
-def _of_velocity(x: States, e: JointError) -> Array:
-    """Return columns (M, k) of any function of the velocity, with v^2 and v |v|."""
-    v = x.dq[:, e.joint]
-    return np.column_stack([hats(v), v**2, v * np.abs(v)])
+def _velocity_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, k) for the cause "velocity" v of the joint.
 
-
-def _of_position(x: States, e: JointError) -> Array:
-    """Return columns (M, k) of any function of the position: hat functions."""
-    return hats(x.q[:, e.joint])
-
-
-def _in_a_turn(x: States, e: JointError) -> Array:
-    """Return sines and cosines (M, 8) of 1 to 4 waves per turn of the joint.
-
-    An eccentric gear, or a place that comes back every turn, shows in them.
+    They are hat functions, whose sums approximate any function of v, with v^2 and v
+    |v|, which extrapolate beyond the fitted speeds as hat functions do not.
     """
-    angles = [k * x.q[:, e.joint] for k in _TURNS]
+    v = states.dq[:, joint_error.joint]
+    return np.column_stack([hat_functions(v), v**2, v * np.abs(v)])
+
+
+def _position_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, k) for the cause "position": hat functions of the joint's
+    position, whose sums approximate any function of it.
+    """
+    return hat_functions(states.q[:, joint_error.joint])
+
+
+def _turn_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, 8) for the cause "position in a turn": sin(k q) and cos(k
+    q) for k = 1 ... 4 waves per turn of the joint.
+
+    An eccentric gear, or a tight place that returns at each turn, shows in them.
+    """
+    angles = [k * states.q[:, joint_error.joint] for k in _TURNS]
     return np.column_stack([wave(a) for a in angles for wave in (np.sin, np.cos)])
 
 
-def _of_position_by_direction(x: States, e: JointError) -> Array:
-    """Return columns (M, k) of friction that is any function of the position."""
-    direction = smooth_sign(x.dq[:, e.joint])
-    return hats(x.q[:, e.joint]) * direction[:, None]
+def _position_and_direction_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, k) for the cause "position and direction": Coulomb
+    friction whose size is any function of the position.
 
-
-def _of_pose(x: States, e: JointError) -> Array:
-    """Return columns (M, 4 (n - 1)) of gravity that depends on two joints.
-
-    They are the products of sine and cosine of this joint's position with those of each
-    other joint's.
+    They are hat functions of the joint's position times the smoothed sign of its
+    velocity.
     """
-    of_joint = _sine_and_cosine(x.q[:, e.joint])
+    direction = smooth_sign(states.dq[:, joint_error.joint])
+    return hat_functions(states.q[:, joint_error.joint]) * direction[:, None]
+
+
+def _pose_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, 4 (n - 1)) for the cause "position of several joints",
+    such as an error of gravity.
+
+    They are the products of sin q_j and cos q_j of this joint with sin q_i and cos q_i
+    of each other joint.
+    """
+    of_joint = _sine_and_cosine(states.q[:, joint_error.joint])
     products = []
-    for i in x.others(e.joint):
-        of_other = _sine_and_cosine(x.q[:, i])
+    for i in states.others(joint_error.joint):
+        of_other = _sine_and_cosine(states.q[:, i])
         products += [a * b for a in of_joint for b in of_other]
-    return _columns(products, len(x.t))
+    return _stack_columns(products, len(states.t))
 
 
 def _sine_and_cosine(q: Array) -> tuple[Array, Array]:
-    """Return sine and cosine of an angle."""
+    """Return sin q and cos q of an angle q (M,) [rad], in this order."""
     return np.sin(q), np.cos(q)
 
 
-def _columns(parts: Sequence[Array], rows: int) -> Array:
-    """Stack columns to (M, k); (M, 0) where there are none."""
+def _stack_columns(parts: Sequence[Array], rows: int) -> Array:
+    """Stack arrays (M,) as the columns of one array (M, k); (M, 0) for an empty list."""
     return np.column_stack(parts) if parts else np.zeros((rows, 0))
 
 
-def _waves(x: States, e: JointError) -> Array:
-    """Return the filtered cosine and sine (M, 2 orders) of each order of waves per
-    turn.
+def _wave_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, 2 K) for the cause "waves per turn": cos(k q) and sin(k
+    q), low-passed as the torque was, of the K orders k in ``joint_error.orders``.
     """
     parts = []
-    for segment in x.rows.segments:
-        q = segment.motion.q[:, e.joint]
+    for segment in states.rows.segments:
+        q = segment.motion.q[:, joint_error.joint]
         waves = []
-        for order in e.orders:
+        for order in joint_error.orders:
             waves.append(segment.low_pass @ np.cos(order * q))
             waves.append(segment.low_pass @ np.sin(order * q))
-        parts.append(_columns(waves, len(segment.t)))
+        parts.append(_stack_columns(waves, len(segment.t)))
     return np.concatenate(parts)
 
 
-def _of_acceleration(x: States, e: JointError) -> Array:
-    """Return columns (M, k) of any function of the acceleration, and the acceleration
-    itself.
+def _acceleration_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, k) for the cause "acceleration": hat functions of ddq,
+    whose sums approximate any function of it, and ddq itself.
 
-    Hat functions are constant outside of the range they were fitted in; a line goes on.
+    Beyond the fitted range hat functions stay constant; the column ddq extrapolates
+    there.
     """
-    a = x.ddq[:, e.joint]
-    return np.column_stack([hats(a), a])
+    a = states.ddq[:, joint_error.joint]
+    return np.column_stack([hat_functions(a), a])
 
 
-def _of_load(x: States, e: JointError) -> Array:
-    """Return columns (M, k) of any function of the torque, and of friction that follows
-    it.
+def _load_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, k) for the cause "load", the joint's measured torque tau.
+
+    They are hat functions of tau (any function of it), hat functions of |tau| times the
+    direction (friction that grows with the load), and tau itself, which extrapolates.
     """
-    torque = x.torque[:, e.joint]
-    direction = smooth_sign(x.dq[:, e.joint])
-    by_size = hats(np.abs(torque)) * direction[:, None]
-    return np.column_stack([hats(torque), by_size, torque])
+    torque = states.torque[:, joint_error.joint]
+    direction = smooth_sign(states.dq[:, joint_error.joint])
+    by_size = hat_functions(np.abs(torque)) * direction[:, None]
+    return np.column_stack([hat_functions(torque), by_size, torque])
 
 
-def _of_time(x: States, e: JointError) -> Array:
-    """Return columns (M, 9) of a drift in time: of a torque, of Coulomb and viscous
-    friction.
+def _time_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, 9) for the cause "time": a drift of an offset, of Coulomb
+    and of viscous friction.
 
-    Each has time, its square and its cube; time is in units of half the recording.
+    They are s, s^2, s^3, then these times the direction, then times the velocity. s is
+    the time from the middle of the recording over half its length, so from -1 to 1.
     """
-    t = x.t - x.t.mean()
+    t = states.t - states.t.mean()
     t = t / nonzero_or_one(np.abs(t).max())
     powers = np.column_stack([t**k for k in _TIME_POWERS])
-    direction = smooth_sign(x.dq[:, e.joint])
-    velocity = x.dq[:, e.joint]
+    direction = smooth_sign(states.dq[:, joint_error.joint])
+    velocity = states.dq[:, joint_error.joint]
     return np.hstack([powers, powers * direction[:, None], powers * velocity[:, None]])
 
 
-def _of_hum(x: States, e: JointError) -> Array:
-    """Return sines and cosines (M, k) of the lines of the error's spectrum below the
-    cut-off.
+def _hum_columns(states: States, joint_error: JointError) -> Array:
+    """Return the columns (M, 2 L) for the cause "hum": sine and cosine of 2 pi f t for
+    each of L spectral lines f [Hz] of the error below the filter's cut-off.
+
+    Only segments of at least half the length of the longest are searched for lines,
+    since all are cut to the length of the shortest.
     """
-    rows = x.rows
-    pieces = [e.error[rows.segment == k] for k in np.unique(rows.segment)]
+    rows = states.rows
+    pieces = [joint_error.error[rows.segment == k] for k in np.unique(rows.segment)]
     longest = max(len(p) for p in pieces)
     long_enough = [p for p in pieces if 2 * len(p) > longest]
     lines = spectral_lines(long_enough, rows.rate, rows.n)
     waves = []
     for frequency in lines:
         if frequency < rows.cutoff:
-            angle = 2.0 * np.pi * frequency * x.t
+            angle = 2.0 * np.pi * frequency * states.t
             waves += [np.sin(angle), np.cos(angle)]
-    return _columns(waves, len(x.t))
+    return _stack_columns(waves, len(states.t))
 
 
-def _of_other_joints(x: States, e: JointError) -> list[Array]:
-    """List, for each other joint, columns of its motion and columns of its position.
+def _other_joint_columns(states: States, joint_error: JointError) -> list[Array]:
+    """List alternative sets of columns for the cause "other joints": two for each other
+    joint.
 
-    Those of motion are any function of the velocity, its direction and acceleration.
-    The best set of the list counts.
+    The first set (M, k) has hat functions of that joint's velocity, the velocity, its
+    direction, and the acceleration; the second has hat functions of its position. Of
+    all sets the one that explains most counts.
     """
     out = []
-    for i in x.others(e.joint):
-        direction = smooth_sign(x.dq[:, i])
-        of_velocity = [hats(x.dq[:, i]), x.dq[:, [i]], direction[:, None]]
-        out.append(np.hstack([*of_velocity, x.ddq[:, [i]]]))
-        out.append(hats(x.q[:, i]))
+    for i in states.others(joint_error.joint):
+        direction = smooth_sign(states.dq[:, i])
+        of_velocity = [
+            hat_functions(states.dq[:, i]),
+            states.dq[:, [i]],
+            direction[:, None],
+        ]
+        out.append(np.hstack([*of_velocity, states.ddq[:, [i]]]))
+        out.append(hat_functions(states.q[:, i]))
     return out
 
 
 #: By cause its columns (M, k), or several sets of them of which the best counts, in the
 #: order of a heat map's rows.
 CAUSE_COLUMNS: Mapping[str, Callable[[States, JointError], Array | list[Array]]] = {
-    REVERSAL: _near_reversals,
-    STANDSTILL: _at_standstill,
-    HIGH_SPEED: _at_high_speed,
-    VELOCITY: _of_velocity,
-    POSITION: _of_position,
-    TURN: _in_a_turn,
-    BY_DIRECTION: _of_position_by_direction,
-    POSE: _of_pose,
-    WAVES: _waves,
-    ACCELERATION: _of_acceleration,
-    LOAD: _of_load,
-    TIME: _of_time,
-    HUM: _of_hum,
-    OTHER_JOINTS: _of_other_joints,
+    REVERSAL: _reversal_columns,
+    STANDSTILL: _standstill_columns,
+    HIGH_SPEED: _high_speed_columns,
+    VELOCITY: _velocity_columns,
+    POSITION: _position_columns,
+    TURN: _turn_columns,
+    BY_DIRECTION: _position_and_direction_columns,
+    POSE: _pose_columns,
+    WAVES: _wave_columns,
+    ACCELERATION: _acceleration_columns,
+    LOAD: _load_columns,
+    TIME: _time_columns,
+    HUM: _hum_columns,
+    OTHER_JOINTS: _other_joint_columns,
 }
 
 
@@ -386,8 +433,11 @@ class CauseShares:
 
     @cached_property
     def ranking(self) -> list[str]:
-        """All causes, the likeliest first: by the share beyond the model, then of the
-        error.
+        """All causes, the likeliest first.
+
+        The causes that these data do not tell from the likeliest one come first. The
+        others follow by their share beyond the model, and at equal shares by that of
+        the whole error.
         """
         first = self.equivalent_causes
         others = [name for name in self.names if name not in first]
@@ -406,10 +456,10 @@ class CauseShares:
 
     @staticmethod
     def _weight(name: str, shares: Mapping[str, float]) -> float:
-        """Return the share of a cause, times 0.75 for causes in other joints.
+        """Return the share of a cause, times _OTHERS_COUNT (0.75) for causes in other
+        joints.
 
-        Those are looked for in more ways, one for each other joint, so that chance
-        finds more.
+        These are searched in more ways, n - 1 for n joints, so that chance finds more.
         """
         return shares[name] * (_OTHERS_COUNT if name in (POSE, OTHER_JOINTS) else 1.0)
 
@@ -436,8 +486,8 @@ class SplitError:
 
     @property
     def refit_share(self) -> float:
-        """Share of the error's squares that other parameters of the model would
-        remove.
+        """Share of the error's sum of squares that re-estimated parameters of the model
+        would remove: 1 - |beyond_model|^2 / |error|^2.
         """
         energy = max(float(np.sum(self.error**2)), 1e-300)
         return max(0.0, 1.0 - float(np.sum(self.beyond_model**2)) / energy)
@@ -477,7 +527,9 @@ class SplitError:
         return max(of_error, beyond_as_share_of_error), of_beyond
 
     def _without_model(self, columns: Array) -> Array:
-        """Remove from columns (M, ...) what the model's columns can make."""
+        """Return columns (M, ...) minus their projection on the model's columns: x - B
+        B' x, with B the orthonormal ``basis`` (M, r).
+        """
         return np.asarray(columns - self.basis @ (self.basis.T @ columns))
 
 

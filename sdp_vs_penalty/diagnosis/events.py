@@ -98,10 +98,23 @@ def _groups_in_time(
     outlier_rows: NDArray[np.bool_],
     joint: int,
 ) -> list[NDArray[np.intp]]:
-    """Divide a joint's outlier rows into groups that are apart by more than 2
-    SAME_PHASE.
+    """Divide the outlier rows of one joint into groups, one for each event.
 
-    outlier_rows (M,); returns the numbers of the rows of each group.
+    A gap of more than 2 SAME_PHASE seconds between two outlier rows begins a new group.
+
+    Parameters
+    ----------
+    data
+        White rows (weighted so that the noise is independent with variance 1).
+    outlier_rows
+        (M,) flags of the outlier rows.
+    joint
+        The joint (from 0).
+
+    Returns
+    -------
+    list of int arrays
+        The row numbers of each group.
     """
     rows = data.rows
     out = []
@@ -115,10 +128,18 @@ def _groups_in_time(
 
 
 def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]:
-    """Return the rows from the first to the last of those that hold 99 % of the energy.
+    """Cut an event to the rows between the first and the last that carry its energy.
 
-    Windows are longer than what happens in them. group : numbers of rows; residual
-    (M,).
+    These are the rows with the largest squared residuals that together hold 99 % of the
+    energy. The cut is needed since the windows that are searched are longer than
+    events.
+
+    Parameters
+    ----------
+    group
+        Row numbers of the event.
+    residual
+        (M,) residual of the joint [N m or N].
     """
     squares = residual[group] ** 2
     largest_first = np.argsort(-squares)
@@ -130,40 +151,48 @@ def _core_of_event(group: NDArray[np.intp], residual: Array) -> NDArray[np.intp]
 
 
 def outliers(data: WhiteData, white: Array, residual: Array) -> Mask:
-    """Flag the rows (M, n) whose residual is an outlier: isolated disturbances.
+    """Flag the rows with isolated disturbances, in which the residual is an outlier.
 
     A disturbance stands out of all windows in the same state of motion, or of the other
-    repetitions of the motion. An outlier that every repetition has is an error of the
-    model.
+    repetitions of the motion. An outlier that all repetitions show is an error of the
+    model, and is not flagged.
 
     Parameters
     ----------
     data
-        White rows.
+        White rows (weighted so that the noise is independent with variance 1).
     white
         (M, n) whitened residual.
     residual
         (M, n) residual [N m or N].
+
+    Returns
+    -------
+    (M, n) bool array
     """
     rows = data.rows
     noise = data.noise
     unrepeated = _unrepeated_rows(data, residual)
     out = np.zeros(white.shape, bool)
     for j in range(rows.n):
-        # The noise may be larger than was thought; its median does not see an event.
-        steady = white[:, j] / max(robust_scale(white[white[:, j] != 0.0, j]), 1.0)
+        # The noise may be larger than estimated. A scale from the median corrects that,
+        # and is not changed by an event.
+        is_known = white[:, j] != 0.0
+        steady = white[:, j] / max(robust_scale(white[is_known, j]), 1.0)
         degrees = float(noise.degrees[j])
         is_outlier = local_excess(steady, rows.pieces[j], rows.n, degrees)
         suspect = unrepeated[:, j]
         if is_outlier.any() or suspect.any():
             slow = (rows.slow[:, j] > SLOW) | (rows.still[:, j] > 0.0)
-            # A push of a second stands out in N m rather than in what is white.
-            torque = residual[:, j] * (white[:, j] != 0.0)
+            # A push of a second stands out of the torque in N m rather than out of the
+            # whitened one, in which slow changes are small.
+            torque = residual[:, j] * is_known
             lone = _lone_rows(data, torque, j, slow)
             lone |= _lone_rows(data, white[:, j], j, slow)
             lone |= ~slow & _stands_out(torque, rows.pieces[j], rows.n)
             is_outlier &= lone
             suspect = suspect & (lone | ~slow)
+        # Outliers in many rows are an error of the model, and no events.
         if is_outlier.sum() < RARE * rows.keep[:, j].sum():
             out[:, j] = is_outlier
         out[:, j] |= suspect
@@ -176,11 +205,20 @@ def _lone_rows(
     joint: int,
     slow: Mask,
 ) -> Mask:
-    """Flag the rows (M,) of windows without a similar window in the same state of
-    motion.
+    """Flag the rows (M,) of outlier windows for which no other window in the same state
+    of motion has a similar residual.
 
-    series : (M,) residual of the joint; slow : (M,) rows in which it moves slowly or
-    reverses.
+    Parameters
+    ----------
+    data
+        White rows.
+    series
+        (M,) residual of the joint.
+    joint
+        The joint (from 0).
+    slow
+        (M,) flags the rows in which the joint moves slowly or reverses: one of two
+        states.
     """
     rows = data.rows
     return lone_windows(
@@ -193,7 +231,11 @@ def _lone_rows(
 
 
 def _rms(torque: Array) -> float:
-    """Return the root mean square of a residual (M,) where it is known; 1 if it is zero."""
+    """Return the root mean square of a residual (M,) over its rows that are not zero.
+
+    Zero marks rows without a residual. The result is 1 if all are zero, since it
+    divides.
+    """
     n_known = max(float(np.count_nonzero(torque)), 1.0)
     return float(nonzero_or_one(np.sqrt(np.sum(torque**2) / n_known)))
 
@@ -203,8 +245,17 @@ def _stands_out(
     pieces: Sequence[NDArray[np.intp]],
     tests: int,
 ) -> Mask:
-    """Flag the rows (M,) of windows in which a residual (M,) [N m or N] swells as in no
-    others; tests : number of joints that are searched."""
+    """Flag the rows (M,) of windows with much more energy than the other windows have.
+
+    Parameters
+    ----------
+    torque
+        (M,) residual of a joint [N m or N].
+    pieces
+        Row numbers of each uninterrupted piece of the motion.
+    tests
+        Number of joints that are searched, for the chance of a false alarm.
+    """
     degrees = max(float(np.count_nonzero(torque)), 1.0)
     return local_excess(torque / _rms(torque), pieces, tests, degrees)
 
@@ -221,8 +272,10 @@ def _sums_near_in_time(series: Array, rate: float) -> Array:
 
 
 def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
-    """Flag the outliers (M, n) that another repetition of the motion has near the same
-    phase.
+    """Flag the outlier rows (M, n) that another repetition of the motion also has.
+
+    The outlier there has to be within SAME_PHASE seconds of the same phase of the
+    motion.
     """
     near = _near_in_time(is_outlier, data.rows.rate)
     out = np.zeros_like(is_outlier)
@@ -234,9 +287,10 @@ def _repeated_outliers(data: WhiteData, is_outlier: Mask) -> Mask:
 
 
 def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
-    """Flag the rows (M, n) in which repetitions of a motion disagree.
+    """Flag the rows (M, n) that differ from another repetition of the same motion.
 
-    Of two repetitions the one with the larger residual near that phase is flagged.
+    ``noise.suspect`` flags both repetitions. Of the two only the one with more energy
+    of the residual (M, n) near that phase keeps its flag.
     """
     rows = data.rows
     repeats = data.noise.repeats
@@ -259,10 +313,21 @@ def _unrepeated_rows(data: WhiteData, residual: Array) -> Mask:
 
 
 def find_hums(data: WhiteData, residual: Array) -> list[Event]:
-    """List the hums: one event a run for each joint whose residual (M, n) has spectral
-    lines.
+    """List the hums (spectral lines) of the residual as events: one for each joint and
+    run.
 
-    The frequency is that of the lowest line.
+    Parameters
+    ----------
+    data
+        White rows.
+    residual
+        (M, n) residual [N m or N].
+
+    Returns
+    -------
+    list of Event
+        Each from the begin to the end of a run; frequency [Hz] is that of the lowest
+        line.
     """
     out = []
     for j, lines in hum_lines(data, residual).items():
@@ -275,12 +340,24 @@ def find_hums(data: WhiteData, residual: Array) -> list[Event]:
 
 
 def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
-    """Return the frequencies [Hz] of spectral lines, by joint (from 0) that has any.
+    """Find the spectral lines of each joint's residual.
 
-    Where the motion repeats, lines are looked for in the differences of repetitions,
-    since a model's error has the motion's harmonics. The residual (M, n) is not
-    whitened: the autoregressive model of the noise would take a sine for its own
-    colour.
+    Where the motion repeats, lines are searched in the differences of repetitions,
+    since a model's error has the motion's harmonics. The residual is not whitened: the
+    autoregressive model of the noise would take a sine for coloured noise.
+
+    Parameters
+    ----------
+    data
+        White rows.
+    residual
+        (M, n) residual [N m or N].
+
+    Returns
+    -------
+    dict of int to list of float
+        Frequencies [Hz], lowest first, by joint (from 0); joints without lines are
+        absent.
     """
     rows = data.rows
     repeats = data.noise.repeats
@@ -296,7 +373,8 @@ def hum_lines(data: WhiteData, residual: Array) -> dict[int, list[float]]:
         longest = max((len(p) for p in pieces), default=0)
         series = [searched_torque[p, j] for p in pieces if 2 * len(p) > longest]
         frequencies = spectral_lines(series, rows.rate, rows.n)
-        # What the low-pass folds has no flat surroundings.
+        # Above the cut-off the low-passed spectrum is not flat around a frequency, as
+        # the test of a line assumes.
         lines = [f for f in frequencies if f < rows.cutoff]
         if lines:
             out[j] = lines
@@ -353,5 +431,6 @@ def spectral_lines(
     # The median of 2 half + 1 values is itself uncertain by about 1 / sqrt(half).
     limit *= 1.0 + 4.0 / np.sqrt(2.0 * half * pooled)
     is_line = (excess > limit) & (frequency > lowest)
+    # One line spreads over some bins: the largest of 7 counts.
     peaks = is_line & (excess >= scipy.ndimage.maximum_filter1d(excess, 7))
     return [float(f) for f in frequency[peaks]]

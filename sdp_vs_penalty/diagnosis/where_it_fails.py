@@ -114,17 +114,20 @@ class JointFailure(JsonRecord):
 
     @property
     def causes(self) -> CauseShares:
-        """Shares that each cause explains; files of older versions hold one kind of
-        share only.
+        """The shares of the error that each cause explains, on the whole error and
+        beyond a refit.
+
+        Files of older versions have the latter only, which then stands for both.
         """
         of_error = self.shares_of_error or self.held_out_shares
         return CauseShares(of_error, self.held_out_shares, self.refit_share)
 
     def numbers(self) -> dict[str, float | None]:
-        """Return every number by its label.
+        """Return all numbers of the joint by their labels, such as "error [N m or N]".
 
-        Shares are in per cent: of the error's variance, and those of causes of what a
-        refit would leave of it.
+        Shares are in per cent of the error's variance; those of causes, of the part of
+        the variance that a refit of the model would leave. None stands for an unknown
+        number.
         """
         shares = {
             "all that repeats": self.explainable_share,
@@ -170,22 +173,22 @@ class JointFailure(JsonRecord):
 
 
 def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, float]]:
-    """Return the likeliest causes of an error, with the share that each explains.
+    """List the likeliest causes of an error, with the share that each explains.
 
-    The shares are of what a refit of the model would leave. Causes that explain less
-    than CHANGES (5 %) of the error are left out.
+    Shares are of the variance that a refit of the model would leave. Causes that
+    explain less than CHANGES (5 %) of the error are left out.
 
     Parameters
     ----------
     failure
-        A joint's failure.
+        The error of one joint.
     most_named
-        The most causes to return.
+        Largest number of causes to return.
 
     Returns
     -------
     list of (str, float)
-        Cause and share, the likeliest first.
+        Cause and share, the likeliest first, such as ("velocity", 0.4).
     """
     causes = failure.causes
     return [
@@ -196,7 +199,20 @@ def dependences(failure: JointFailure, most_named: int = 3) -> list[tuple[str, f
 
 
 def sentences(failure: JointFailure, unit: str) -> list[str]:
-    """Describe in sentences where one joint's error is large; unit : of its torque."""
+    """Describe in sentences on what one joint's error depends.
+
+    Parameters
+    ----------
+    failure
+        The error of the joint.
+    unit
+        Unit of its torque.
+
+    Returns
+    -------
+    list of str
+        On the likeliest causes, on velocity reversals, and on waves per revolution.
+    """
     strongest = dependences(failure)
     named = [f"{name} ({100.0 * share:.0f} %)" for name, share in strongest]
     if named:
@@ -252,8 +268,9 @@ class Failures(Record, list[JointFailure]):
 
     @property
     def worst_first(self) -> list[JointFailure]:
-        """The joints by error over noise, or by error where the noise is unknown, worst
-        first.
+        """The joints sorted by RMS error over noise floor, the largest first.
+
+        A joint whose noise floor is unknown counts with its RMS error alone.
         """
         above = [f.rmse / f.noise_floor if f.noise_floor else f.rmse for f in self]
         return [self[int(k)] for k in np.argsort(above)[::-1]]
@@ -285,7 +302,9 @@ class Failures(Record, list[JointFailure]):
         )
 
     def _summary(self) -> Summary:
-        """Return the headline, and a row of sentences for each joint."""
+        """Return the printed summary: a headline, and for each joint its label and
+        sentences.
+        """
         return "Where the model fails, the worst joints first", [
             (f"joint {f.joint}", " ".join(sentences(f, self.units[f.joint - 1])))
             for f in self.worst_first
@@ -386,7 +405,8 @@ class _Judge:
         residual: Array,
         floor: float | None,
     ) -> JointFailure:
-        """Judge the error of one joint.
+        """Judge the error of one joint: its size, causes, waves per turn and bad
+        stretches.
 
         Parameters
         ----------
@@ -395,12 +415,12 @@ class _Judge:
         residual
             (M,) measured minus modelled torque [N m or N].
         floor
-            Noise floor of the joint [N m or N], or None.
+            Noise floor of the joint [N m or N]; None if it is not known.
 
         Returns
         -------
         JointFailure
-            Its size, causes, waves and stretches.
+            The joint counts from 1 there.
         """
         keep = self.keep
         error = residual - residual[keep].mean()
@@ -434,9 +454,13 @@ class _Judge:
         )
 
     def orders(self, j: int) -> tuple[tuple[int, float, float], ...]:
-        """Return the waves per turn in joint j's residual; none for a prismatic joint.
+        """Find the waves per turn in the residual of joint j (from 0).
 
-        Each is (waves per turn, amplitude [N m], amplitude over its surroundings).
+        Returns
+        -------
+        tuple of (int, float, float)
+            Waves per turn (order), amplitude [N m], and amplitude over the median of
+            neighbouring orders; empty for a prismatic joint.
         """
         if self.estimate.robot.joints[j].kind != "revolute":
             return ()
@@ -444,8 +468,11 @@ class _Judge:
         return _orders([_full_rate(self.runs[s.run], s, j) for s in segments])
 
     def shares(self, error: JointError) -> CauseShares:
-        """Return the shares of a joint's error that each cause explains on data left
+        """Compute the share of a joint's error that each cause explains on data left
         out.
+
+        The columns of a cause are functions of what it depends on. They are fitted to
+        some folds of the rows, and judged on the others.
         """
         keep = self.keep
         errors = SplitError(
@@ -464,7 +491,7 @@ class _Judge:
 
     @cached_property
     def model_columns(self) -> Array:
-        """(n, M, p) filtered columns of the model's own parameters."""
+        """(n, M, p) filtered regressor of the model's p parameters, joint by joint."""
         return model_columns(self.rows, self.estimate)
 
 
@@ -474,11 +501,20 @@ def _reversal_lift(
     rows: SegmentedRuns,
     keep: NDArray[np.bool_],
 ) -> float:
-    """Return the RMS error within NEAR (0.15 s) of velocity reversals over that
+    """Return how many times as large the RMS error is near velocity reversals as
     elsewhere.
 
-    velocity, error, keep : (M,) each. NaN where there are no rows of one kind, or no
-    error elsewhere.
+    Near is within NEAR (0.15 s). NaN if no row is near one, or if there is no error
+    elsewhere.
+
+    Parameters
+    ----------
+    velocity, error
+        (M,) velocity and torque error of the joint.
+    rows
+        The rows with their times.
+    keep
+        (M,) flags the rows that count.
     """
     seconds, _ = from_reversal(velocity, rows)
     is_near = np.abs(seconds) <= NEAR
@@ -495,10 +531,28 @@ def _full_rate(
     segment: Segment,
     j: int,
 ) -> tuple[Array, Array, float]:
-    """Return one joint's angle (N,), residual (N,) [N m], and rate [Hz], as logged.
+    """Return one joint's angle and residual at the rate of the log, before the filters.
 
-    At the full rate fast waves per turn are still visible. j counts from 0; the
-    modelled torque is interpolated.
+    The filters hide fast waves per turn. The modelled torque is interpolated linearly
+    from the filtered motion to the log's times.
+
+    Parameters
+    ----------
+    run
+        The log.
+    segment
+        The uninterrupted piece of it.
+    j
+        The joint (from 0).
+
+    Returns
+    -------
+    (N,) array
+        Angle [rad].
+    (N,) array
+        Measured minus modelled torque [N m].
+    float
+        Sampling rate [Hz].
     """
     motion = segment.motion
     is_inside = (run.t >= motion.t[0]) & (run.t <= motion.t[-1])
@@ -534,17 +588,18 @@ def _orders(
     count = 0
     turn = 2.0 * np.pi
     for q, error, _ in full:
-        # What is slow in time goes: a moving mean over 101 samples (or all of a short
-        # segment).
+        # Slow changes in time are removed: the moving mean over 101 samples (or over all
+        # of a short segment).
         width = min(101, len(error))
         slow = np.convolve(error, np.ones(width) / width, mode="same")
+        # The last modulo is for angles that rounding puts at a full turn.
         bin_of_row = np.floor((q % turn) / turn * bins).astype(np.intp) % bins
         sum_by_bin = np.bincount(bin_of_row, error - slow, bins)
         spectrum += np.fft.fft(sum_by_bin)
         count += len(q)
-    # Eight bins a wave show it well.
+    # A wave needs eight bins, so that orders up to an eighth of the bins are shown.
     amplitude = 2.0 * np.abs(spectrum[: bins // 8 + 1]) / max(count, 1)
-    amplitude[0] = 0.0
+    amplitude[0] = 0.0  # an offset is no wave
     surroundings = scipy.ndimage.median_filter(amplitude, 31)
     ratio = amplitude / np.maximum(surroundings, 1e-300)
     is_maximum = amplitude == scipy.ndimage.maximum_filter(amplitude, 3)
@@ -611,11 +666,27 @@ def _causes_of_rows(
     rows: SegmentedRuns,
     shares: CauseShares,
 ) -> NDArray[np.object_]:
-    """Return the name (M,) of the cause that is seen at each row.
+    """Name for each row the cause that is seen there.
 
-    It is the cause that explains most of the error, if that is 5 % at least. Instants
-    of high speed, standstill or (without such a cause) of a reversal have that name
-    instead, where it explains more.
+    It is the joint's likeliest cause, if that explains CHANGES (5 %) of the error, else
+    UNNAMED. Rows of high speed or standstill have that name instead if it explains
+    more. Without a likely cause, rows near a velocity reversal are named after it.
+
+    Parameters
+    ----------
+    velocity
+        (M,) velocity of the joint.
+    still
+        (M,) share of standstill in each filtered row.
+    rows
+        The rows with their times.
+    shares
+        The share of the error that each cause explains.
+
+    Returns
+    -------
+    (M,) object array
+        Names.
     """
     best = next(name for name in shares.ranking if name not in _AT_INSTANTS)
     share_of_best = shares.beyond_model[best]

@@ -17,7 +17,7 @@ from sdp_vs_penalty import (
     identify,
     load_problem,
 )
-from sdp_vs_penalty.checks.constants import LOUDEST_INERTIA
+from sdp_vs_penalty.checks.constants import MAX_INERTIA_LOG_ODDS
 from sdp_vs_penalty.checks.faults import Gain, Saturation
 from sdp_vs_penalty.checks.likelihood import Likelihood
 from sdp_vs_penalty.checks.regression_data import RegressionData
@@ -58,17 +58,31 @@ def test_a_gain_that_is_taken_away_again_costs_nothing():
         assert gain.repair_without == none.with_entries("gain", (1,), np.sign(x))
 
 
-@pytest.mark.parametrize(("lever", "is_decisive"), [(0.5, True), (0.005, False)])
+@pytest.mark.parametrize("joint", [0, 1])
+def test_of_two_faults_the_named_one_is_kept(joint):
+    """Both torques have another gain and another zero."""
+    settings = PROBLEM.preprocessing.resolve(RUN)
+    log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
+    search = RepairSearch(log)
+    net = log.as_logged
+    for j in range(2):
+        net = net.with_entries("gain", (j,), 2.0).with_entries("zero", (j,), 0.3)
+    gains = [x for x in search.list_faults(net) if x.kind == "torque gain"]
+    kept = search.keep_only(net, gains[joint])
+    assert kept == log.as_logged.with_entries("gain", (joint,), 2.0)
+
+
+@pytest.mark.parametrize(("lever", "is_decisive"), [(0.4, True), (0.005, False)])
 def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
-    """A drawing's centre of mass may lie on the other side of the axis: joint 1 of
-    this arm is upright."""
+    """A drawing's centre of mass may lie on the other side of the axis: of joint 2, as
+    joint 1 is upright, 0.8 m behind the frame of link 2."""
     links = PROBLEM.nominal_links.copy()
-    links[:, 1:4] = links[:, :1] * np.array([lever, 0.0, 0.0])
+    links[1, 1:4] = links[1, 0] * np.array([lever - 0.8, 0.0, 0.0])
     settings = PROBLEM.preprocessing.resolve(RUN)
     log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
     log.problem = SimpleNamespace(robot=PROBLEM.robot, nominal_links=links)
-    log_odds = log._make_loudest_weight(log.as_logged.motion_part)
-    assert (log_odds > LOUDEST_INERTIA) is is_decisive
+    log_odds = log._make_weight_log_odds(log.as_logged.motion_part)
+    assert (log_odds > MAX_INERTIA_LOG_ODDS) is is_decisive
 
 
 @pytest.mark.parametrize(

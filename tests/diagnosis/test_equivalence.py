@@ -5,6 +5,7 @@ The logs are of an arm that shares no code with the library (point_mass_arm).
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from point_mass_arm import (
 
 from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.equivalence import _may_do_the_same
 from sdp_vs_penalty.effects import TorqueFilter
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
@@ -147,3 +149,22 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
         gain=30.0,
     )
     assert replace(finding, remarks=reasons).torque_is_certain == certain
+
+
+@pytest.mark.parametrize(
+    ("finding_joints", "candidate_joints", "asked"),
+    [
+        ([{1}], (0,), True),
+        ([{1}], (1,), True),
+        ([{0}, {1}], (1,), False),
+        ([{0}, {1}], (0, 1), True),
+    ],
+)
+def test_a_rival_of_one_finding_may_act_on_any_joint(
+    finding_joints, candidate_joints, asked
+):
+    """Masses that are fitted again turn a gain of one joint into one of another."""
+    group = SimpleNamespace(terms=[SimpleNamespace(joints=j) for j in finding_joints])
+    form = SimpleNamespace(replaces_own_constant=False)
+    batch = SimpleNamespace(forms=[form], joints=candidate_joints)
+    assert _may_do_the_same(group, batch) == asked

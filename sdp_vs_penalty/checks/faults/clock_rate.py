@@ -78,7 +78,8 @@ class Clock(Transformation):
                 what=what,
                 remedy=remedy,
                 removal=repair.with_defaults("reversed"),
-                log_odds_against=2.0 * c.ODDS,  # rarer than other faults
+                log_odds_against=2.0
+                * c.LOG_ODDS_AGAINST_FAULT,  # rarer than other faults
                 place="all rows",
             )
         rate = repair.rate

@@ -94,7 +94,7 @@ class Degrees(Transformation):
             f" {np.abs(logged).max():.4g}.",
             remedy=f"multiply {channels} (and dq) by pi / 180",
             removal=without,
-            log_odds_against=c.ODDS
+            log_odds_against=c.LOG_ODDS_AGAINST_FAULT
             if is_all
             else len(joints) * odds_against_one_of(log.n),
             place=channels,

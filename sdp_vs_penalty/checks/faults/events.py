@@ -183,7 +183,7 @@ def _drift(log: Likelihood, repair: LogTransform, event: LogEvent) -> Fault:
         " from the first row to the last.",
         remedy="let the sensor warm up and set its zero before the run",
         removal=repair.without_event(event),
-        log_odds_against=odds_against_one_of(log.n) + 2.0 * c.ODDS,
+        log_odds_against=odds_against_one_of(log.n) + 2.0 * c.LOG_ODDS_AGAINST_FAULT,
         is_repairable=False,
         figures={"size": size},
     )
@@ -211,7 +211,8 @@ def _step(
         " stays there.",
         remedy="cut the run there, or find out what touched the arm",
         removal=repair.without_event(event),
-        log_odds_against=odds_against_one_of(log.n * n_moments) + 2.0 * c.ODDS,
+        log_odds_against=odds_against_one_of(log.n * n_moments)
+        + 2.0 * c.LOG_ODDS_AGAINST_FAULT,
         place=f"{name}, t = {t:.4g} s",
         is_repairable=False,
         figures={"size": size, "t": t},

@@ -165,7 +165,7 @@ def odds_against_one_of(count: int) -> float:
     float
         Natural logarithm of odds.
     """
-    return c.ODDS + float(np.log(max(count, 1)))
+    return c.LOG_ODDS_AGAINST_FAULT + float(np.log(max(count, 1)))
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ class Fault:
     what: str
     remedy: str
     removal: LogTransform | FaultSize
-    log_odds_against: float = c.ODDS
+    log_odds_against: float = c.LOG_ODDS_AGAINST_FAULT
     place: str = ""
     is_repairable: bool = True
     equivalents: tuple[str, ...] = ()

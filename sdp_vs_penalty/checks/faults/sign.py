@@ -137,11 +137,11 @@ def _torque_sign(
     """
     where = joints_text(turned)
     of_single_mistakes = len(turned) * odds_against_one_of(log.n)
-    of_one_pattern = c.ODDS + log.n * float(np.log(2.0))
+    of_one_pattern = c.LOG_ODDS_AGAINST_FAULT + log.n * float(np.log(2.0))
     log_odds = min(of_single_mistakes, of_one_pattern)
     if len(turned) == log.n:
         where = "every joint"
-        log_odds = c.ODDS
+        log_odds = c.LOG_ODDS_AGAINST_FAULT
     channels = ", ".join(f"tau{j + 1}" for j in turned)
     return Fault(
         kind="torque sign",
@@ -170,7 +170,7 @@ def _likeliest_patterns(
     if not is_searchable or not fit.is_poorly_explained.any():
         return []
     samples_now = log.count_independent_samples(fit)
-    if log.physics(fit, now, samples_now) > -c.LOUDEST_INERTIA:
+    if log.physics(fit, now, samples_now) > -c.MAX_INERTIA_LOG_ODDS:
         return []
     patterns = [
         now.with_multiplied("gain", turned, -1.0)
@@ -184,4 +184,4 @@ def _likeliest_patterns(
         log_likelihood = -0.5 * samples_now * fit_of_pattern.log_unexplained
         posteriors.append(log_likelihood + physics)
     order = np.argsort(posteriors)[::-1]
-    return [patterns[k] for k in order[: c.MOST].tolist()]
+    return [patterns[k] for k in order[: c.MAX_FAULTS].tolist()]

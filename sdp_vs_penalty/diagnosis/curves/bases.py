@@ -57,8 +57,14 @@ class Axis:
         return self.variable.word == "sign(dq)"
 
     def columns(self, x: Array) -> Array:
-        """Return the values (N, count) of all splines at x (N,), in the variable's
-        unit.
+        """Return the values (N, count) of the B-splines at N values of the variable.
+
+        Parameters
+        ----------
+        x
+            (N,) values in the variable's unit, clipped to the range from low to high.
+            For the sign of a velocity they are -1, 0 or 1, and the two functions are 1
+            and x.
         """
         if self.is_sign:
             return np.column_stack([np.ones_like(x), x])
@@ -77,8 +83,10 @@ class Axis:
 
     @property
     def points(self) -> Array:
-        """Points (P,) at which a curve is tabulated: the knots, and three between each
-        two.
+        """Points (P,) at which a curve is tabulated, in the variable's unit.
+
+        They are the knots of the splines and three points between each two; of a sign
+        -1 and 1.
         """
         if self.is_sign:
             return np.array([-1.0, 1.0])
@@ -97,17 +105,26 @@ class Basis:
         return tuple(a.variable.name for a in self.axes)
 
     def evaluate(self, *values: Array) -> Array:
-        """Return all functions (N, size) at values (N,) of each variable."""
+        """Return all K basis functions (N, K) at N points.
+
+        Of two variables they are all products of a spline of the first with one of the
+        second; the second's index runs fastest.
+
+        Parameters
+        ----------
+        values
+            (N,) values of each variable, in the order of ``axes``.
+        """
         return _products(
             [axis.columns(x) for axis, x in zip(self.axes, values, strict=True)]
         )
 
     @property
     def coarser(self) -> Basis:
-        """The same with two thirds of the splines for a pair, for a fast first
-        comparison.
+        """A basis with two thirds of the splines (6 instead of 9) along each variable
+        of a pair, for a fast first comparison.
 
-        Over one variable it is the basis itself.
+        A basis over one variable has 32 splines, and is returned unchanged.
         """
         coarse_axes = [
             replace(a, count=2 * _SPLINES_OF_PAIR // 3)
@@ -119,7 +136,9 @@ class Basis:
 
     @property
     def points(self) -> Array:
-        """(P, number of variables) the grid of points at which the curve is tabulated."""
+        """(P, number of variables) all points of the grid at which a curve is
+        tabulated; the last variable runs fastest.
+        """
         return np.array(list(product(*(a.points for a in self.axes))))
 
 
@@ -165,8 +184,10 @@ def _roughness(axes: tuple[tuple[int, bool], ...]) -> Array:
 
 
 def _products(columns: Sequence[Array]) -> Array:
-    """Return (N, size): the products of every choice of one column (N, k) from each
-    array.
+    """Return the products (N, k1 k2 ...) of each column of the first array (N, k1) with
+    each column of the second (N, k2), and so on.
+
+    The column of the last array runs fastest.
     """
     out = columns[0]
     for factor in columns[1:]:
@@ -195,10 +216,12 @@ def list_variables(
     robot: Robot,
     has_temperature: bool = False,
 ) -> list[tuple[Variable, ...]]:
-    """List the variables, and pairs of variables, that a curve of joint j may run over.
+    """List the single variables, and pairs of variables, over which a curve of a joint
+    may run.
 
-    Single variables come first: the joint's own, time, other joints' positions and
-    velocities, and those of coupled joints.
+    Single ones come first: the joint's position, velocity, acceleration, torque and
+    direction, then time, then positions and velocities of other joints and of coupled
+    ones.
 
     Parameters
     ----------
@@ -207,12 +230,12 @@ def list_variables(
     robot
         The robot.
     has_temperature
-        True: the log has temperatures, and the joint's one is a variable.
+        Whether the log has temperatures, so that the joint's temperature is a variable.
 
     Returns
     -------
     list of tuple of Variable
-        One or two variables each.
+        One or two variables each, such as (q2,) or (q2, dq2).
     """
     other_joints = [i for i in range(robot.n) if i != j]
     singles = [Variable(word, j) for word in _SINGLE]
@@ -230,10 +253,10 @@ def list_variables(
 
 
 def _coupled_variables(j: int, robot: Robot) -> list[Variable]:
-    """List positions and velocities of pairs of joints that a transmission may couple.
+    """List the coupled positions and velocities of joint j (from 0) and a second joint.
 
-    Each is a sum such as q4 + 0.5 q5, with the ratios of a transmission; one of the two
-    joints is j (from 0).
+    Each is a weighted sum such as q4 + 0.5 q5, with the ratios of a transmission that
+    this robot may have.
     """
     out = []
     for first in range(j + 1):
@@ -254,8 +277,15 @@ class Variables:
     """
 
     def __init__(self, rows: SegmentedRuns, robot: Robot) -> None:
-        """Note the rows that count, and whether the log has temperatures; values come
-        later.
+        """Keep the rows and the robot; values of variables are computed at their first
+        use.
+
+        Parameters
+        ----------
+        rows
+            Filtered rows of the log.
+        robot
+            The robot.
         """
         self.rows = rows
         self.robot = robot
@@ -267,21 +297,32 @@ class Variables:
         self._splines = lru_cache(self._splines_of)
 
     def _filtered(self, dense: Callable[[Motion], Array]) -> Array:
-        """Return (M, ...): what ``dense`` computes along the motion, low-passed as the
-        torque is.
+        """Return a quantity on the M filtered rows: low-passed as the torque is, then
+        resampled.
+
+        Parameters
+        ----------
+        dense
+            Maps a motion with N samples to the quantity, (N,) or (N, k).
+
+        Returns
+        -------
+        (M,) or (M, k) array
+            Of all segments, one after the other.
         """
         return np.concatenate(
             [s.low_pass @ dense(s.motion) for s in self.rows.segments]
         )
 
     def _on_rows_of(self, v: Variable) -> Array:
-        """Return the low-passed values (M,) of a variable."""
+        """Return the low-passed values (M,) of a variable on all rows, in its unit."""
         return self._filtered(v.along)
 
     def basis(self, of: tuple[Variable, ...]) -> Basis | None:
-        """Return splines over the ranges that these variables have in the log.
+        """Return splines over the ranges that these one or two variables have in the
+        log.
 
-        None where one of them does not change.
+        None if one of them does not change.
         """
         axes = []
         continuous = [v for v in of if v.word != "sign(dq)"]
@@ -300,10 +341,10 @@ class Variables:
         return Basis(tuple(axes))
 
     def approximate_splines(self, basis: Basis) -> Array:
-        """Return nearly the filtered splines (M, size): splines of the filtered
-        variables.
+        """Return the basis functions (M, K) of the filtered variables, f(filtered x).
 
-        This is faster than :meth:`filtered_splines`, for a first comparison.
+        They approximate :meth:`filtered_splines`, filtered f(x), and are faster: for a
+        first comparison of bases.
         """
         return _products([self._splines(a) for a in basis.axes])
 
@@ -312,7 +353,9 @@ class Variables:
         return axis.columns(self.on_rows(axis.variable))
 
     def filtered_splines(self, basis: Basis) -> Array:
-        """Return the filtered splines (M, size), as the torque's filter would see them."""
+        """Return the basis functions (M, K) along the motion, low-passed as the torque
+        was.
+        """
         return self.filtered_law(basis, lambda x: basis.evaluate(*x.T))
 
     def filtered_law(
@@ -320,9 +363,15 @@ class Variables:
         basis: Basis,
         law: Callable[[Array], Array],
     ) -> Array:
-        """Return the filtered columns (M, m) of a law.
+        """Return the columns (M, m) of a function of the variables, low-passed as the
+        torque was.
 
-        ``law`` maps points (N, number of variables) to its columns (N, m).
+        Parameters
+        ----------
+        basis
+            Names the variables.
+        law
+            Maps points (N, number of variables) to columns (N, m).
         """
 
         def along(motion: Motion) -> Array:
@@ -332,8 +381,8 @@ class Variables:
         return self._filtered(along)
 
     def points_near_motion(self, basis: Basis) -> Array:
-        """Return the points (P, number of variables) of the grid that the motion has
-        come near.
+        """Return those points (P, number of variables) of a basis's grid that the
+        motion has come near.
         """
         return basis.points[self.is_near_motion(basis, self.keep)]
 
@@ -342,12 +391,22 @@ class Variables:
         basis: Basis,
         which: NDArray[np.bool_],
     ) -> NDArray[np.bool_]:
-        """Return which points of the basis's grid the motion has come near, in some
-        rows.
+        """Return for each point of a basis's grid whether some rows of the motion come
+        near it.
 
-        Near is within one step of the grid; for a sign, within 0.2 of it. ``which``
-        (M,) selects the rows. For a pair both variables have to be near in the same
-        row.
+        Near is within one step of the grid; for a sign, within 0.2 of it. For a pair
+        both variables have to be near in the same row.
+
+        Parameters
+        ----------
+        basis
+            The basis with P grid points.
+        which
+            (M,) flags the rows of the log that count.
+
+        Returns
+        -------
+        (P,) bool array
         """
         near = [np.ones((int(which.sum()), 1))]
         for axis in basis.axes:
@@ -395,21 +454,23 @@ class CurveColumns:
         joint: int,
         robust: bool = True,
     ) -> CurveColumns:
-        """Compute the products of a curve's columns beside a fit.
+        """Compute the products of a curve's columns with each other and with the
+        residual of a fit.
 
         Parameters
         ----------
         score
-            The scorer, which knows the clusters of rows.
+            The scorer, which knows the clusters of correlated rows.
         fit
-            The model with some effects.
+            The model with some effects, fitted.
         white
-            (M, k) white columns of the curve's functions.
+            (M, k) columns of the curve's functions, weighted so that the noise is
+            independent with variance 1 (white).
         joint
-            Whose torque the curve explains (from 0).
+            Joint (from 0) whose torque the curve explains.
         robust
-            True: v is estimated from clusters of rows; False: rows count as
-            independent.
+            True: v, the number of correlated rows that count as one, is estimated from
+            clusters of rows. False: rows count as independent, v = 1.
 
         Returns
         -------
@@ -450,21 +511,25 @@ class CurveColumns:
         freedom: Array,
         looked: int,
     ) -> Array:
-        """Return the evidence J of curves with a given drop of squared error.
+        """Return the evidence J of curves that lower the squared error of this joint.
+
+        J = dD / v - freedom log(N / v) - 2 log(looked), where dD is the drop of the
+        deviance, N the number of rows, and v the number of correlated rows that count
+        as one.
 
         Parameters
         ----------
         drop
             (...) drop of the weighted squared error of the joint.
         freedom
-            (...) effective number of coefficients.
+            (...) effective number of coefficients of each curve.
         looked
             Number of bases among which the curve was chosen.
 
         Returns
         -------
         (...) array
-            J = dD / v - freedom log(N / v) - 2 log looked.
+            The evidence of each curve.
         """
         fit = self.fit
         j = self.joint
@@ -538,7 +603,7 @@ class SplineFit:
 
     @property
     def joint(self) -> int:
-        """The joint (from 0)."""
+        """The joint (from 0) whose torque the curve explains."""
         return self.columns.joint
 
     @cached_property
@@ -578,16 +643,17 @@ def fit_spline(
     columns: CurveColumns,
     looked: int,
 ) -> SplineFit:
-    """Fit a spline curve with the weight of roughness that has most evidence.
+    """Fit a spline curve with the weight of the roughness penalty that has most
+    evidence.
 
     Parameters
     ----------
     basis
-        The splines.
+        The k splines.
     raw
-        (M, k) their filtered columns.
+        (M, k) their filtered columns, not whitened.
     columns
-        The same white, beside a fit, with their products.
+        The whitened columns with their products D = z'z and s = z'r beside a fit.
     looked
         Number of bases among which the curve is chosen.
 
@@ -636,21 +702,23 @@ def confidence_band(
     """Return the half width (P,) of a simultaneous confidence band of a curve [N m or
     N].
 
-    Curves are drawn from a normal distribution with covariance v (D + P)^-1 (Nychka,
-    JASA 1988); the band holds the share ``level`` of whole curves.
+    Errors of curves are drawn from a normal distribution with covariance v (D + P)^-1
+    (Nychka, JASA 1988). The band holds the share ``level`` of the drawn curves at all
+    points at once.
 
     Parameters
     ----------
     fit
-        The curve.
+        The curve: D (k, k) are products of its columns, P their penalty, v the number
+        of correlated rows that count as one.
     grid
-        (P, k) its functions at the points of the band.
+        (P, k) basis functions at the P points of the band.
     seed
-        Of the random draws.
+        Seed of the random draws.
     level
         Share of curves within the band.
     draws
-        How many curves.
+        Number of drawn curves.
     """
     rng = np.random.default_rng(seed)
     A = fit.columns.D + fit.P

@@ -46,13 +46,13 @@ class Curve(JsonRecord):
     filled_torque: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Check that values and band have one entry for each x, and that variables are
-        known.
+        """Check that torque and band have one entry for each x, and that the variables
+        are known.
 
         Raises
         ------
         ValueError
-            They have not.
+            The shapes differ, or a name is no variable.
         """
         for name in self.of:
             Variable.parse(name)
@@ -68,8 +68,8 @@ class Curve(JsonRecord):
             raise ValueError("what a law fills has a value for each x")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain JSON; fields of values filled in by a law are left out where
-        there are none.
+        """Return plain JSON of all fields; filled_x and filled_torque are left out if
+        empty.
         """
         data = super().to_dict()
         if not len(self.filled_torque):
@@ -82,9 +82,7 @@ class Curve(JsonRecord):
         return self.x.reshape(len(self.torque), -1)
 
     def effect(self, robot: Robot) -> MeasuredCurve:
-        """Return the curve as an effect, a table, that can be added to a model of the
-        robot.
-        """
+        """Return the curve as a table effect that can be added to a model of the robot."""
         filled = self.filled_x.reshape(len(self.filled_torque), len(self.of))
         return table_effect(
             robot,
@@ -96,10 +94,13 @@ class Curve(JsonRecord):
         )
 
     def sentence(self, torque_units: Sequence[str]) -> str:
-        """Describe the curve in one or two sentences: range, size, gain, and law if
-        there is one.
+        """Describe the curve in one or two sentences: range, size, gain, and its
+        formula, if any.
 
-        torque_units are those of all joints.
+        Parameters
+        ----------
+        torque_units
+            Unit of the torque of each joint, such as "N m".
         """
         unit = plain_unit(torque_units[self.joint - 1])
         units = [Variable.parse(v).unit(torque_units) for v in self.of]

@@ -89,9 +89,17 @@ class Law:
         amplitudes: Array,
         constants: Array,
     ) -> str:
-        """Write the law with its numbers; names are those of the variables.
+        """Write the law as a formula with its numbers, such as "1.2 sin(3 q1 + 0.4)".
 
-        Sine and cosine are written as one sine with amplitude and phase.
+        Parameters
+        ----------
+        names
+            Names of the one or two variables.
+        amplitudes
+            (m,) amplitudes of the terms. Those of sine and cosine, a and b, are written
+            as one sine with amplitude sqrt(a^2 + b^2) and phase atan2(b, a).
+        constants
+            (c,) non-linear constants.
         """
         words = dict(zip("xy", names, strict=False))
         words |= dict(zip("bc", map(_number, constants), strict=False))
@@ -107,12 +115,14 @@ class Law:
 
 
 def _number(x: float) -> str:
-    """Write a number with four digits."""
+    """Write a number with four significant digits."""
     return f"{x:.4g}"
 
 
 def dictionary(axes: Sequence[Axis]) -> list[Law]:
-    """List the laws that a curve over one variable, or over two, may follow."""
+    """List the laws (formulas with free amplitudes) that a curve over one or two
+    variables may follow; an axis is a variable with its range.
+    """
     return (
         _laws_of_one_variable(axes[0])
         if len(axes) == 1
@@ -121,7 +131,11 @@ def dictionary(axes: Sequence[Axis]) -> list[Law]:
 
 
 def _laws_of_one_variable(axis: Axis) -> list[Law]:
-    """List the laws of one variable: powers, saturations, exponentials, waves, bumps."""
+    """List the candidate laws of one variable x: powers, saturations, exponentials,
+    waves and bumps.
+
+    Non-linear constants b begin with widths from 1 % to three times the largest |x|.
+    """
     if axis.is_sign:
         return [_power_law("{x}")]
     largest = max(abs(axis.low), abs(axis.high))
@@ -140,7 +154,11 @@ def _laws_of_one_variable(axis: Axis) -> list[Law]:
 
 
 def _power_law(*reads: str) -> Law:
-    """Make the law of a sum of functions of _FUNCTIONS, each with an amplitude."""
+    """Make the law a1 g1(x) + a2 g2(x) + ..., without other constants than its
+    amplitudes.
+
+    ``reads`` are the functions g as keys of _FUNCTIONS, such as "{x}" and "{x}^2".
+    """
 
     def terms(variables: Array, _: Array) -> list[Array]:
         return [_FUNCTIONS[r](variables[0]) for r in reads]
@@ -149,7 +167,17 @@ def _power_law(*reads: str) -> Law:
 
 
 def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
-    """Make the law g(x / b), with these widths b to begin with."""
+    """Make the law a g(x / b), such as a tanh(x / b), with amplitude a and width b.
+
+    Parameters
+    ----------
+    g
+        The function of the scaled variable.
+    reads
+        Its text, such as "tanh({x} / {b})".
+    widths
+        Values of b with which fits begin, in the variable's unit.
+    """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
         return [g(variables[0] / constants[0])]
@@ -158,7 +186,9 @@ def _scaled_law(g: Function, reads: str, widths: Array) -> Law:
 
 
 def _bump_law(axis: Axis) -> Law:
-    """Make the law of a bump exp(-((x - b) / c)^2), with places b and widths c."""
+    """Make the law of a bump, a exp(-((x - b) / c)^2), with places b and widths c over
+    the range of the variable to begin with.
+    """
 
     def terms(variables: Array, constants: Array) -> list[Array]:
         place, width = constants
@@ -171,7 +201,11 @@ def _bump_law(axis: Axis) -> Law:
 
 
 def _laws_of_two_variables(first: Axis, second: Axis) -> list[Law]:
-    """List the laws of two variables: products, waves times a factor, mixed waves."""
+    """List the candidate laws of two variables x and y.
+
+    They are products f(x) g(y), a wave of one variable times a function of the other,
+    and a wave whose phase is b x + c y. A sign of a velocity has no wave.
+    """
     laws = [
         _product_law(of_first, of_second)
         for of_first in _factors(first)
@@ -187,12 +221,18 @@ def _laws_of_two_variables(first: Axis, second: Axis) -> list[Law]:
 
 
 def _factors(axis: Axis) -> Sequence[str]:
-    """Return the functions of a variable that multiply another's; of a sign itself."""
+    """Return the functions of a variable that may multiply a function of the other one,
+    as keys of _FUNCTIONS.
+
+    A sign of a velocity has itself only, since its powers are the same two values.
+    """
     return _OF_A_PAIR[:1] if axis.is_sign else _OF_A_PAIR
 
 
 def _product_law(of_first: str, of_second: str) -> Law:
-    """Make the law of a product of two functions of _FUNCTIONS, one of each variable."""
+    """Make the law a f(x) g(y) with two functions of _FUNCTIONS, given by their keys
+    such as "{x}^2".
+    """
 
     def terms(variables: Array, _: Array) -> list[Array]:
         return [
@@ -203,7 +243,11 @@ def _product_law(of_first: str, of_second: str) -> Law:
 
 
 def _wave_of_first(axis: Axis, factor: str) -> Law:
-    """Make the law of a wave of the first variable times a function of the second."""
+    """Make the law a g(y) sin(b x + phase): a wave of the first variable x times a
+    function g of the second, y.
+
+    ``axis`` is the range of x; ``factor`` is the key of g in _FUNCTIONS.
+    """
     return _wave(
         lambda p, b: b[0] * p[0],
         "{b} {x}",
@@ -214,7 +258,11 @@ def _wave_of_first(axis: Axis, factor: str) -> Law:
 
 
 def _wave_of_second(axis: Axis, factor: str) -> Law:
-    """Make the law of a wave of the second variable times a function of the first."""
+    """Make the law a g(x) sin(b y + phase): a wave of the second variable y times a
+    function g of the first, x.
+
+    ``axis`` is the range of y; ``factor`` is the key of g in _FUNCTIONS.
+    """
     return _wave(
         lambda p, b: b[0] * p[1],
         "{b} {y}",
@@ -225,7 +273,10 @@ def _wave_of_second(axis: Axis, factor: str) -> Law:
 
 
 def _wave_of_both(first: Axis, second: Axis) -> Law:
-    """Make the law of a wave whose phase is b x + c y; b > 0, since the sign is free."""
+    """Make the law a sin(b x + c y + phase) of two variables.
+
+    The starts have b > 0 only, since the sign of the phase is free.
+    """
     fastest_second = _fastest(second)
     of_first = np.linspace(0.0, _fastest(first), _SCAN_STEPS // 4)[1:]
     of_second = np.linspace(-fastest_second, fastest_second, _SCAN_STEPS // 2)
@@ -237,7 +288,7 @@ def _wave_of_both(first: Axis, second: Axis) -> Law:
 
 
 def _other(reads: str) -> str:
-    """Write a factor of {x} as one of {y}."""
+    """Replace the variable {x} in the text of a factor by the second variable {y}."""
     return reads.replace("{x}", "{y}")
 
 
@@ -271,17 +322,22 @@ def _wave(
 
 
 def _fastest(axis: Axis) -> float:
-    """Return the fastest wave that the splines can follow [rad per unit of the
-    variable].
+    """Return the angular frequency of the fastest wave that the splines of a variable
+    can follow [rad per unit of the variable].
+
+    It is 70 % of the highest one, at which a wave has two knots: pi / (distance of
+    knots).
     """
     return 0.7 * np.pi * (axis.count - 3) / (axis.high - axis.low)
 
 
 def _waves(axis: Axis, count: int) -> Array:
-    """Return waves [rad per unit] to begin with, from a tenth of one over the whole
-    range.
+    """Return angular frequencies (count + 2,) [rad per unit of the variable] with which
+    fits of a wave begin.
 
-    ``count`` equally spaced ones begin at half a wave over the range.
+    ``count`` of them are equally spaced, from half a wave over the range of the
+    variable to the fastest wave that the splines can follow. Two slower ones, 0.1 and
+    0.25 of a wave, come first.
     """
     slowest = 2.0 * np.pi / (axis.high - axis.low)
     return np.append(
@@ -313,7 +369,7 @@ class LawFit:
         return len(self.amplitudes) + len(self.constants)
 
     def torque_at(self, points: Array) -> Array:
-        """Return the torque (P,) at points (P, number of variables)."""
+        """Return the law's torque (P,) [N m or N] at points (P, number of variables)."""
         return np.asarray(self.law.columns(points, self.constants) @ self.amplitudes)
 
 
@@ -322,26 +378,27 @@ def recognise_law(
     on_rows: Callable[[Law, Array], CurveColumns],
     looked: int,
 ) -> tuple[float, LawFit | None]:
-    """Find the simplest law with about as much evidence as the best law and the curve
-    itself.
+    """Find the simplest law with about as much evidence as the best law and as the
+    curve.
 
-    "About as much" is within 6 (odds of 20 to 1) plus 4 %.
+    "About as much" is within EVIDENCE_TO_DISTINGUISH (6, odds of 20 to 1) plus 4 %. A
+    law is a formula with amplitudes and non-linear constants, such as a tanh(x / b).
 
     Parameters
     ----------
     f
         The spline curve.
     on_rows
-        Maps a law and its constants to its columns on the rows.
+        Maps a law and its constants (c,) to its columns on the rows of the log.
     looked
         Number of bases among which the curve was chosen.
 
     Returns
     -------
     float
-        The evidence J of the law, or of the curve.
+        The evidence J of the law, or of the curve if no law is returned.
     LawFit or None
-        The law; None where none has enough evidence.
+        The law; None if none has enough evidence.
     """
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
@@ -387,10 +444,17 @@ def recognise_law(
 
 @lru_cache(maxsize=64)
 def _points_and_inverse(basis: Basis) -> tuple[Array, Array]:
-    """Return points (P, v) of a basis, and the matrix (k, P) from values there to
+    """Return grid points of a basis, and the matrix from values there to spline
     coefficients.
 
-    For a pair of variables every second point along each is used.
+    For a pair of variables every second point along each is used, for speed.
+
+    Returns
+    -------
+    (P, v) array
+        Points over v variables.
+    (k, P) array
+        Pseudo-inverse of the splines at these points.
     """
     is_pair = len(basis.axes) > 1
     along_axes = []
@@ -403,10 +467,22 @@ def _points_and_inverse(basis: Basis) -> tuple[Array, Array]:
 
 
 def _coefficients_in_splines(basis: Basis, law: Law, constants: Array) -> Array:
-    """Return the spline coefficients (S, m, k) of a law's m terms, for S sets of
-    constants.
+    """Approximate a law's m terms by the k splines of a basis, for S sets of constants
+    at once.
 
-    constants : (c, S).
+    Parameters
+    ----------
+    basis
+        The splines.
+    law
+        The law, such as a tanh(x / b).
+    constants
+        (c, S) its non-linear constants.
+
+    Returns
+    -------
+    (S, m, k) array
+        Spline coefficients of each term.
     """
     points, inverse = _points_and_inverse(basis)
     return np.tensordot(
@@ -418,10 +494,15 @@ def _coefficients_in_splines(basis: Basis, law: Law, constants: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def _laws_with_starts(basis: Basis) -> list[tuple[Law, Array]]:
-    """List the laws of the dictionary with their starts, in a basis's splines.
+    """List the candidate laws of a basis with the spline coefficients of their starts.
 
-    Each law keeps the starts whose values are finite; its coefficients are (S, m, k)
-    for these S starts.
+    Starts (constants that a fit begins with) whose values are not finite are left out,
+    and so are laws without any finite start.
+
+    Returns
+    -------
+    list of (Law, (S, m, k) array)
+        The law with its S starts, and the k spline coefficients of its m terms at each.
     """
     out = []
     for law in dictionary(basis.axes):
@@ -436,12 +517,26 @@ def _laws_with_starts(basis: Basis) -> list[tuple[Law, Array]]:
 
 
 def _normal_equations(c: Array, f: CurveColumns) -> tuple[Array, Array]:
-    """Return matrices (S, m, m) and right sides (S, m) of the normal equations of
-    amplitudes.
+    """Return the normal equations of a law's amplitudes, C D C' and C s, for S sets of
+    constants.
 
-    c (S, m, k) are spline coefficients of a law's terms; f has the products of the
-    splines on the rows. Where a law overflows they are not finite, and
-    :func:`_solve_amplitudes` ignores the set.
+    Where a law overflows they are not finite, and :func:`_solve_amplitudes` ignores the
+    set.
+
+    Parameters
+    ----------
+    c
+        (S, m, k) coefficients C of the law's m terms in the k splines.
+    f
+        The splines on the rows: D (k, k) are their products with each other, s (k,)
+        those with the residual.
+
+    Returns
+    -------
+    (S, m, m) array
+        Matrices.
+    (S, m) array
+        Right sides.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         weighed = (c.reshape(-1, c.shape[2]) @ f.D).reshape(c.shape)
@@ -453,7 +548,18 @@ def law_in_words(
     f: SplineFit,
     torque_units: Sequence[str],
 ) -> str:
-    """Write a law with the units of its torque and of its variables."""
+    """Write a law as a formula with the unit of its torque, and of its variables in
+    brackets.
+
+    Parameters
+    ----------
+    law
+        The fitted law.
+    f
+        The curve that follows it, which knows joint and variables.
+    torque_units
+        Unit of the torque of each joint, such as "N m".
+    """
     unit = plain_unit(torque_units[f.joint])
     units = {v: Variable.parse(v).unit(torque_units) for v in f.basis.variable_names}
     units_in_words = ", ".join(f"{v} in {u}" for v, u in units.items() if u != "-")
@@ -502,10 +608,16 @@ def _solve_amplitudes(gram: Array, pull: Array) -> tuple[Array, Array]:
 def _refine_law(
     start: LawFit, normal: Callable[[Law, Array], tuple[Array, Array]]
 ) -> LawFit:
-    """Refine a law's constants by Nelder-Mead, within the range of its starts.
+    """Refine a law's non-linear constants by Nelder-Mead, within the range of its
+    starts.
 
-    ``normal`` maps a law and constants (c, S) to the normal equations of its
-    amplitudes. The start is returned where nothing is gained.
+    Parameters
+    ----------
+    start
+        The law at the constants (c,) to begin with. It is returned unchanged if it has
+        no constants, or if nothing is gained.
+    normal
+        Maps a law and constants (c, S) to the normal equations of its amplitudes.
     """
     if not len(start.constants):
         return start

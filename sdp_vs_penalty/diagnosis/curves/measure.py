@@ -67,21 +67,29 @@ class Measured:
 
     @property
     def joint(self) -> int:
-        """The joint (from 0)."""
+        """The joint (from 0) on which the curve was measured."""
         return self.fitted.joint
 
     def to_curve(self, seed: int, floor: float) -> Curve:
-        """Return the accepted curve as it is reported: points, values, band and gain.
+        """Return the accepted curve for the report: points, torque, confidence band and
+        gain.
 
-        seed : of the band's random draws; floor : noise floor of the joint [N m or N],
-        0 where it is not known. The explained share is that of the squared error beyond
-        the noise.
+        The explained share is (before^2 - after^2) / (before^2 - floor^2), with the
+        joint's RMS errors on data left out before and after the curve.
+
+        Parameters
+        ----------
+        seed
+            Seed of the random draws for the band.
+        floor
+            Noise floor of the joint [N m or N]; 0 if it is not known.
         """
         f = self.fitted
         robot = self.table.robot
         before = self.before
         after = float(self.errors[self.joint])
-        share = (before**2 - after**2) / max(before**2 - floor**2, 1e-300)
+        energy_beyond_noise = max(before**2 - floor**2, 1e-300)
+        share = (before**2 - after**2) / energy_beyond_noise
         points = self.variables.points_near_motion(f.basis)
         grid = f.basis.evaluate(*points.T)
         half_width = confidence_band(f, grid, seed)
@@ -113,9 +121,11 @@ class Measured:
 
 
 def in_parts(search: Search) -> list[int]:
-    """Return the joints (from 0) with two or more findings over their position alone.
+    """Return the joints (from 0) with two or more findings that depend on position
+    alone.
 
-    These findings (such as a spring and a ripple) may be parts of one function of it.
+    Such findings (a spring and a ripple) may together be one function of the position,
+    which a measured curve then replaces.
     """
     joints = list[int]()
     for term in search.terms:
@@ -188,9 +198,22 @@ def is_curve_preferred(
 ) -> bool:
     """Return whether a curve replaces the findings of its joint.
 
-    It has to have more evidence than the findings (``worth``) and the curve beside
-    them, by 6 (odds of 20 to 1) plus 4 %. Where it needs fewer numbers than the
-    findings, or where they need a curve beside them, it may have as much less.
+    Without an advantage in simplicity, J > B + margin is required, where J is the
+    curve's evidence and B that of what it replaces: the findings (``worth``), with the
+    curve beside them if there is one. If the findings need such a curve, or if the new
+    curve's law has fewer numbers than they, J > B - margin is enough. margin = 6 (odds
+    of 20 to 1) + 4 % of B.
+
+    Parameters
+    ----------
+    worth
+        Evidence of the findings.
+    own_terms
+        The findings of the joint.
+    curve_alone
+        The curve that would replace them: evidence, spline, law or None.
+    beside_terms
+        The curve that is measured beside the findings, or None.
     """
     J, _, law = curve_alone
     J_to_replace = max(worth, 0.0)
@@ -210,10 +233,24 @@ def _best_curve(
     joint: int,
     variables: Variables,
 ) -> _Rated | None:
-    """Return the best curve of a joint beside some findings: evidence, spline, and law.
+    """Measure the best curve of a joint beside some findings.
 
-    The law is None where none of the dictionary fits; the result is None where no curve
-    has enough evidence.
+    Parameters
+    ----------
+    search
+        The search with its rows and scorer.
+    terms
+        The findings that stay in the model.
+    joint
+        The joint (from 0).
+    variables
+        Values of the variables on the rows.
+
+    Returns
+    -------
+    (float, SplineFit, LawFit or None) or None
+        Evidence, spline, and the simple formula (law) that it follows, None if no law
+        fits. None altogether if no curve has enough evidence.
     """
     measuring = _Measuring(search, terms, joint, variables)
     best = measuring.best_spline()
@@ -285,10 +322,15 @@ class _Measuring:
         ]
 
     def _columns(self, raw: Array, robust: bool) -> CurveColumns:
-        """Return the white columns of a curve's functions, beside the fit.
+        """Whiten the columns of a curve's functions, and multiply them with those of
+        the fit.
 
-        raw (M, k) : filtered functions, times the gain of the joint's torque channel.
-        robust : whether correlated rows are accounted for.
+        Parameters
+        ----------
+        raw
+            (M, k) filtered functions, times the gain of the joint's torque channel.
+        robust
+            Whether the scorer accounts for correlated rows.
         """
         white = self.data.white(raw, self.joint)
         return CurveColumns.of(self.score, self.fit, white, self.joint, robust)
@@ -299,18 +341,26 @@ class _Measuring:
         raw: Array,
         robust: bool,
     ) -> SplineFit:
-        """Fit a spline curve; raw (M, k) are its filtered splines, without the
-        channel's gain.
+        """Fit a spline curve over one basis to the joint's unexplained torque.
+
+        Parameters
+        ----------
+        basis
+            The k splines.
+        raw
+            (M, k) filtered splines, without the gain of the torque channel.
+        robust
+            Whether the scorer accounts for correlated rows.
         """
         torque_columns = self.gain * raw
         columns = self._columns(torque_columns, robust)
         return fit_spline(basis, torque_columns, columns, looked=len(self.bases))
 
     def best_spline(self) -> SplineFit | None:
-        """Return the best spline curve, or None where none has enough evidence.
+        """Return the spline curve with the highest evidence; None if none has enough.
 
-        Of those within 6 (odds of 20 to 1) plus 4 % of the highest evidence, one over a
-        single variable is preferred.
+        Among curves within 6 (odds of 20 to 1) plus 4 % of the highest evidence, one
+        over a single variable is preferred to one over two.
         """
         exact = []
         for basis in self._most_promising():
@@ -327,10 +377,10 @@ class _Measuring:
         )
 
     def _most_promising(self) -> list[Basis]:
-        """List the best bases over one variable, and the best over two, by a fast
-        comparison.
+        """List the bases whose curves have most evidence, by a fast approximate fit.
 
-        They are half of MAX_CANDIDATES_REFINED each, with J > EVIDENCE_TO_ADD.
+        There are up to half of MAX_CANDIDATES_REFINED over one variable, then as many
+        over two, all with more evidence than EVIDENCE_TO_ADD.
         """
         rated = []
         for basis in self.bases:
@@ -346,7 +396,15 @@ class _Measuring:
         return out
 
     def recognise(self, best: SplineFit) -> tuple[float, LawFit | None]:
-        """Return the law of the dictionary that a spline follows, with its evidence."""
+        """Find the law (simple formula) that a spline follows.
+
+        Returns
+        -------
+        float
+            Evidence of the law, or of the spline if it follows none.
+        LawFit or None
+            The law.
+        """
 
         def on_rows(law: Law, constants: Array) -> CurveColumns:
             raw = self.variables.filtered_law(
@@ -414,7 +472,7 @@ def _tabulate(
         measured=measured,
     )
     # Which points of the whole grid the motion has come near, in any fold.
-    known = variables.is_near_motion(f.basis, variables.keep)
+    is_measured = variables.is_near_motion(f.basis, variables.keep)
     by_fold = []
     for k, coefficients in enumerate(columns.without_fold(fold, P)):
         values_of_fold = grid @ coefficients
@@ -423,7 +481,7 @@ def _tabulate(
             met_by_others = variables.is_near_motion(
                 f.basis, variables.keep & (fold != k)
             )
-            is_known = met_by_others[known]
+            is_known = met_by_others[is_measured]
         varies = np.diff(points[is_known], axis=0).any(axis=0)
         if not varies.all():  # a single value of a variable is no table: no torque
             is_known[:] = True
@@ -449,7 +507,10 @@ def _tabulate(
 
 
 def unmeasured(basis: Basis, points: Array) -> Array:
-    """Return the points (P', v) of a basis's grid that are not among ``points`` (P, v)."""
+    """Return the grid points (P', v) of a basis at which nothing was measured.
+
+    They are all points of the grid except ``points`` (P, v), for v variables.
+    """
     have = {tuple(p) for p in points.tolist()}
     missing = [p for p in basis.points.tolist() if tuple(p) not in have]
     return np.reshape(missing, (-1, points.shape[1]))
