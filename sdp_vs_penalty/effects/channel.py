@@ -108,7 +108,8 @@ class DelayedTorque(Effect):
         """List the shape constants with which a search begins.
 
         A robot with one joint gets none for an effect of the whole robot: a delay of
-        all joints is the delay of that joint, which another effect describes.
+        all joints is the delay of that joint, which another effect describes; and
+        filtered friction cannot be told from filtered inertia there.
         """
         return (
             super().starts(robot, joint) if robot.n > 1 or not cls.whole_robot else []

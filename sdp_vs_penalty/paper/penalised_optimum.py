@@ -549,10 +549,10 @@ def _links_distance(task: Task) -> LeastSquares:
     squares = float(target @ target)
     return LeastSquares(
         distance.R[rows],
-        target,
-        0.0,
-        squares,
-        len(target),
+        rho=target,
+        residual_norm=0.0,
+        tau_squared=squares,
+        rows=len(target),
     )
 
 

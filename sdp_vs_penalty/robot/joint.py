@@ -256,22 +256,22 @@ def hold_followers(
 
 
 def parse_held(text: str | Sequence[str]) -> dict[str, float]:
-    """Parse the positions of held joints, such as "finger_joint=0,wheel=0.1".
+    """Parse the joints that are held still, such as "finger_joint=0,wheel=0.1".
 
     Parameters
     ----------
     text : str or sequence of str
-        Names and positions [rad, m].
+        NAME=POSITION [rad, m] of each joint, separated by commas or in a sequence.
 
     Returns
     -------
     dict
-        Positions by name.
+        Positions [rad, m] by name.
 
     Raises
     ------
     InputError
-        Where the text is another one.
+        A part of the text is not NAME=NUMBER.
 
     Examples
     --------
@@ -297,14 +297,16 @@ def parse_mechanism(
     formulas: Sequence[str],
     massless: Sequence[int] = (),
 ) -> tuple[tuple[Joint, ...], Mechanism]:
-    """Parse each tree joint's position as a formula of the independent joints.
+    """Parse each tree joint's position as a formula of the independent joints q1, q2,
+    ....
 
     Parameters
     ----------
     tree : sequence of Joint
-        All joints of the tree.
+        All joints of the tree, also those that follow others.
     formulas : sequence of str
-        A formula a joint, such as "q1" or "-q2 + 0.1".
+        One formula for each joint of the tree, such as "q1" or "-q2 + 0.1". For each
+        independent joint one formula is that joint itself.
     massless : sequence of int
         Links without mass, by number in the tree, from 1.
 
@@ -316,7 +318,8 @@ def parse_mechanism(
     Raises
     ------
     InputError
-        Where a formula is another one.
+        A formula is not a sum of joints, an independent joint is missing, or a number of
+        formulas or links does not fit the tree.
     """
     if len(formulas) != len(tree):
         what = f"mechanism: {len(formulas)} formulas, the tree has {len(tree)} joints"
@@ -463,14 +466,16 @@ def parse_transmission(
     positions: Sequence[str] = ("motor",),
     torques: Sequence[str] = ("motor",),
 ) -> Transmission:
-    """Parse a transmission from each motor's position as a formula of the joints' positions.
+    """Parse a transmission from each motor's position as a formula of the joints'
+    positions.
 
     Parameters
     ----------
     motors : sequence of str
-        A formula a motor, such as "32 q5 + 32 q6 - 0.1".
+        One formula for each motor, such as "32 q5 + 32 q6 - 0.1".
     positions, torques : sequence of str
-        "motor" or "joint" for each logged channel, or one word for all.
+        The side on which each position and torque channel is logged, "motor" or "joint";
+        one word stands for all channels.
 
     Returns
     -------
@@ -480,7 +485,7 @@ def parse_transmission(
     Raises
     ------
     InputError
-        Where a formula is another one.
+        A formula is not a sum of joints, or the joints do not follow from the motors.
 
     Examples
     --------
@@ -501,7 +506,7 @@ def parse_transmission(
 
 
 def parse_formula(text: str, n: int) -> Array:
-    """Parse a linear formula such as "32 q5 + 32 q6 - 0.1".
+    """Parse a linear formula of joint positions, such as "32 q5 + 32 q6 - 0.1".
 
     Parameters
     ----------
@@ -513,12 +518,12 @@ def parse_formula(text: str, n: int) -> Array:
     Returns
     -------
     (n + 1,) array
-        The joints' factors, then the constant.
+        The factors of q1 ... qn, then the constant.
 
     Raises
     ------
     InputError
-        Where the text is another one.
+        The text is not such a sum, or names a joint above n.
     """
     out = np.zeros(n + 1)
     place = 0
@@ -538,6 +543,7 @@ def parse_formula(text: str, n: int) -> Array:
             what = f"{text[:60]!r} names joint {joint}, there are {n}"
             raise InputError(what, f"choose from q1 to q{n}")
         value = float(number or 1.0) * (-1.0 if sign == "-" else 1.0)
+        # The last place is the constant's.
         out[n if joint is None else int(joint) - 1] += value
         place = match.end()
     return out

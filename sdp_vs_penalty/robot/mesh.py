@@ -45,10 +45,24 @@ def read_mesh(
     *,
     triangles: bool = False,
 ) -> Mesh | None:
-    """Read a mesh file, scaled by ``scale`` (3,); None, with a warning, if it cannot be
-    read.
+    """Read a mesh file: vertices, volume and, on demand, triangles.
 
-    With ``triangles`` the mesh holds its faces too.
+    The file is copied without what is not geometry (materials, textures), and parsed in
+    a child process, which a broken file can end.
+
+    Parameters
+    ----------
+    path : Path
+        An .stl, .obj, .dae, .gltf or .glb file, by its suffix.
+    scale : (3,) array
+        Factors of the coordinates x, y and z.
+    triangles : bool
+        Whether the mesh holds its triangles too.
+
+    Returns
+    -------
+    Mesh or None
+        Lengths [m] and volume [m^3]; None, with a warning, if the file cannot be read.
     """
     suffix = path.suffix.lower()
     try:
