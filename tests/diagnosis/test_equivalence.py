@@ -158,7 +158,7 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
 def test_a_rival_on_another_joint_explains_the_same_torque(left_beside_rival, same):
     """And not as much torque of its own joint."""
     term = SimpleNamespace(form=None, columns=None)
-    group = SimpleNamespace(terms=[term], others=[], fit=None, margin=10.0)
+    group = SimpleNamespace(terms=[term], others=[], fit=None, deviance_margin=10.0)
     search = SimpleNamespace(
         nuisances=SimpleNamespace(with_law_misfits=list),
         score=SimpleNamespace(
