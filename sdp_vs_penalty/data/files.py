@@ -424,8 +424,8 @@ def without_held(run: Measurements, names: Sequence[str] | None) -> Measurements
 
 
 def _joints_missing(names: Sequence[str], there: Sequence[str]) -> list[str]:
-    """List the robot's joints that no joint of the file is: none has the name, or ends
-    with it."""
+    """List the robot's joints that the file does not have: no name of the file ends
+    with theirs."""
     return [name for name in names if not any(x.endswith(name) for x in there)]
 
 

@@ -80,9 +80,10 @@ class BoxedProblem:
     def __init__(self, problem: PenalisedProblem) -> None:
         """Read the box on centres of mass [m] and inertias [kg m^2] from the task.
 
-        A coordinate without bounds gets +-farthest. Variables of a cell's relaxation:
-        theta' and the slacks of ``problem``, then six entries of Q = m c c^T for each
-        link.
+        A coordinate without bounds gets +-farthest. A cell is a box of centres of mass,
+        on which the non-convex problem is relaxed to a convex one. Variables of the
+        relaxation: theta' and the slacks of ``problem``, then six entries of Q = m c
+        c^T for each link.
         """
         self.problem = problem
         self.task = problem.task
@@ -171,7 +172,8 @@ class BoxedProblem:
         return lower, problem.optimum(theta, weight, lower), excess
 
     def _bound(self, limit: Array) -> Array:
-        """Return the bounds (p + s,) of theta' and the slacks."""
+        """Return the bounds (p + s,) of theta' = theta + 2 s j and of the slacks:
+        slacks up to ``limit`` (s,) raise theta' above the bounds of theta."""
         raised = self.problem.links_slack @ limit[: len(self.links)]
         return np.concatenate([self.task.bound + raised, limit])
 
@@ -591,7 +593,7 @@ def _cell_rows(low: Array, high: Array) -> list[Array]:
 
 
 def _row(values: dict[int, float], size: int = 16) -> Array:
-    """Return a row (size,) of zeros with these values at their indices."""
+    """Return a row (size,) that has these values at their indices, and zeros elsewhere."""
     row = np.zeros(size)
     for index, value in values.items():
         row[index] = value

@@ -185,7 +185,12 @@ class PenalisedProblem:
 
     @cached_property
     def links_slack(self) -> Array:
-        """(p, n) change of theta' = theta + 2 s j by a unit of each link's slack s."""
+        """(p, n) derivative of theta' by each link's slack.
+
+        A link may violate its triangle inequality by a slack s [kg m^2]: the
+        relaxation's theta' = theta + 2 s j is consistent, where j has ones at the
+        link's three moments of inertia.
+        """
         change = np.zeros((self.p, self.n))
         for k, link in enumerate(self.task.links):
             change[link[list(self.moments)], k] = 2.0
@@ -293,7 +298,10 @@ class PenalisedProblem:
         return barycentric
 
     def solve(self, weight: float) -> PenalisedOptimum:
-        """Solve the relaxation at one weight.
+        """Solve the relaxation of the penalised problem at one weight.
+
+        Its variables are theta' = theta + 2 s j (j has ones at a link's moments of
+        inertia) and slacks that cost xi each; it is convex.
 
         Parameters
         ----------
@@ -353,7 +361,9 @@ class PenalisedProblem:
 
     @cached_property
     def in_slacks(self) -> LeastSquares:
-        """The loss f as a function of theta' and all slacks, |R' x - rho|^2."""
+        """The loss |R theta - rho|^2 as a function of the relaxation's variables:
+        theta' = theta + 2 s j (p), each link's slack s (n), and the slacks of the other
+        demands, on which the loss does not depend."""
         of_demands = np.zeros((len(self.data.R), len(self.prices) - self.n))
         R = np.hstack(
             [
@@ -539,10 +549,10 @@ def _links_distance(task: Task) -> LeastSquares:
     squares = float(target @ target)
     return LeastSquares(
         distance.R[rows],
-        target,
-        0.0,
-        squares,
-        len(target),
+        rho=target,
+        residual_norm=0.0,
+        tau_squared=squares,
+        rows=len(target),
     )
 
 

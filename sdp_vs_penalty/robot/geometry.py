@@ -93,7 +93,7 @@ def link_surfaces(
     path: str | Path,
     held: Mapping[str, float] | None = None,
 ) -> list[Array | None]:
-    """Triangles of the moving links' visual meshes, for pictures.
+    """Return the triangles of the moving links' visual meshes, for pictures.
 
     Parameters
     ----------
@@ -126,7 +126,9 @@ def link_surfaces(
 
 
 def _visual_surfaces(path: Path, link: Any, placement: Array) -> Iterator[Array]:
-    """(m, 3, 3) triangles of each visual mesh of a <link> element that can be read."""
+    """Yield the triangles (m, 3, 3) [m] of each visual mesh of a <link> element that
+    can be read: m triangles, three corners, x y z. ``placement`` (4, 4) is the pose of
+    the link."""
     for visual in link.findall("visual"):
         element = visual.find("geometry/mesh")
         if element is None:
@@ -214,7 +216,7 @@ class _Collisions:
         return len(self._geometry.collisionPairs) > 0
 
     def is_free(self, poses: Array) -> bool:
-        """Whether no pair touches at any of the poses (N, n)."""
+        """Tell whether no pair of shapes touches at any of the poses (N, n) [rad, m]."""
         return not any(self._touch(q, stop_at_first=True) for q in poses)
 
     def leave_out_neighbours(self) -> None:

@@ -245,6 +245,7 @@ def _send_answers(
     """Send everything that a parser yields, warns of or raises, one message each."""
 
     def remark(message: Any, category: Any, *_: Any) -> None:
+        """Send a warning of ours to the parent process; leave out others."""
         if issubclass(category, Remark):
             _send(pipe, {"remark": str(message)})
 
@@ -436,7 +437,8 @@ class _Server:
     """A process with one thread that forks the children of a process with several."""
 
     def __init__(self) -> None:
-        """Start a Python process that serves requests (:func:`serve`)."""
+        """Start a Python process that waits for requests on its standard input and
+        answers on its standard output (:func:`serve`)."""
         home = str(Path(__file__).parents[2])
         code = (
             f"import sys; sys.path.append({home!r});"
@@ -453,7 +455,12 @@ _idle: list[_Server] = []
 
 
 def _idle_server() -> _Server:
-    """Return an idle server of this process that still runs, or start one."""
+    """Return an idle server that this process has started and that still runs; else
+    start one.
+
+    A process forked from this one inherits the list of idle servers, but must not share
+    them.
+    """
     while _idle:
         server = _idle.pop()
         if server.owner == os.getpid() and server.process.poll() is None:

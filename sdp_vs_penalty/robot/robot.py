@@ -311,9 +311,9 @@ class Robot(JsonRecordSkippingNone):
 
     @cached_property
     def random_columns(self) -> Array:
-        """(r, 10 links) triangle with the inner products of the regressor at
-        :attr:`random_states`.
-        """
+        """(r, 10 links) upper triangle R of a QR decomposition of the regressor Y at
+        :attr:`random_states`: R^T R = Y^T Y, so R shows which parameters are
+        independent."""
         rows = self.regressor(*self.random_states)
         return np.asarray(np.linalg.qr(rows.reshape(-1, rows.shape[2]), mode="r"))
 
@@ -692,8 +692,10 @@ class Robot(JsonRecordSkippingNone):
             model = pin.Model()
             model.gravity = self._model.gravity
             for i, joint in enumerate(self.tree):
+                # Pinocchio counts joints from 1; 0 is the base.
                 parent = 0 if joint.parent == -1 else int(rows[joint.parent]) + 1
                 pose = inertias.jointPlacements[i + 1]
+                # Three prismatic, then three revolute joints along x, y and z.
                 for k in range(6):
                     kind = (
                         pin.JointModelPrismaticUnaligned

@@ -26,7 +26,7 @@ from sdp_vs_penalty.diagnosis.evidence import EvidenceScorer
 from sdp_vs_penalty.diagnosis.linear_fit import WhiteFit
 from sdp_vs_penalty.effects.effect import Motion
 from sdp_vs_penalty.effects.measured_curve import Variable
-from sdp_vs_penalty.effects.transmission import combinations
+from sdp_vs_penalty.effects.transmission import list_joint_combinations
 from sdp_vs_penalty.robot.arrays import Array
 from sdp_vs_penalty.robot.robot import Robot
 from sdp_vs_penalty.signals.segments import SegmentedRuns
@@ -260,7 +260,7 @@ def _coupled_variables(j: int, robot: Robot) -> list[Variable]:
     """
     out = []
     for first in range(j + 1):
-        for ratios in combinations(robot, first):
+        for ratios in list_joint_combinations(robot, first):
             # Keys are "c" and the joint, which counts from 1.
             joints = [int(key[1:]) - 1 for key in ratios]
             if len(joints) != 2 or j not in joints:

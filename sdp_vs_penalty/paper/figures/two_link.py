@@ -182,10 +182,12 @@ def _section(
     link: int,
     plane: tuple[int, int],
 ) -> None:
-    """Draw a section of a link's shape in its frame, with a margin around it.
+    """Draw a section of a link's shape in its frame, with a margin of half its size
+    around it.
 
-    Ellipsoids larger than the margin are cut off. plane : indices of the two axes
-    drawn.
+    ``plane`` holds the indices of the two axes drawn, such as (0, 1) for x and y. The
+    section is the link's radius on both sides of its axis. Ellipsoids larger than the
+    margin are cut off.
     """
     along, x, radius = radius_profile(problem, link)
     edge = np.column_stack(
@@ -214,12 +216,10 @@ def _section(
 def _ellipse(link: Array, plane: tuple[int, int]) -> Array:
     """Return the outline (2, 100) [m] of a link's ellipsoid, seen along the third axis.
 
-    It is uniform and has the link's mass and inertia: with half axes a, its second
-    moments are a^2 / 5, so its shadow is the ellipse of 5 Sigma. plane : indices of the
-    two axes.
+    The ellipsoid is uniform and has the link's mass and inertia. With half axes a its
+    second moments are Sigma = a^2 / 5, so its shadow is the ellipse of 5 Sigma.
+    ``plane`` holds the indices of the two axes that are seen.
     """
-    # A uniform ellipsoid with half axes a has second moments a^2 / 5; its shadow is
-    # that of 5 Sigma.
     values, vectors = np.linalg.eigh(
         5.0 * inertia.second_moment(link)[np.ix_(plane, plane)]
     )

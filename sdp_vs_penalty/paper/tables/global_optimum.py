@@ -38,7 +38,7 @@ MOST_CELLS = 40
 
 
 def is_rounding(loss: float) -> bool:
-    """Whether a loss is zero up to rounding, so that ratios to it mean nothing.
+    """Tell whether a loss is zero up to rounding, so that ratios to it mean nothing.
 
     Parameters
     ----------

@@ -187,8 +187,11 @@ def _with_intervals(
     weights: Array,
     oversampling: float,
 ) -> SigmoidFit:
-    """Return phi with standard deviations and 95 % intervals, from the Jacobian of the
-    fit.
+    """Return phi with standard deviations and 95 % intervals, from the Jacobian J of
+    the fit.
+
+    The covariance of x is sigma^2 (J^T J)^-1, with sigma^2 the squared residuals over
+    the degrees of freedom.
 
     Parameters
     ----------
@@ -199,8 +202,8 @@ def _with_intervals(
     weights : (n,) array
         Weight of each joint.
     oversampling : float
-        Number of rows that repeat each other; J^T J counts each of them, which the
-        degrees of freedom correct.
+        Number of rows that repeat each other. J^T J counts each of them; the degrees of
+        freedom count one.
     """
     n = len(weights)
     jacobian = data.weighted_columns(x, weights)

@@ -41,6 +41,7 @@ def exciting_trajectory(study: Study) -> Table:
     ]
 
     def add(name: str, trajectory: str, *values: float) -> None:
+        """Add a row: its name, then one value for each joint (or one value alone)."""
         rows.append(
             {
                 **dict(zip(columns, (name, *values), strict=False)),

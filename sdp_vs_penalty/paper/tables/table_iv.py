@@ -211,9 +211,9 @@ def _estimates(
             *study.problem.model("rigid_body").effects,
             SigmoidFriction(robot, shapes),
         )
-        others = (
-            amplitude * [1.0, 0.0, 0.0]
-        ).ravel()  # of phi_2 and phi_3 nothing is left to correct
+        # The effect's parameters of each joint: phi_1, and corrections of phi_2 and
+        # phi_3, which are zero for the published friction.
+        others = (amplitude * [1.0, 0.0, 0.0]).ravel()
         out["p_hat_table_I"] = Frozen(published["p_hat"], others), effects
     return out | {name: (method, None) for name, method in study.methods.items()}
 

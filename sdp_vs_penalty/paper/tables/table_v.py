@@ -87,6 +87,7 @@ def sinusoids(robot: Robot) -> Course:
     w = 0.5 * velocity / a
 
     def states(t: Array) -> tuple[Array, Array, Array]:
+        """Return q, dq, ddq (M, n) at the instants t (M,) [s]."""
         angle = np.outer(t, w)
         return (
             middle - a * np.cos(angle),
@@ -255,12 +256,14 @@ def measured_runs(study: Study) -> Played:
     assert data is not None
     # Decimated: dense enough for splines through the positions.
     rows = FilteredRun(data.train, data.preprocessing).all_rows(data.model)
-    theta = study.theta(METHOD, data).copy()
-    theta[data.model.rigid_indices] = 0.0
-    reference = rows.torque - predicted(rows, theta)
+    friction_only = study.theta(METHOD, data).copy()
+    friction_only[data.model.rigid_indices] = 0.0
+    reference = rows.torque - predicted(rows, friction_only)
     t = rows.motion.t - rows.motion.t[0]
 
     def less_measured(run: EngineRun) -> EngineRun:
+        """Return a run whose error is relative to the measured torque less identified
+        friction."""
         at = interpolated(run.t, t, reference)
         # From rest to the run's velocity, within the first 0.1 s, is no motion of the
         # robot's.
@@ -352,18 +355,11 @@ def engines(study: Study) -> Table:
             )
         )
         about = {"motion": "published (text)", **figures, "status": "published"}
-        none = [None] * n
-        joints = {**by_joint(none), **by_joint(none, "std_joint")}
+        not_published = [None] * n  # torque errors of the joints
+        joints = {**by_joint(not_published), **by_joint(not_published, "std_joint")}
         rows.append({"engine": engine, **joints, **about})
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
-        rows += [
-            _row(
-                study,
-                data,
-                *row_fields,
-            )
-            for row_fields in study.once(runs).items()
-        ]
+        rows += [_row(study, data, kind, run) for kind, run in study.once(runs).items()]
     formulations = "; ".join(
         f"{name}: {kind.formulation}" for name, kind in engine_types().items()
     )

@@ -120,7 +120,6 @@ class Ode(Engine):
 
     @classmethod
     def version(cls) -> str | None:
-        # The library does not say its version; its name does.
         """Return the version of libode; None if it is not installed.
 
         The library does not tell its version, but its file name does.
@@ -243,12 +242,12 @@ class Ode(Engine):
         self.moments = numbers[:, 4:7]  # t1
 
     def stepped(self, velocity: Array) -> tuple[Array, Array, Array]:
-        # ODE forms the constraints of a step at the configuration before it.
         """Simulate one step with motors at ``velocity`` (n,) [rad/s, m/s].
 
         Returns the motors' torque (n,) [N m, N], projected from the joints' constraint
         forces, and rotation (3, 3) and position (3,) [m] of the last link's joint
-        frame.
+        frame. The projection uses the rotations before the step, at which ODE forms the
+        constraints.
         """
         before = np.array(self.rotations)
         for motor, speed in zip(self.motors, velocity, strict=True):
