@@ -71,7 +71,12 @@ class Likelihood:
     """
 
     def __init__(self, problem: Problem, data: RegressionData) -> None:
-        """Prepare fits to the rows ``data`` of one log; nothing is computed yet."""
+        """Prepare fits of arms to the rows ``data`` of one log; nothing is computed
+        yet.
+
+        Every cached function here takes the part of a repair that its result depends
+        on, so that repairs that differ elsewhere share it.
+        """
         self.problem = problem
         self.data = data
         self.n = len(data.moving)
@@ -89,23 +94,24 @@ class Likelihood:
         self._model = lru_cache(12)(self._make_model)
         self._basis = lru_cache(20)(self._make_basis)
         self._inertia_and_weight = lru_cache(12)(self._make_inertia_and_weight)
-        self._loudest_weight = lru_cache(12)(self._make_loudest_weight)
+        self._weight_log_odds = lru_cache(12)(self._make_weight_log_odds)
         self._channels_at = lru_cache(40)(self._interpolate_channels)
 
     @classmethod
     def of_all_runs(cls, logs: Sequence[Likelihood]) -> Likelihood:
-        """Return one likelihood of the rows of several runs of one robot, put one after
-        the other as one log; of a single run its own.
+        """Return one likelihood of several runs of one robot, their rows put one after
+        the other.
 
         Parameters
         ----------
-        logs : sequence
-            Of one robot and one logger.
+        logs : sequence of Likelihood
+            One a run; all of one robot and one logger.
 
         Returns
         -------
         Likelihood
-            Of their rows, at most as many as one log has.
+            Of all rows, thinned to as many as one log has; of a single run the run's
+            likelihood itself.
         """
         if len(logs) == 1:
             return logs[0]
@@ -114,10 +120,11 @@ class Likelihood:
 
     @cached_property
     def with_all_laws(self) -> Likelihood:
-        """The likelihood of the same rows with more own columns: all laws of a joint's
-        own motion that an arm may have (springs, drag, hysteresis, friction by load).
+        """The likelihood of the same rows by a richer model of each joint.
 
-        What these explain is no fault of the log.
+        It adds, as columns of each joint alone, all laws that an arm may have: springs,
+        drag, hysteresis, friction that grows with load. What these explain is no fault
+        of the log.
         """
         torque = self.nominal(self.as_logged)
         return Likelihood(self.problem, self.data.with_laws(torque))
@@ -159,11 +166,12 @@ class Likelihood:
     # -- torques and motion as repaired
 
     def channels(self, repair: LogTransform) -> Array:
-        """Return the joints' torques (n, M) as repaired [N m or N], 0 where a torque is
-        not used.
+        """Return the joints' torques (n, M) as repaired [N m or N].
 
-        Joint j takes channel k = tau_order[j], ``lead`` seconds later, straightened,
-        with ``lag`` times its rate, and multiplied by ``gain``.
+        With k = tau_order[j] the channel that joint j takes, tau_j(t) = gain_j (s(x) +
+        lag_j dx/dt), x = raw_k(t + lead_j), where s straightens a channel that bends
+        towards its amplifier's limit. The torque is 0 where it is not used (see
+        :meth:`torque_mask`).
 
         Parameters
         ----------
@@ -191,13 +199,16 @@ class Likelihood:
         return repaired * self.torque_mask(repair)
 
     def torque_mask(self, repair: LogTransform) -> Array:
-        """Return (n, M): 1 where a joint's torque is used, 0 where the joint does not
-        slide, since friction at rest may be anything.
+        """Return which torques are used, (n, M): 1, or 0 where the joint does not
+        slide.
+
+        A joint at rest is held by dry friction, which may have any value up to its
+        size.
 
         Parameters
         ----------
         repair : LogTransform
-            How the log is repaired.
+            How the log is repaired; its order of the position channels counts.
 
         Returns
         -------
@@ -207,8 +218,9 @@ class Likelihood:
         return self.data.torque_mask.T[list(repair.order)]
 
     def _interpolate_channels(self, lead: float) -> tuple[Array, Array]:
-        """Return all torque channels (M, n) and their rates (M, n), ``lead`` seconds
-        after each row; beyond the ends of the log those of the ends."""
+        """Return all torque channels (M, n) and their time derivatives (M, n), ``lead``
+        seconds after each row; instants beyond the log are moved to its ends.
+        """
         torque = self.data.torque
         instants = np.clip(
             self.data.motion.t + lead,
@@ -223,11 +235,12 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Motion:
-        """Return the motion (M, n) as repaired, the velocity multiplied by ``speed``
-        and the acceleration by ``push``.
+        """Return the repaired motion of M rows, for the columns of an arm.
 
-        With both 0 the arm's torque is its weight; with speed 0 it is weight and
-        inertia.
+        q_j = scale_j raw_order[j] + zero_j, and time runs ``rate`` times as fast as in
+        the file, so that velocities are divided by rate and accelerations by rate^2.
+        The factors ``speed`` and ``push`` separate parts of the torque: with both 0 the
+        arm's torque is its weight; with speed 0 alone it is weight and inertia.
 
         Parameters
         ----------
@@ -241,7 +254,7 @@ class Likelihood:
         Returns
         -------
         Motion
-            States (M, n).
+            Positions, velocities, accelerations (M, n).
         """
         logged = self.data.motion
         order = list(repair.order)
@@ -256,8 +269,11 @@ class Likelihood:
     # -- columns
 
     def rows(self, repair: LogTransform) -> RepairedRows:
-        """Return the rows under a repair: all that does not depend on what is done to
-        the torque channels.
+        """Return the rows that an arm is fitted to: the columns of its parameters as
+        repaired.
+
+        They do not depend on what the repair does to torque channels, so that repairs
+        of the same motion share one cached result.
 
         Parameters
         ----------
@@ -267,20 +283,22 @@ class Likelihood:
         Returns
         -------
         RepairedRows
-            Cached for repairs of the same motion.
+            Columns of the shared parameters, and a basis of each joint's own columns.
         """
         return self._rows(repair.motion_part)
 
     def _make_rows(self, repair: LogTransform) -> RepairedRows:
-        """Make the rows of a repair of the motion (:meth:`rows` caches them)."""
+        """Make the rows of a repair of the motion; :meth:`rows` caches the result."""
         return RepairedRows(self._basis(repair.order, repair.events), self.raw(repair))
 
     def raw(self, repair: LogTransform) -> Array:
-        """Return the columns (n, M, s) of the s parameters that joints share, own
-        columns not projected out; 0 where a joint's torque is not used.
+        """Return the columns (n, M, s) of the s parameters that joints share (of the
+        links).
 
-        Where a controller took a share of the weight out of a torque, so do the
-        columns.
+        Columns of single joints (friction, offset) are not projected out. Entries are 0
+        where a joint's torque is not used. If a controller has taken a share of the
+        weight out of the measured torque, that share of the weight's columns is taken
+        out as well.
 
         Parameters
         ----------
@@ -290,12 +308,13 @@ class Likelihood:
         Returns
         -------
         (n, M, s) array
-            Columns.
+            Torque per unit of each parameter.
         """
         return self._raw(repair.motion_part.with_defaults("events"))
 
     def _make_raw(self, repair: LogTransform) -> Array:
-        """Make the columns of a repair of the motion (:meth:`raw` caches them)."""
+        """Make the columns (n, M, s) of a repair of the motion; :meth:`raw` caches the
+        result."""
         columns = self.shared(repair)
         if any(repair.lacks):
             weight = self.shared(repair, speed=0.0, push=0.0)
@@ -308,9 +327,12 @@ class Likelihood:
         gravity: tuple[float, ...],
         longer: Numbers,
     ) -> Model | None:
-        """Return the model of what joints share under a gravity [m/s^2] of the base,
-        each joint ``longer`` metres farther from the one before; None where nothing is
-        shared."""
+        """Return the model of the links, with a changed base and changed lengths.
+
+        gravity : of the base frame [m/s^2]; longer (n,) : by how much each joint is
+        farther from the one before it than the problem says [m]. None if the problem's
+        model has no parameters that joints share.
+        """
         if self.data.shared is None:
             return None
         joints = list(self.problem.robot.joints)
@@ -332,9 +354,12 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Array:
-        """Make the columns (n, M, p) of all p parameters that joints share, dependent
-        ones too; ``speed`` and ``push`` multiply velocity and acceleration
-        (:meth:`columns` caches them)."""
+        """Make the columns (n, M, p) of all p parameters of the links, linearly
+        dependent ones too.
+
+        speed, push : factors of the velocity and of the acceleration [-]. p is 0 where
+        joints share no parameters. :attr:`columns` caches the result.
+        """
         model = self._model(repair.gravity, repair.longer)
         if model is None:
             return np.zeros((self.n, self.data.count, 0))
@@ -347,8 +372,10 @@ class Likelihood:
         speed: float = 1.0,
         push: float = 1.0,
     ) -> Array:
-        """Return the columns (n, M, s) of s independent parameters, which span those of
-        all that joints share; speed and push multiply velocity and acceleration.
+        """Return the columns (n, M, s) of s linearly independent parameters of the
+        links.
+
+        They span the same torques as the columns of all parameters.
 
         Parameters
         ----------
@@ -362,24 +389,25 @@ class Likelihood:
         Returns
         -------
         (n, M, s) array
-            Columns.
+            Torque per unit of each parameter.
         """
         columns = self.columns(repair.arm_part, speed, push)
         return np.take(columns, self.data.independent, axis=2)
 
     def nominal(self, repair: LogTransform, speed: float = 1.0) -> Array:
-        """Return the torque (M, n) of a plausible arm, with the problem's nominal
-        links, on the repaired motion [N m or N].
+        """Return the torque (M, n) of the problem's nominal links on the repaired
+        motion [N m or N].
 
-        Weight that the channels lack is left out. With speed 0 it is the whole weight
-        alone.
+        It stands for a plausible arm. Weight that a controller took out of the torques
+        is left out.
 
         Parameters
         ----------
         repair : LogTransform
             How the log is repaired.
         speed : float
-            Factor of the velocity: 0 leaves friction and Coriolis torques out [-].
+            Factor of velocity and acceleration [-]; with 0 the result is the full
+            weight.
 
         Returns
         -------
@@ -388,20 +416,9 @@ class Likelihood:
         """
         model = self.data.shared
         rigid = np.arange(0) if model is None else model.rigid_indices
-        columns = self.columns(
-            repair.arm_part,
-            speed,
-            speed,
-        )[:, :, rigid]
+        columns = self.columns(repair.arm_part, speed, speed)[:, :, rigid]
         links = self.problem.nominal_links.ravel()[: len(rigid)]
-        torque = np.asarray(
-            np.swapaxes(
-                columns @ links,
-                0,
-                1,
-            ),
-            float,
-        )
+        torque = np.asarray((columns @ links).T, float)
         if speed and any(repair.lacks):
             weight = self.nominal(repair, speed=0.0)
             torque = torque - np.array(repair.lacks) * weight
@@ -412,29 +429,33 @@ class Likelihood:
         order: Order,
         events: tuple[LogEvent, ...],
     ) -> Array:
-        """Make orthonormal bases (n, M, k) of the joints' own columns: friction, rotor,
-        offset, and events of the log.
+        """Make an orthonormal basis (n, M, k) of each joint's own columns.
 
-        Singular vectors of dependent columns are 0, so that all joints have k.
+        These are friction, rotor inertia, offset, and events of the log, 0 where the
+        torque is not used. order : channel of each joint's position. A joint whose
+        columns are dependent has zeros in place of the missing vectors, so that all
+        joints have k.
         """
         columns = [self.data.own_columns[list(order)]]
         columns += [self._columns_of_event(event, order) for event in events]
         used = np.concatenate(columns, axis=2)
         used = used * self.data.torque_mask.T[list(order)][:, :, None]
-        used = used / nonzero_or_one(
-            np.linalg.norm(
-                used,
-                axis=1,
-                keepdims=True,
-            )
-        )
-        u, s, _ = np.linalg.svd(used, full_matrices=False)  # (n, M, k), (n, k)
-        is_independent = s > _DEPENDENT_SHARE * s.max(axis=1, keepdims=True)
-        return np.asarray(u * is_independent[:, None])
+        norms = np.linalg.norm(used, axis=1, keepdims=True)
+        scaled = used / nonzero_or_one(norms)
+        basis, sizes, _ = np.linalg.svd(
+            scaled, full_matrices=False
+        )  # (n, M, k), (n, k)
+        is_independent = sizes > _DEPENDENT_SHARE * sizes.max(axis=1, keepdims=True)
+        return np.asarray(basis * is_independent[:, None])
 
     def _columns_of_event(self, event: LogEvent, order: Order) -> Array:
-        """Return the r columns (n, M, r) of an event of one joint's torque (a law of
-        its motion, a drift, a step); 0 for the other joints."""
+        """Return the columns (n, M, r) of an event of one joint's torque; 0 for other
+        joints.
+
+        The event is a law of the joint's motion (its name stands in ``event.at``), a
+        step at an instant, or a drift over the whole log. order : channel of each
+        joint's position.
+        """
         if isinstance(event.at, str):
             shape = self.data.laws[event.at][[order[event.joint]]]
         else:
@@ -443,15 +464,17 @@ class Likelihood:
         return np.asarray(shape * is_joint[:, :, None])
 
     def unexplained(self, repair: LogTransform, theta: Array) -> Array:
-        """Return the torque (n, M) that an arm with shared parameters theta (s,) leaves
-        [N m or N]; own columns are not projected out.
+        """Return the torque (n, M) that the links of an arm do not explain, tau - Y
+        theta [N m or N].
+
+        Friction, rotor and offset of each joint are still in it.
 
         Parameters
         ----------
         repair : LogTransform
             How the log is repaired.
         theta : (s,) array
-            Parameters that joints share.
+            Parameters of the links, which joints share.
 
         Returns
         -------
@@ -468,21 +491,23 @@ class Likelihood:
         n_parts: int = PARTS,
         further_columns: Array | None = None,
     ) -> tuple[Array, int]:
-        """Return the Gram matrices of consecutive parts of the log, which add.
+        """Return the Gram matrices C^T C of consecutive parts of the log; those of
+        several parts add up.
 
         Parameters
         ----------
         repair : LogTransform
             How the log is repaired.
         n_parts : int
-            Number of parts, of as many rows each.
+            Number of parts, of about as many rows each.
         further_columns : (n, M, r) array, optional
-            Columns that joints share beside the arm's.
+            Columns of r more parameters that joints share.
 
         Returns
         -------
         grams : (n_parts, n, w, w) array
-            Of the w columns: own ones, the arm's, further ones, the torque.
+            One for each part and joint, of w columns in this order: the joint's own
+            ones, the s of the links, the r further ones, the torque.
         n_own : int
             Number of own columns.
         """
@@ -498,32 +523,17 @@ class Likelihood:
             ],
             axis=2,
         )
-        edges = (
-            np.linspace(
-                0,
-                self.data.count,
-                n_parts + 1,
-            )
-            .astype(int)
-            .tolist()
-        )
-        parts = [columns[:, first:end] for first, end in pairwise(edges)]
-        grams = np.stack(
-            [
-                np.swapaxes(
-                    part,
-                    1,
-                    2,
-                )
-                @ part
-                for part in parts
-            ]
-        )
+        edges = np.linspace(0, self.data.count, n_parts + 1)
+        bounds = edges.astype(int).tolist()
+        parts = [columns[:, first:end] for first, end in pairwise(bounds)]
+        grams = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
         return grams, rows.basis.shape[2]
 
     def fit_all(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm to the log under each of several repairs; those of the same
-        motion share its rows.
+        """Fit one arm to the log under each of several repairs.
+
+        Repairs with the same motion are fitted together, because they share their
+        columns.
 
         Parameters
         ----------
@@ -535,35 +545,40 @@ class Likelihood:
         list of K ArmFit
             In the order of the repairs.
         """
-        by_motion: dict[LogTransform, list[int]] = {}
-        for number, repair in enumerate(repairs):
-            by_motion.setdefault(repair.motion_part, []).append(number)
-        fits: dict[int, ArmFit] = {}
-        for numbers in by_motion.values():
-            of_motion = self._fit_torques([repairs[number] for number in numbers])
-            fits.update(zip(numbers, of_motion, strict=True))
-        return [fits[number] for number in range(len(repairs))]
+        # Places in ``repairs`` of those with the same motion.
+        places_by_motion: dict[LogTransform, list[int]] = {}
+        for place, repair in enumerate(repairs):
+            places_by_motion.setdefault(repair.motion_part, []).append(place)
+        fit_by_place: dict[int, ArmFit] = {}
+        for places in places_by_motion.values():
+            fits = self._fit_torques([repairs[place] for place in places])
+            fit_by_place.update(zip(places, fits, strict=True))
+        return [fit_by_place[place] for place in range(len(repairs))]
 
     def _fit_torques(self, repairs: Sequence[LogTransform]) -> list[ArmFit]:
-        """Fit one arm under each of K repairs that differ in their torques alone."""
+        """Fit one arm under each of K repairs that change the torques (n, M) alone.
+
+        The columns of the links, with each joint's own columns projected out, are
+        common to all K fits.
+        """
         rows = self.rows(repairs[0])
         channels = np.stack([self.channels(repair) for repair in repairs], axis=2)
-        left = rows.project_out_own(channels)  # (n, M, K)
+        projected_torque = rows.project_out_own(channels)  # (n, M, K)
         on_torque = np.swapaxes(channels, 1, 2) @ rows.projected  # (n, K, s)
         equations = NormalEquations(
             gram=rows.gram,
             cross=on_torque.swapaxes(0, 1),
-            energy=np.sum(np.square(left), axis=1).T,
+            energy=np.sum(np.square(projected_torque), axis=1).T,
             total=positive(np.sum(np.square(channels), axis=1).T),
         )
-        thetas, lefts = equations.fitted(self.moving)
+        thetas, energies_left = equations.fitted(self.moving)  # (K, s), (K, n)
         return [
             ArmFit(
                 moving=self.moving,
                 rows=rows,
                 channels=channels[:, :, k],
                 theta=thetas[k],
-                energy_left=lefts[k],
+                energy_left=energies_left[k],
                 energy=equations.total[k],
             )
             for k in range(len(repairs))
@@ -591,30 +606,30 @@ class Likelihood:
         further_columns: Array | None = None,
         others: Normal | None = None,
     ) -> tuple[Array, Array]:
-        """Return the errors on each part of the log, left out in turn.
+        """Return the errors on parts of the log, each left out in turn (delete-a-group
+        jackknife).
 
-        It is a delete-a-group jackknife: an arm is fitted to all parts but one, and
-        judged on that part.
+        An arm is fitted to all parts but one, and judged on that part.
 
         Parameters
         ----------
         repair : LogTransform
             How the log is repaired.
         weights : (n,) array
-            Of the joints.
+            Weights of the joints' rows: 1 over the variance of their residual.
         further_columns : (n, M, r) array, optional
-            Columns that joints share beside the arm's.
-        others : normal equations, optional
-            Of other logs, (s, s) and (s,), added to those of the parts; they have no
-            further columns.
+            Columns of r more parameters that joints share.
+        others : (gram (s, s), cross (s,)), optional
+            Normal equations of other logs of the same arm, added to those of the parts;
+            they have no further columns.
 
         Returns
         -------
         arms : (PARTS, s + r) array
-            Parameters of the arm of all other parts.
+            Parameters fitted to all parts but one.
         errors : (PARTS, n) array
-            Squared residual of the part, over the mean energy of a part; at least
-            FLOOR.
+            Squared residual of the part left out, over the mean energy (squared torque)
+            of a part; at least FLOOR.
         """
         parts, n_own = self.gram_matrices(repair, PARTS, further_columns)
         other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
@@ -631,11 +646,11 @@ class Likelihood:
         return arms, np.maximum(errors, FLOOR)
 
     def shares_left_by_own_models(self, repair: LogTransform) -> Array:
-        """Return the share (n,) of each torque's energy that a model of that joint
-        alone leaves, on parts of the log that it was not fitted to.
+        """Return the share (n,) of each torque's energy that the joint's own model
+        leaves, on parts of the log that the model was not fitted to.
 
-        A joint's own model has all columns of the arm, but parameters that no other
-        joint shares: it shows how well the torque can be explained at all.
+        Here each joint has a separate set of all the arm's parameters. This shows how
+        well its torque can be explained at all, whatever the other joints say.
 
         Parameters
         ----------
@@ -645,7 +660,7 @@ class Likelihood:
         Returns
         -------
         (n,) array
-            Shares, at least FLOOR [-].
+            Shares of the squared torque, at least FLOOR [-].
         """
         parts, n_own = self.gram_matrices(repair)
         other_parts = NormalEquations.of(parts.sum(axis=0) - parts, n_own)
@@ -717,8 +732,14 @@ class Likelihood:
         values: Array,
         h: Array,
     ) -> Array:
-        """Return the derivatives (n, M, r) of the torque that an arm theta (s,) leaves,
-        by each of r numbers of a repair; difference quotients with the steps h (r,)."""
+        """Return the derivatives (n, M, r) of the residual tau - Y theta by r numbers
+        of a repair.
+
+        theta (s,) : parameters of the links. ats : r functions; each returns the repair
+        ``now`` with another value of one number. values (r,) : the present values; h
+        (r,) : steps of the forward difference quotients (residual(x + h) - residual(x))
+        / h.
+        """
         residual = self.unexplained(now, theta)
         slopes = np.zeros((self.n, self.data.count, len(ats)))
         for r, at in enumerate(ats):
@@ -729,20 +750,20 @@ class Likelihood:
     def clearness_of_fall(self, before: Array, after: Array) -> float:
         """Return by how many standard errors the error on held-out parts falls.
 
-        before, after : (PARTS, n) errors on parts left out, under two repairs. The fall
-        of a part is the sum of log(before / after) over the moving joints.
+        The fall of a part is the sum of log(before / after) over the moving joints.
 
         Parameters
         ----------
         before : (PARTS, n) array
-            Errors on parts left out, without a change.
+            Errors on parts left out under the present repair.
         after : (PARTS, n) array
-            Errors with it.
+            Errors under the repair in question.
 
         Returns
         -------
         float
-            Mean fall over its standard error; negative for a rise.
+            Mean fall over the parts, divided by its standard error; negative for a
+            rise.
         """
         log_falls = np.log(before / after)[:, self.moving].sum(axis=1)
         return standard_errors_above_zero(log_falls)
@@ -750,8 +771,11 @@ class Likelihood:
     # -- what the fit alone does not tell
 
     def count_independent_samples(self, fit: ArmFit) -> float:
-        """Return the number of independent samples of a fit's residual, less those that
-        parameters take.
+        """Return the number of independent samples of a fit's residual that remain
+        after the parameters are fitted.
+
+        It is the number of independent rows (correlated rows count less) times the
+        share that the parameters do not take, which is at least a tenth.
 
         Parameters
         ----------
@@ -796,13 +820,15 @@ class Likelihood:
         Returns
         -------
         float
-            At most 0; each joint and kind takes at most MAX_PHYSICS_LOG_ODDS or MAX_INERTIA_LOG_ODDS.
+            At most 0; each joint and kind takes at most MAX_PHYSICS_LOG_ODDS or
+            MAX_INERTIA_LOG_ODDS.
         """
         states = self._centred_states(repair)  # (2, n, M): dq / M, ddq / M
         not_of_links = fit.channels - fit.rows.raw @ fit.theta  # (n, M)
         powers = np.sum(states * not_of_links, axis=2)  # (2, n)
         friction_power = powers[0]
-        # The links' own ddq^T tau, and ddq times what the links leave.
+        # Inertia: ddq^T M ddq of the links, plus ddq times the torque that the links do
+        # not explain (rotors). Weight: that of the links alone.
         slopes = self._inertia_and_weight(repair.motion_part)  # (2, s) by theta
         inertia_and_weight = slopes @ fit.theta + [powers[1].sum(), 0.0]
         estimates = np.append(friction_power, inertia_and_weight)
@@ -820,20 +846,21 @@ class Likelihood:
         )  # (s, s)
         variance += np.sum(gradient.T * solve(normal, gradient.T), axis=0)
         z = estimates / np.sqrt(np.maximum(variance, _TINY))
-        loudest = np.full(len(z), MAX_PHYSICS_LOG_ODDS)
-        # The two last ones are inertia and weight.
-        loudest[-2] = MAX_INERTIA_LOG_ODDS
-        loudest[-1] = self._loudest_weight(repair.motion_part)
+        # What each may speak with at most; the two last ones are inertia and weight.
+        largest_log_odds = np.full(len(z), MAX_PHYSICS_LOG_ODDS)
+        largest_log_odds[-2] = MAX_INERTIA_LOG_ODDS
+        largest_log_odds[-1] = self._weight_log_odds(repair.motion_part)
         is_used = np.append(self.moving, [True, True])
-        log_probabilities = np.maximum(scipy.special.log_ndtr(z), -loudest)
+        log_probabilities = np.maximum(scipy.special.log_ndtr(z), -largest_log_odds)
         return float(log_probabilities[is_used].sum())
 
-    def _make_loudest_weight(self, repair: LogTransform) -> float:
-        """Return the log-odds that the plausible arm's weight tells the true one's sign,
-        at most MAX_PHYSICS_LOG_ODDS.
+    def _make_weight_log_odds(self, repair: LogTransform) -> float:
+        """Return the log-odds that the nominal arm's weight has the sign of the true
+        weight.
 
-        Centres of mass differ by CENTRE_OF_MASS from the plausible ones. Where joints
-        are upright, or masses lie near the axes, this may turn the sign of the weight.
+        They are -log Phi(-z), with z the expected product of the two weights over its
+        standard deviation, if each centre of mass is off by CENTRE_OF_MASS [m]; at most
+        MAX_PHYSICS_LOG_ODDS. Upright joints, and masses near the axes, make z small.
         """
         model = self.data.shared
         if model is None or not len(model.rigid_indices):
@@ -852,11 +879,12 @@ class Likelihood:
         return min(MAX_PHYSICS_LOG_ODDS, -float(scipy.special.log_ndtr(-certainty)))
 
     def _centred_states(self, repair: LogTransform) -> Array:
-        """Return velocity and acceleration (2, n, M), without their means and over M,
-        so that sums of products with a torque are mean powers.
+        """Return velocity and acceleration (2, n, M) without their means, divided by M.
 
-        A constant torque, as a weight, is neither friction nor inertia. Where time runs
-        backwards the velocity changes its sign.
+        Their sums of products with a torque (n, M) are then mean powers. The means are
+        taken out because a constant torque, such as a weight, is neither friction nor
+        inertia. The velocity changes its sign where the repair says that time runs
+        backwards.
         """
         motion = self.motion(repair)
         dq = -motion.dq.T if repair.reversed else motion.dq.T
@@ -865,9 +893,12 @@ class Likelihood:
         return np.asarray(states * self.torque_mask(repair))
 
     def _make_inertia_and_weight(self, repair: LogTransform) -> Array:
-        """Make two linear functions (2, s) of the s shared parameters theta: the mean
-        of ddq^T M(q) ddq, and the mean product of the arm's weight with the weight of a
-        plausible arm."""
+        """Make two linear functions (2, s) of the links' parameters theta (s,).
+
+        Row 0 gives the mean of ddq^T M(q) ddq, with the mass matrix M(q); row 1 the
+        mean product of the arm's weight with that of the nominal arm. Both are positive
+        for a physical arm.
+        """
         ddq = self.motion(repair).ddq
         weight = self.shared(repair, speed=0.0, push=0.0)  # (n, M, s)
         weight_and_inertia = self.shared(repair, speed=0.0, push=1.0)
@@ -881,8 +912,11 @@ class Likelihood:
 
 
 def _straighten(value: Array, limit: float) -> Array:
-    """Return the torque s artanh(x / s) of a channel x (M,) that bends towards its
-    amplifier's limit s, x = s tanh(tau / s)."""
+    """Return the true torque (M,) of a channel x (M,) whose amplifier saturates.
+
+    The channel reads x = s tanh(tau / s), with the limit s > 0 in its unit; the torque
+    is tau = s artanh(x / s). x / s is clipped just below 1, where artanh is infinite.
+    """
     limit = max(limit, _TINY)  # a dead channel has no limit
     share = np.clip(
         value / limit,
@@ -893,6 +927,9 @@ def _straighten(value: Array, limit: float) -> Array:
 
 
 def _torque_energies(grams: Array) -> Array:
-    """Return the squared torques (..., n) from Gram matrices (..., n, w, w), whose last
-    column is the torque."""
+    """Return the squared torques (..., n) summed over rows.
+
+    grams (..., n, w, w) : Gram matrices of columns of which the last one is the torque,
+    so that the last diagonal entry is its square.
+    """
     return grams[..., -1, -1]

@@ -64,31 +64,34 @@ class RepairSearch:
         logs: Sequence[Likelihood] = (),
         facts: Sequence[Sequence[Issue]] = (),
     ) -> None:
-        """Prepare a search over the rows ``log`` of all runs together.
+        """Prepare a search for the likeliest repair of the log of one or several runs.
 
-        logs : rows of each run, in which each fault has to hold as well; facts : issues
-        of each run that are known already.
+        log : rows of all runs together; logs : rows of each run, in which each fault
+        has to hold as well; empty: one run alone. facts : issues that are known already
+        of each run (lost rows, joints in lockstep ...).
         """
         self.log = log
         self.logs = logs or [log]
         self.independent_samples = log.count_independent_samples(log.fit(log.as_logged))
         issues = [issue for of_run in facts for issue in of_run]
         self.known_kinds = {issue.kind for issue in issues}
-        # A motion is poor whose directions are half as many as its joints, in all runs.
+        # The motion has few directions if, in all runs, its independent directions (the
+        # rank of the positions) are at most half as many as the moving joints.
         ranks = [f.figures["rank"] for f in issues if f.kind == "lockstep motion"]
         in_all_runs = len(ranks) == len(self.logs)
         is_low = 2 * max(ranks, default=0) <= len(log.joints)
         self.has_few_directions = in_all_runs and is_low
         self.list_faults = lru_cache(99)(self._list_faults)
         self.posterior = lru_cache(99)(self._posterior)
-        #: Repairs, laws apart, that no law makes likely.
+        #: Repairs (without laws of friction) that fit so badly that no law can help.
         self.hopeless_repairs: set[LogTransform] = set()
-        #: Of faults that were added, by name, others that explain as much.
+        #: By the name of a fault that was added, the faults that explain as much.
         self.rivals_by_fault: dict[tuple[str, tuple[int, ...]], tuple[Fault, ...]] = {}
 
     def _list_faults(self, repair: LogTransform) -> tuple[Fault, ...]:
-        """List the faults of any kind that a repair corrects (:attr:`list_faults`
-        caches them)."""
+        """List the faults of all kinds that a repair corrects; call it as
+        :attr:`list_faults`, which caches the result.
+        """
         faults: list[Fault] = []
         for kind in FAULTS:
             faults += kind.list_faults(self.log, repair)
@@ -96,23 +99,27 @@ class RepairSearch:
 
     @property
     def kinds_of_fault(self) -> list[Transformation]:
-        """Kinds of fault that are tried.
+        """Kinds of fault that the search may propose for this log.
 
-        Joints that move in lockstep do not show the order of channels; a poor motion
-        shows units, signs, the mounting and events alone.
+        All kinds in FAULTS, with two exceptions. Where the motion covers few directions
+        (at most half as many as moving joints), only units, signs, the mounting and
+        events show in the torques. Where joints move in lockstep, their channels look
+        the same, so that an exchanged order is not proposed.
         """
         if self.has_few_directions:
             return [kind for kind in FAULTS if kind.name in SHOWN_BY_A_POOR_MOTION]
-        barred = {"order"} if "lockstep motion" in self.known_kinds else set()
-        return [kind for kind in FAULTS if kind.name not in barred]
+        if "lockstep motion" in self.known_kinds:
+            return [kind for kind in FAULTS if kind.name != "order"]
+        return list(FAULTS)
 
     # -- the posterior
 
     def likelihood(self, score: ArmFit, repair: LogTransform) -> float:
         """Return the log-likelihood of a repair plus the logarithm of its prior odds.
 
-        Each fault that the repair corrects has prior odds against it, larger for a size
-        that is no round value.
+        It is L = -N / 2 sum_j log(S_j / |tau_j|^2) - sum of the costs of the corrected
+        faults, with N independent samples and S_j the squared residual of joint j. A
+        fault costs its prior log-odds; a size that is no round value costs more.
 
         Parameters
         ----------
@@ -133,55 +140,68 @@ class RepairSearch:
         return -0.5 * self.independent_samples * score.log_unexplained - cost
 
     def _posterior(self, repair: LogTransform) -> float:
-        """Compute the log-posterior of a repair: likelihood, prior odds, and the
-        log-probability of physics (:attr:`posterior` caches it)."""
+        """Compute the log-posterior (natural logarithm) of a repair.
+
+        It is likelihood times prior odds times the probability of physics (friction
+        takes power, inertia is positive). Call it as :attr:`posterior`, which caches
+        the result.
+        """
         score = self.log.fit(repair)
         physics = self.log.physics(score, repair, self.independent_samples)
         return self.likelihood(score, repair) + physics
 
     def _learn_samples(self, scores: Sequence[ArmFit]) -> None:
-        """Raise the number of independent samples to the largest of several fits.
+        """Raise ``independent_samples`` to the largest number of any of these fits.
 
-        The residual of a wrong repair is correlated over more rows than noise is, so
-        that the best fit has the most independent samples. Posteriors change with it.
+        A wrong repair leaves a residual that is correlated over more rows than noise
+        is, so that the best fit has the most independent samples. All posteriors depend
+        on the number: their cache is emptied.
         """
-        known = [self.log.count_independent_samples(score) for score in scores]
-        self.independent_samples = max([self.independent_samples, *known])
+        counts = [self.log.count_independent_samples(score) for score in scores]
+        self.independent_samples = max([self.independent_samples, *counts])
         self.posterior.cache_clear()
 
     def new_faults(self, repair: LogTransform, now: LogTransform) -> list[Fault]:
-        """List the faults that a repair corrects and ``now`` does not; where there are
-        none, those of another size.
+        """List the faults that ``repair`` corrects and ``now`` does not.
+
+        Faults are compared by name (kind and joints). If no name is new, the faults are
+        listed whose size differs between the two repairs.
 
         Parameters
         ----------
         repair : LogTransform
-            How the log is repaired.
+            The repair with one more correction.
         now : LogTransform
-            The repair that is extended.
+            The repair that it extends.
 
         Returns
         -------
         list of Fault
-            Of ``repair``.
+            Faults that ``repair`` corrects.
         """
-        words_by_name = {fault.name: fault.what for fault in self.list_faults(now)}
+        sentence_by_name = {fault.name: fault.what for fault in self.list_faults(now)}
         faults = self.list_faults(repair)
-        added = [fault for fault in faults if fault.name not in words_by_name]
-        changed = [
-            fault for fault in faults if fault.what != words_by_name.get(fault.name)
+        added = [fault for fault in faults if fault.name not in sentence_by_name]
+        if added:
+            return added
+        # The sentence holds the size: it differs where the size does.
+        return [
+            fault for fault in faults if fault.what != sentence_by_name.get(fault.name)
         ]
-        return added or changed
 
     # -- adding one fault after the other
 
     def run(self) -> LogTransform:
-        """Add faults to the log as it is, the best first, until none is confirmed.
+        """Find the repair of all faults: add the best fault until none is confirmed.
+
+        The search starts at the log as recorded. It stops at MAX_FAULTS faults. After
+        each fault sizes are rounded where the data allow it; at the end signs are
+        settled by physics.
 
         Returns
         -------
         LogTransform
-            The one repair of all faults, MAX_FAULTS of them at most.
+            One repair that corrects all faults found; unchanged where there are none.
         """
         now = self.log.as_logged
         for _ in range(c.MAX_FAULTS):
@@ -195,8 +215,10 @@ class RepairSearch:
         return self.with_settled_signs(now)
 
     def add_best_fault(self, now: LogTransform) -> LogTransform | None:
-        """Return the likeliest repair with one more fault than ``now`` that held-out
-        parts confirm; None where there is none.
+        """Return the likeliest repair with one more fault that held-out parts confirm.
+
+        Of repairs that are as likely, the one with the most plausible size is returned,
+        and the others are recorded as rivals.
 
         Parameters
         ----------
@@ -206,18 +228,19 @@ class RepairSearch:
         Returns
         -------
         LogTransform or None
-            With one more fault.
+            ``now`` with one more fault corrected; None if no further fault is
+            confirmed.
         """
-        # Of each proposal the best sizes; those whose posterior odds exceed LOG_ODDS_AGAINST_FAULT.
         refined = [self.refine(repair, now) for repair in self.proposals(now)]
         self._learn_samples([self.log.fit(repair) for repair in refined])
         threshold = self.posterior(now) + c.LOG_ODDS_AGAINST_FAULT
         likely = [r for r in refined if self.posterior(r) >= threshold]
 
         def rank(repair: LogTransform) -> int:
-            """Sort key: the larger posterior first; a law, which arms have, comes
-            before a fault that explains as much."""
-            is_law = all(e.severity == "note" for e in self.new_faults(repair, now))
+            """Sort key: the larger posterior first; a law of friction or a spring
+            (severity "note"), which arms have, before a fault that is as likely."""
+            new = self.new_faults(repair, now)
+            is_law = all(fault.severity == "note" for fault in new)
             return -round(self.posterior(repair) + c.LOG_ODDS_AGAINST_FAULT * is_law)
 
         for repair in sorted(likely, key=rank):
@@ -234,22 +257,23 @@ class RepairSearch:
         now: LogTransform,
         likely: Sequence[LogTransform],
     ) -> list[LogTransform]:
-        """List the repairs that are as likely as a confirmed one, and confirmed as
-        well.
+        """List the confirmed repairs that are about as likely as a confirmed one,
+        ``repair``.
 
-        Their posterior is lower by less than the odds against a fault: two joints about
-        one line have one zero, and of two joints either may have the wrong gain.
-        ``likely`` : repairs whose posterior exceeds that of ``now`` by these odds; laws
-        are left out.
+        "About as likely": the log-posterior is lower by less than the prior log-odds
+        against a fault. Examples: two joints about one line have one zero; of two
+        joints either may have the wrong gain. ``likely`` : candidates, whose
+        log-posterior exceeds that of ``now`` by these odds. Repairs of the same faults,
+        and laws of friction, are left out.
         """
         names = {fault.name for fault in self.new_faults(repair, now)}
-        least = self.posterior(repair) - c.LOG_ODDS_AGAINST_FAULT
+        lowest_posterior = self.posterior(repair) - c.LOG_ODDS_AGAINST_FAULT
         tied = []
         for other in likely:
             new = self.new_faults(other, now)
             is_same = names == {fault.name for fault in new}
             is_law = all(fault.severity == "note" for fault in new)
-            if is_same or is_law or self.posterior(other) < least:
+            if is_same or is_law or self.posterior(other) < lowest_posterior:
                 continue
             if self.is_confirmed(other, now):
                 tied.append(other)
@@ -260,9 +284,12 @@ class RepairSearch:
         tied: Sequence[LogTransform],
         now: LogTransform,
     ) -> LogTransform:
-        """Return the first of tied repairs; but if it is a torque gain, and the links'
-        masses are known, that gain of the tied ones with which the joints' torques are
-        nearest to those of the problem's masses."""
+        """Return the repair to take out of several that are about as likely.
+
+        It is the first one, with one exception: if the first corrects a torque gain and
+        the masses of some links are known, it is the torque gain under which the
+        torques come nearest to those of the known masses.
+        """
         gains = [
             repair
             for repair in tied
@@ -280,8 +307,12 @@ class RepairSearch:
         tied: Sequence[LogTransform],
         now: LogTransform,
     ) -> None:
-        """Record the faults that explain as much as the repair that is added, if it
-        adds one fault: the report names them beside it."""
+        """Record, for the report, the faults that explain the log as well as the one
+        that is added.
+
+        ``best`` is the repair taken out of ``tied`` ones. Only repairs of a single new
+        fault can be rivals.
+        """
         new = self.new_faults(best, now)
         others = [self.new_faults(repair, now) for repair in tied if repair != best]
         single = tuple(faults[0] for faults in others if len(faults) == 1)
@@ -289,7 +320,9 @@ class RepairSearch:
             self.rivals_by_fault[new[0].name] = single
 
     def proposals(self, now: LogTransform) -> list[LogTransform]:
-        """Repairs with one more fault that may be believed, the likeliest first.
+        """List repairs with one more fault that are worth a fit to all rows.
+
+        They are judged on a third of the rows.
 
         Parameters
         ----------
@@ -299,8 +332,9 @@ class RepairSearch:
         Returns
         -------
         list of LogTransform
-            Of each fault the best number, MAX_FAULTS faults in all; and those of the same fit
-            as ``now``, which physics alone tells apart.
+            The likeliest first: of each fault the best size, MAX_FAULTS faults at most;
+            then up to MAX_FAULTS repairs that fit exactly as ``now`` does (signs alone
+            differ), which physics decides later.
         """
         gains = self._gains_on_few_rows(self._one_fault_more(now), now)
         likeliest = sorted(gains, key=lambda repair: -round(gains[repair]))
@@ -314,8 +348,11 @@ class RepairSearch:
         return list(dict.fromkeys(best[: c.MAX_FAULTS] + same_fit[: c.MAX_FAULTS]))
 
     def _one_fault_more(self, now: LogTransform) -> list[LogTransform]:
-        """List the repairs that all kinds of fault propose, with one more fault than
-        ``now`` corrects."""
+        """List the repairs, of all kinds of fault, that correct one more fault than
+        ``now``.
+
+        Repairs that an earlier round found hopeless are left out.
+        """
         score = self.log.fit(now)
         repairs: list[LogTransform] = []
         for kind in self.kinds_of_fault:
@@ -331,12 +368,13 @@ class RepairSearch:
         repairs: Sequence[LogTransform],
         now: LogTransform,
     ) -> dict[LogTransform, float]:
-        """Return by how much each repair raises the log-likelihood on a third of the
-        rows, without the repairs that cannot reach the odds against a fault.
+        """Return the gain in log-likelihood of each repair over ``now``, on a third of
+        the rows.
 
-        A repair cannot reach them if twice its gain is too small: the best size
-        explains at most twice what a rough one does, and physics gives back at most
-        what it takes of ``now``.
+        Repairs that cannot reach the prior log-odds against a fault are left out: those
+        whose gain is too small even if it doubles, because the best size explains at
+        most twice what a rough one does. Physics gives back at most what it takes from
+        ``now``. Repairs that fit far worse than ``now`` are remembered as hopeless.
         """
         fits = self.log.on_third_of_rows.fit_all(repairs)
         fit_now = self.log.on_third_of_rows.fit(now)
@@ -366,23 +404,25 @@ class RepairSearch:
     # -- what is believed
 
     def is_confirmed(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether held-out parts of the log confirm one more fault.
+        """Whether parts of the log that the fit has not used confirm one more fault.
 
-        The repair has to lower their error clearly, and by more than laws of friction
-        and position that arms have; sizes have to be determined, and beyond what is
-        usual.
+        The data have to determine the fault's size. The repair has to lower the error
+        on held-out parts by several standard errors (clearness), and has to beat the
+        laws of friction and position that arms may have. Two exceptions: repairs that
+        fit exactly as well are decided by physics; a wrong sign only must not raise the
+        error.
 
         Parameters
         ----------
         repair : LogTransform
-            With one more fault.
+            The repair with one more fault corrected.
         now : LogTransform
-            Without it.
+            The repair without that correction.
 
         Returns
         -------
         bool
-            Whether the fault is believed.
+            Whether the fault is confirmed.
         """
         new = self.new_faults(repair, now)
         sizes = [fault.size for fault in new if fault.size]
@@ -405,25 +445,33 @@ class RepairSearch:
         return is_law or self.beats_physics(self.log, repair, now)
 
     def _least_clearness(self, new: Sequence[Fault]) -> float:
-        """Return by how many standard errors new faults have to lower the error on
-        held-out parts.
+        """Return the number of standard errors by which new faults have to lower the
+        error on held-out parts.
 
-        Half as many are enough for faults with a size, whose interval has to exclude 0
-        as well, if several joints move.
+        It is REQUIRED_SIGMAS. Half of it is enough where every new fault has a size,
+        whose confidence interval has to exclude 0 as well, and several joints move.
         """
         are_numbers = all(fault.size for fault in new)
         is_enough = are_numbers and len(self.log.joints) > 1
         return 0.5 * c.REQUIRED_SIGMAS if is_enough else c.REQUIRED_SIGMAS
 
     def _is_decided_by_physics(self, repair: LogTransform, now: LogTransform) -> bool:
-        """Whether physics (positive inertia, friction that takes power) prefers a
-        repair to ``now`` clearly, where both fit the same."""
+        """Whether physics alone clearly prefers ``repair`` to ``now``, where both fit
+        the same.
+
+        Physics: inertia is positive and friction takes power. The log-posterior has to
+        rise by more than inertia alone may contribute.
+        """
         gain = self.posterior(repair) - self.posterior(now)
         return not self.has_few_directions and gain > c.MAX_INERTIA_LOG_ODDS
 
     def _held_out_errors(self, repair: LogTransform) -> Array:
-        """Return the errors (PARTS, n) on parts of the log left out in turn: squared
-        residual over the mean energy of a part."""
+        """Return the errors (PARTS, n) of n joints on parts of the log left out in
+        turn.
+
+        An error is a dimensionless squared residual: of a part, over the mean energy
+        (squared torque) of a part.
+        """
         weights = self.log.fit(repair).weights
         return self.log.jackknife_errors(repair, weights)[1]
 
@@ -434,26 +482,29 @@ class RepairSearch:
         now: LogTransform,
         strict: bool = False,
     ) -> bool:
-        """Whether a fault explains held-out parts of a log better than physics does.
+        """Whether a fault explains held-out parts of a log better than friction and
+        springs can.
 
-        Every law of friction and position that joints may have is fitted as well, with
-        the fault corrected and without.
+        Two models are compared that both have every law of friction and position that
+        joints may have: one with the fault corrected, and one without.
 
         Parameters
         ----------
         log : Likelihood
             The rows.
-        repair, now : LogTransform
-            With the fault corrected, and without.
+        repair : LogTransform
+            The repair with the fault corrected.
+        now : LogTransform
+            The repair without that correction.
         strict : bool
-            Whether no single joint's error may rise clearly; else their geometric mean
-            must not.
+            If true, no single joint's error may rise clearly; if false, the geometric
+            mean of the joints' errors must not rise.
 
         Returns
         -------
         bool
-            Whether the odds of the fault exceed those against any fault, and the error
-            of some joint falls by far.
+            Whether the log-odds of the fault exceed those against any fault, the error
+            of some joint falls by a large factor, and no joint objects.
         """
         before = self._errors_beside_physics(log, now)
         after = self._errors_beside_physics(log, repair)
@@ -503,19 +554,21 @@ class RepairSearch:
 
     @staticmethod
     def _speaks_against(before: Array, after: Array) -> NDArray[np.bool_]:
-        """Joints whose rising error speaks against a fault.
+        """Return which joints' errors rise so much that they speak against a fault.
 
         Parameters
         ----------
         before, after : (PARTS, K) array
-            Errors of K joints on parts left out, without the fault and with it.
+            Errors of K joints on parts left out, without and with the fault corrected.
 
         Returns
         -------
-        (K,) array
-            Whether the error rises by more than LARGEST_ERROR_RISE, by more than its scatter over
-            the parts (one odd part is no rise), and by so much that it costs a third of
-            the likelihood that the falling errors gain.
+        (K,) array of bool
+            Whether all three hold: the mean error rises by more than
+            LARGEST_ERROR_RISE; it rises by more than its scatter over the parts, so
+            that a single odd part does not count; and the rise costs at least a third
+            (1 / TIMES) of the log-likelihood that the falling errors of other joints
+            gain.
         """
         rises = np.log(after / before)
         clearness = np.array([standard_errors_above_zero(x) for x in rises.T])
@@ -527,17 +580,20 @@ class RepairSearch:
 
     def _errors_beside_physics(self, log: Likelihood, repair: LogTransform) -> Array:
         """Return the errors (PARTS, K) of the K moving joints on parts left out in
-        turn, with all laws of friction and position as own columns."""
+        turn, by a model that has all laws of friction and position as further columns
+        of each joint.
+        """
         log_with_laws = log.with_all_laws
         weights = log_with_laws.fit(repair).weights
         _, errors = log_with_laws.jackknife_errors(repair, weights)
         return errors[:, log.moving]
 
     def _least_ratio(self, repair: LogTransform, now: LogTransform) -> float:
-        """Return the factor by which new faults have to divide the energy that is left
-        of some joint on held-out parts.
+        """Return the factor by which new faults have to divide the error of some joint
+        on held-out parts.
 
-        It is larger for sizes, which adapt to whatever the model lacks.
+        It is larger for a fault with an arbitrary size, which adapts to whatever the
+        model lacks, and largest for delays and for motions of few directions.
         """
         new = self.new_faults(repair, now)
         # Friction with memory looks like a delay of its joint.
@@ -552,9 +608,10 @@ class RepairSearch:
     def drop_unconfirmed(self, net: LogTransform) -> LogTransform:
         """Return the repair without the faults that do not hold in every run.
 
-        Order, signs, units, gains, clock and mounting belong to the logger, so that all
-        runs share them. Faults of the same fit, which physics alone decides, and notes
-        stay.
+        All faults here belong to the logger (order, signs, units, gains, clock,
+        mounting), so that all runs share them. A fault stays without this test if it is
+        a note (a law of friction), or if the fit is the same without it and physics
+        alone decides.
 
         Parameters
         ----------
@@ -564,7 +621,7 @@ class RepairSearch:
         Returns
         -------
         LogTransform
-            With confirmed faults alone.
+            The repair of the confirmed faults.
         """
         several = self.logs if len(self.logs) > 1 else []
         for fault in self.list_faults(net):
@@ -602,8 +659,11 @@ class RepairSearch:
         net: LogTransform,
         without: LogTransform,
     ) -> bool:
-        """Whether a run does not speak against a fault of all runs: the repair ``net``
-        does not raise the error on its held-out parts above that ``without`` the fault.
+        """Whether one run is consistent with a fault that all runs share.
+
+        It is unless the repair ``net`` raises the error on held-out parts of this run's
+        ``log`` clearly above the error ``without`` the fault corrected: the mean over
+        its moving joints of the logarithm of the error.
         """
         errors = [
             log.jackknife_errors(repair, log.fit(repair).weights)[1]
@@ -615,10 +675,12 @@ class RepairSearch:
     # -- numbers
 
     def _is_determined(self, number: FaultSize) -> bool:
-        """Whether the data determine the size of a fault, and it is not usual.
+        """Whether the data determine the size of a fault, and the size is no usual
+        tolerance.
 
-        The size exceeds the tolerance by REQUIRED_SIGMAS standard deviations; its 95 % interval
-        is narrow; and sizes far to either side fit clearly worse.
+        Three conditions: the size exceeds its tolerance by REQUIRED_SIGMAS standard
+        deviations; its 95 % interval is narrow; and sizes far below and far above it
+        fit clearly worse.
         """
         spread = self.gauss_newton_step(number)[1]
         margin = c.REQUIRED_SIGMAS * spread
@@ -635,8 +697,22 @@ class RepairSearch:
         return self.independent_samples * rise >= (0.5 * c.REQUIRED_SIGMAS) ** 2
 
     def gauss_newton_step(self, number: FaultSize) -> tuple[float, float]:
-        """Return the change of a fault's size to its best value, to first order, and
-        the standard deviation of the size; both in the size's own unit."""
+        """Linearise the fit about a fault's size, to find the best size and its
+        uncertainty.
+
+        Parameters
+        ----------
+        number : FaultSize
+            The size with its present value, in its own unit (rad, s, log of a factor
+            ...).
+
+        Returns
+        -------
+        change : float
+            Change of the size to its best value, in that unit.
+        spread : float
+            Standard deviation of the size, in that unit.
+        """
         value = np.array([number.value])
         h = np.array([0.3 * number.tolerance])
         now = number.repair_with(number.value)
@@ -651,7 +727,11 @@ class RepairSearch:
     def sizes_by_name(
         self, repair: LogTransform
     ) -> dict[tuple[str, tuple[int, ...]], FaultSize]:
-        """Return the sizes of the faults that a repair corrects, by kind and joints.
+        """Return the sizes of the faults that a repair corrects, by kind and joints
+        (from 0).
+
+        Example: {("torque gain", (2,)): <size 0.69>}. Faults without a size are left
+        out.
 
         Parameters
         ----------
@@ -669,21 +749,22 @@ class RepairSearch:
     def refine(self, repair: LogTransform, now: LogTransform) -> LogTransform:
         """Return the repair with the best sizes of its faults.
 
-        Each size is searched for on few rows, followed by one Gauss-Newton step on all;
-        a round value is taken where it is within the tolerance. New sizes come first. A
-        repair without a size that ``now`` lacks stays as it is.
+        Each size is searched for on a third of the rows; one Gauss-Newton step on all
+        rows follows. A round value (90 degrees, a factor 1000) is taken if it lies
+        within the tolerance. Sizes that ``now`` lacks come first.
 
         Parameters
         ----------
         repair : LogTransform
-            How the log is repaired.
+            The repair with rough sizes.
         now : LogTransform
-            The repair that is extended.
+            The repair that it extends.
 
         Returns
         -------
         LogTransform
-            With the best sizes.
+            The repair with the best sizes; ``repair`` itself if it has no size that
+            ``now`` lacks.
         """
         known = self.sizes_by_name(now)
         names = self.sizes_by_name(repair)
@@ -702,8 +783,10 @@ class RepairSearch:
         return repair
 
     def _best_on_few_rows(self, number: FaultSize) -> float:
-        """Return the size of the largest likelihood on a third of the rows, within the
-        search radius; the present one where none is better."""
+        """Return the size of the largest likelihood on a third of the rows, by a
+        bounded search within the search radius; the present size if no other one is
+        better.
+        """
 
         def score(x: float) -> float:
             repair = number.repair_with(float(x))
@@ -725,8 +808,10 @@ class RepairSearch:
         return float(minimum.x) if is_better else number.value
 
     def round_sizes(self, repair: LogTransform) -> LogTransform:
-        """Return the repair with each size replaced by the nearest round value, where
-        the two differ by no more than the tolerance and REQUIRED_SIGMAS standard deviations.
+        """Return the repair with sizes rounded where the data allow it.
+
+        A size becomes the nearest round value if the two differ by less than the
+        tolerance plus REQUIRED_SIGMAS standard deviations.
 
         Parameters
         ----------
@@ -736,7 +821,7 @@ class RepairSearch:
         Returns
         -------
         LogTransform
-            With round sizes where they fit.
+            The repair with round sizes where they fit.
         """
         names = [
             name for name, x in self.sizes_by_name(repair).items() if x.round_values
@@ -753,19 +838,19 @@ class RepairSearch:
     # -- words
 
     def keep_only(self, net: LogTransform, fault: Fault) -> LogTransform:
-        """Return the repair that corrects one fault of the net repair, and no other.
+        """Return the repair that corrects a single fault of the net repair.
 
         Parameters
         ----------
         net : LogTransform
             The repair of all faults.
         fault : Fault
-            One of those that ``net`` corrects.
+            The fault that stays corrected; ``net`` corrects it.
 
         Returns
         -------
         LogTransform
-            Of that fault.
+            ``net`` without the corrections of all other faults.
         """
         for other in self.list_faults(net):
             if other.name != fault.name:
@@ -789,19 +874,20 @@ class RepairSearch:
         return [self.describe(fault, net) for fault in self.list_faults(net)]
 
     def describe(self, fault: Fault, net: LogTransform) -> Issue:
-        """Return the issue that tells the user of one fault of the net repair.
+        """Return the issue by which the user learns of one fault of the net repair.
 
         Parameters
         ----------
         fault : Fault
-            One of those that ``net`` corrects.
+            A fault that ``net`` corrects.
         net : LogTransform
             The repair of all faults.
 
         Returns
         -------
         Issue
-            An explanation.
+            An explanation, with the 95 % interval of the fault's size, the log-odds,
+            what would explain the log as well, and the function that repairs the log.
         """
         odds = self.posterior(net) - self.posterior(fault.repair_without)
         what = fault.what
@@ -841,8 +927,12 @@ class RepairSearch:
         )
 
     def _reason(self, fault: Fault, net: LogTransform) -> str:
-        """Say in words what speaks for a fault: by how much the residual of the joint
-        that gains most falls, or physics where the fit is the same."""
+        """Say in a sentence what speaks for a fault.
+
+        It is by how much the repair lowers the residual of the joint that gains most,
+        in percent of the torque's root mean square; or physics, where the fit is the
+        same without.
+        """
         after = self.log.fit(net).unexplained_shares  # (n,) of the torques' energies
         without = self.log.fit(fault.repair_without).unexplained_shares
         change = np.log(without / after)
@@ -858,8 +948,10 @@ class RepairSearch:
         )
 
     def _rivals_of(self, fault: Fault, net: LogTransform) -> list[Rival]:
-        """List what explains the log as well as one fault of the net repair: faults
-        that were tied with it when it was added and, for signs, other sets of torques.
+        """List what explains the log as well as one fault of the net repair.
+
+        These are the faults that were as likely when this one was added and, for a
+        wrong sign, other sets of torques whose signs may be wrong instead.
         """
         rivals = [
             Rival(other.kind, other.joints, other.what)
@@ -874,17 +966,19 @@ class RepairSearch:
         net: LogTransform,
         turned: Sequence[int],
     ) -> list[Rival]:
-        """List the other sets of torques whose sign may as well be wrong.
+        """List other sets of joints whose torques may have the wrong sign instead.
 
-        They have one joint more than ``turned`` (from 0), or one less, and neither
-        physics nor the error on held-out parts objects.
+        A set differs from ``turned`` by one joint, more or less. It is listed if
+        neither physics nor the error on held-out parts speaks against it. Torques that
+        are never negative are a further candidate: the logger may have written
+        magnitudes.
 
         Parameters
         ----------
         net : LogTransform
             The repair of all faults.
         turned : sequence of int
-            Joints whose torque has the wrong sign, from 0.
+            Joints (from 0) whose torque has the wrong sign under ``net``.
 
         Returns
         -------
@@ -894,7 +988,7 @@ class RepairSearch:
         others = []
         for j in self.log.joints:
             joints = tuple(sorted({*turned} ^ {j}))
-            if not joints:
+            if not joints:  # no sign would be wrong
                 continue
             objection, clearness = self._against_turning(net, j)
             if (
@@ -915,12 +1009,13 @@ class RepairSearch:
         return bool(np.all(torque >= 0.0))
 
     def with_settled_signs(self, net: LogTransform) -> LogTransform:
-        """Return the repair with the sign of a torque changed where physics demands it.
+        """Return the repair with further signs of torques changed where physics demands
+        it.
 
-        Only where some torques have a wrong sign already: a further joint is turned, or
-        one turned back, if friction would drive it otherwise and the error on held-out
-        parts is no worse. The likelihood alone does not show the sign of a joint that
-        hardly moves the others.
+        Nothing changes unless some torque has a wrong sign already. Then a joint's sign
+        is turned if friction would otherwise drive the joint, and if the error on
+        held-out parts does not rise clearly. The likelihood alone cannot show the sign
+        of a joint that hardly moves the others.
 
         Parameters
         ----------
@@ -930,7 +1025,7 @@ class RepairSearch:
         Returns
         -------
         LogTransform
-            With the signs that physics demands.
+            The repair with the signs that physics demands.
         """
         if not any(fault.kind == "torque sign" for fault in self.list_faults(net)):
             return net
@@ -945,13 +1040,14 @@ class RepairSearch:
         net: LogTransform,
         j: int,
     ) -> tuple[float, float]:
-        """Return what speaks against the other sign of joint j's torque.
+        """Return what speaks against turning the sign of joint j's torque (j from 0).
 
         Returns
         -------
         objection : float
-            Log-odds of physics (positive inertia, friction that takes power) for the
-            present sign.
+            Log-odds of physics for the present sign over the other sign (positive
+            inertia, friction that takes power); negative: physics prefers the other
+            sign.
         clearness : float
             Rise of the error on held-out parts under the other sign, in standard
             errors.
@@ -975,15 +1071,21 @@ class RepairSearch:
 
 
 def _measured_gravity(net: LogTransform) -> tuple[float, ...]:
-    """Return the gravity [m/s^2] whose weight the torques hold: that of the repair,
-    less a share that is missing from all torques."""
+    """Return the gravity vector [m/s^2] whose weight the measured torques hold.
+
+    It is the gravity of the repair times 1 - s, if all torques lack the same share s of
+    the weight (a controller compensates it); otherwise the gravity as it is.
+    """
     share = 1.0 - net.lacks[0] if len(set(net.lacks)) == 1 else 1.0
     return tuple(float(round(share * g, 3)) + 0.0 for g in net.gravity)
 
 
 def _same_fit(a: LogTransform, b: LogTransform) -> bool:
-    """Whether two repairs differ in signs alone: of torques, of gravity, of the
-    direction of time. An arm with negative parameters then fits as well."""
+    """Whether two repairs fit a log equally well by construction.
+
+    They do if they differ only in the signs of torques, of gravity, or of the direction
+    of time: an arm with negative parameters then fits as well. Only physics can decide.
+    """
 
     def unsigned(repair: LogTransform) -> LogTransform:
         gravity = max(repair.gravity, tuple(-g for g in repair.gravity))

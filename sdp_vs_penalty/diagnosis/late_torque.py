@@ -22,29 +22,28 @@ from sdp_vs_penalty.robot.arrays import Array
 def refer_columns_to_current_model(
     search: Search, progress: Progress = no_progress
 ) -> Search:
-    """Search again with columns computed from the torque that the findings have
+    """Continue a search with columns computed from the torque that the findings have
     changed.
 
-    A delay or a filter acts on all of the torque, also on what the findings make. Its
-    columns are therefore computed from the model re-fitted beside the findings, plus
-    the findings' torque. The search goes on with these columns, and columns are
-    computed again, until the findings are ones that it has had before: a Gauss-Newton
-    iteration.
+    A delay or a filter acts on all torque, also on that of the findings. Its columns
+    are therefore computed from the torque of the model, refitted beside the findings,
+    plus the findings' torque. Search and columns alternate (a Gauss-Newton iteration)
+    until a set of findings comes back.
 
     Parameters
     ----------
     search
         A finished search.
     progress
-        Is called with a short text whenever an effect is added.
+        Called with a short text whenever an effect is added.
 
     Returns
     -------
     Search
-        The continued search; the same one where neither a finding nor the model delays
+        The continued search; the given one if neither a finding nor the model delays
         torque.
     """
-    known_sets = list[set[Key]]()
+    known_sets = list[set[Key]]()  # (effect, joint) of the findings of each round
     if search.terms and not delays_torque(search):
         search = look_for_delays(search, progress)
     while delays_torque(search):
@@ -52,8 +51,10 @@ def refer_columns_to_current_model(
         if keys in known_sets:
             break
         known_sets.append(keys)
+        # New columns of the findings, then of all candidates.
         search = refer_once(search)
         search.library = search.library.with_current_columns(search.data)
+        # In new columns some findings have no evidence any more, and others have.
         all_joints = frozenset(range(search.data.n))
         search.terms = search.drop_weak(search.terms, on=all_joints)
         search.run(progress)
@@ -61,13 +62,19 @@ def refer_columns_to_current_model(
 
 
 def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
-    """Continue a search without delays if a delay shows once the findings' torque is
-    included.
+    """Search for delays once more, in columns that include the findings' torque.
 
     A causal filter beside pre-sliding friction, for example, does not show in the
-    torque of a model whose friction jumps at a reversal: the torque that it delays is
-    the findings'. Returns the given search where no delaying candidate has enough
-    evidence.
+    torque of a model whose friction jumps at a reversal: it delays the torque of the
+    findings.
+
+    Parameters
+    ----------
+    search
+        A search whose findings contain no delay. It is returned if no delaying
+        candidate has enough evidence.
+    progress
+        Called with a short text whenever an effect is added.
     """
     referred = refer_once(search)
     referred.library = search.library.only(_delays, referred.data)
@@ -79,8 +86,9 @@ def look_for_delays(search: Search, progress: Progress = no_progress) -> Search:
 
 
 def _is_delay(effect: Effect) -> bool:
-    """Return whether an effect delays torque: its columns are a memory of the joint
-    torque.
+    """Return whether an effect delays torque.
+
+    Its columns are computed from the joint torque, and depend on the torque's past.
     """
     return effect.needs_torque and effect.has_memory
 
@@ -91,10 +99,11 @@ def _delays(form: Candidate) -> bool:
 
 
 def delays_torque(search: Search) -> bool:
-    """Return whether a finding, or an effect of the model, delays the findings' torque.
+    """Return whether a finding, or an effect of the model, delays the torque of
+    findings.
 
-    False without findings: then all delayed torque is the model's own, which its
-    columns hold already.
+    False without findings: all delayed torque is then the model's own, whose columns
+    contain the delay already.
     """
     effects = [t.form.effect for t in search.terms]
     effects += search.data.estimate.model.effects
@@ -103,12 +112,12 @@ def delays_torque(search: Search) -> bool:
 
 
 def refer_once(search: Search) -> Search:
-    """Return the search with columns computed from the torque of model and findings
+    """Recompute the search's columns once, from the torque of model and findings
     together.
 
-    Parameters of both are fitted again by least squares, side by side: the model fitted
-    without the findings has absorbed a part of their torque. For backlash in a gear, 14
-    % of its size went missing without this step.
+    The parameters of both are first fitted together by least squares, since a model
+    fitted without the findings has absorbed a part of their torque. Without this step
+    14 % of the size of a backlash went missing.
     """
     data = search.data
     theta, _ = least_squares_refit(data, [t.form.effect for t in search.terms])
@@ -127,24 +136,23 @@ def beside_model(
     estimate: Estimate,
     thetas: Sequence[Array] = (),
 ) -> Search:
-    """Return the search with the same findings, beside another model.
+    """Return the search with the same findings, recomputed beside another model.
 
     Parameters
     ----------
     search
-        The search; its library of candidates is kept with its old columns.
+        The search; its library of candidates keeps the old columns.
     estimate
-        The model to which columns refer from now on.
+        The other model.
     thetas
-        Parameters of each finding, from which its torque is computed. Default: those of
-        the search.
+        Parameters of each finding in SI units. Default: those of the search.
 
     Returns
     -------
     Search
-        A search whose rows, white data and columns belong to the other model. Effects
-        whose torque is part of the reference for columns are listed in
-        ``in_reference``.
+        Its rows and columns belong to the other model. Columns that are computed from a
+        torque (those of a delay) are computed from that of the model and of the
+        findings in ``in_reference``.
     """
     data = search.data
     parameters = thetas or [t.beta for t in search.terms]

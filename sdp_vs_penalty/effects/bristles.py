@@ -333,10 +333,8 @@ class MaxwellSlip(StatefulEffect, JointEffect):
         sought as a refinement of that one.
         """
         super().__init__(robot, joints, **shape)
-        if (
-            self.even
-        ):  # has no more constants than Dahl's curve, of which it is no finer form
-            self.refines = self.refines[1:]
+        if self.even:
+            self.refines = self.refines[1:]  # all but presliding_hysteresis (Dahl)
 
     @property
     def even(self) -> bool:

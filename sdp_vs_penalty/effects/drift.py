@@ -169,7 +169,8 @@ class DriftFriction(Rubbing, Drift):
         temperature.
         """
         super().__init__(robot, joints, **shape)
-        self.refines = self.refines[self.viscous], "warming_friction"
+        # The class lists Coulomb friction first, then viscous friction.
+        self.refines = self.refines[int(self.viscous)], "warming_friction"
 
     @property
     def viscous(self) -> bool:
@@ -223,7 +224,8 @@ class WarmingFriction(Rubbing):
         """Check the shape constants, and note whether the clock or a temperature is
         needed."""
         super().__init__(robot, joints, **shape)
-        self.refines = (self.refines[self.viscous],)
+        # The class lists Coulomb friction first, then viscous friction.
+        self.refines = (self.refines[int(self.viscous)],)
         self.follows_clock = self.shape["by"] == 2.0
         self.needs_temperature = not self.follows_clock
 

@@ -255,11 +255,15 @@ class _Bank:
     columns: NDArray[np.intp]
 
     def weights(self, u: float) -> Array:
-        """Return (2, K) spline weights of the columns at the K values of the grid.
+        """Return the (2, K) weights of a cubic spline through K precomputed columns.
 
-        The first row interpolates the column at ln u, the second row its derivative by
-        ln u. The argument ``u`` is the logarithm of the constant.
+        A shape constant (such as a Stribeck velocity) makes one regressor column at
+        each of the K values of its grid. ``u`` is the logarithm of the constant.
+        weights[0] times the K columns is the column at u; weights[1] times them its
+        derivative by u. Within an interval of the grid the spline is c0 d^3 + c1 d^2 +
+        c2 d + c3, with d = u - the interval's left end.
         """
+        # Number of the interval that holds u; beyond the grid, the outermost one.
         k = int(
             np.searchsorted(
                 self.spline.x[1:-1],
@@ -267,7 +271,8 @@ class _Bank:
                 "right",
             )
         )
-        # Evaluating the cubic's coefficients is ten times as fast as calling the spline.
+        # Evaluating the cubic's coefficients is ten times as fast as calling the
+        # spline.
         d = u - self.spline.x[k]
         powers = np.array(
             [

@@ -545,38 +545,57 @@ def changes(
     str
         A sentence; "" if no error changed by more than 5 %.
     """
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.where(
-            before > 0.0,
-            after / before - 1.0,
-            np.where(after > 0.0, np.inf, 0.0),
-        )
-    is_floor_known = floor is not None and bool(np.all(floor > 0.0))
+    share = _relative_changes(before, after)
+    is_known = floor is not None and bool(np.all(floor > 0.0))
 
     def words(j: int) -> str:
-        unit = formatting.plain_unit(units[j]) if units else "N m or N"
-        errors = [formatting.number(float(x[j])) for x in (before, after)]
-        more = [f"{100.0 * share[j]:+.0f} %"] if np.isfinite(share[j]) else []
-        if is_floor_known and floor is not None:
-            more.insert(0, f"{errors[0]} -> {errors[1]} {unit}")
-            times = [formatting.number(float(x[j] / floor[j])) for x in (before, after)]
-            amount = f"{times[0]} -> {times[1]} times the noise"
-        else:
-            amount = f"{errors[0]} -> {errors[1]} {unit}"
-        return f"{amount} ({', '.join(more)})" if more else amount
+        return _change_in_words(
+            float(before[j]),
+            float(after[j]),
+            share=float(share[j]),
+            noise=float(floor[j]) if is_known and floor is not None else None,
+            unit=formatting.plain_unit(units[j]) if units else "N m or N",
+        )
 
     order = np.argsort(share)
     better = [f"joint {j + 1}: {words(j)}" for j in order if share[j] < -CHANGES]
     worse = [
         f"joint {j + 1} worse: {words(j)}" for j in order[::-1] if share[j] > CHANGES
     ]
-    if not better and not worse:
-        return ""
     if is_brief and len(better) > 1:
         others = formatting.count(len(better) - 1, "more joint")
         verb = "errs" if len(better) == 2 else "err"
         better = [better[0], f"{others} {verb} less"]
-    return f"{'; '.join([*better, *worse])}."
+    return f"{'; '.join([*better, *worse])}." if better or worse else ""
+
+
+def _relative_changes(before: Array, after: Array) -> Array:
+    """Return (n,) relative changes of errors (n,); infinite where one begins at zero."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(
+            before > 0.0,
+            after / before - 1.0,
+            np.where(after > 0.0, np.inf, 0.0),
+        )
+
+
+def _change_in_words(
+    before: float,
+    after: float,
+    *,
+    share: float,
+    noise: float | None,
+    unit: str,
+) -> str:
+    """Describe the change of one error [unit]: in multiples of its noise where that is
+    known, in its unit, and in per cent (``share`` is the relative change)."""
+    amount = f"{formatting.number(before)} -> {formatting.number(after)} {unit}"
+    percent = f"{100.0 * share:+.0f} %" if np.isfinite(share) else ""
+    if noise is None:
+        return f"{amount} ({percent})" if percent else amount
+    times = [formatting.number(x / noise) for x in (before, after)]
+    more = f"{amount}, {percent}" if percent else amount
+    return f"{times[0]} -> {times[1]} times the noise ({more})"
 
 
 def over_noise(rmse: Array, floor: Array | None) -> Array | None:

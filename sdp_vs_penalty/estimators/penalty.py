@@ -806,29 +806,35 @@ class BarycentricBox:
     """
 
     def __init__(self, task: Task) -> None:
-        """Set lower and upper bounds (p,): the problem's box, or what the problem
-        implies.
+        """Set lower and upper bounds (p,) of barycentric parameters (inertia about the
+        centre of mass).
+
+        A bound is that of the problem's box; where the box is open, the largest value
+        that the problem implies. Parameters of joints get their sign and a wide range.
         """
         self.links = task.links
         self.upper = self._joint_range(task)
         lowest = [parameter.lower for parameter in task.model.parameters]
         self.lower = np.maximum(-self.upper, lowest)
-        implied = task.bound[self.links]
-        implied[:, 1:4] /= nonzero_or_one(implied[:, :1])
-        negative = -implied
-        negative[:, [0, 4, 6, 9]] = 0.0
+        # A link's ten parameters: m, c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+        # Implied: |m c| / m bounds |c|; mass and moments are not negative.
+        implied_upper = task.bound[self.links]
+        implied_upper[:, 1:4] /= nonzero_or_one(implied_upper[:, :1])
+        implied_lower = -implied_upper
+        implied_lower[:, [0, 4, 6, 9]] = 0.0
+        # The problem's box comes first, where it has an end.
         box = task.box[: len(self.links)]
         lower = box[:, :, 0]
         upper = box[:, :, 1]
         self.lower[self.links] = np.where(
             np.isfinite(lower),
             lower,
-            negative,
+            implied_lower,
         )
         self.upper[self.links] = np.where(
             np.isfinite(upper),
             upper,
-            implied,
+            implied_upper,
         )
 
     @staticmethod

@@ -482,6 +482,8 @@ def element(
     """
 
     def written(x: Any) -> str:
+        """Return a text, number or array as text: numbers in full precision, arrays
+        separated by blanks."""
         if isinstance(x, str):
             return xml_name(x)
         return " ".join(map(number, np.atleast_1d(x)))
@@ -556,9 +558,8 @@ def parts(robot: Robot, links: Array) -> Iterator[LinkPart]:
     places = {name: k for k, name in enumerate(robot.joint_names)}
     for i, joint in enumerate(robot.tree):
         parent = "base_link" if joint.parent < 0 else f"link{joint.parent + 1}"
-        body = Inertial.of(
-            link_of.get(i, np.zeros(10))
-        )  # nothing where it is declared massless
+        # A link without parameters is declared massless.
+        body = Inertial.of(link_of.get(i, np.zeros(10)))
         yield LinkPart(
             i,
             joint,

@@ -208,9 +208,9 @@ def write_posed(
         method,
     )
     centre = fit.theta
-    # Cones scaled as where our loop goes on from an answer: seen from the interior
-    # point csdp is 2e-6 off on the TX40, 0 from here (0.03 to 0.3 of the way alike, on
-    # three arms).
+    # The cones are scaled at a point close to the optimum, on the way to the interior
+    # point. Scaled at the interior point itself, csdp's optimum is off by 2e-6 on the
+    # TX40; 0.03 to 0.3 of the way make no difference on three arms.
     inside = centre + ATTEMPTS[1][0] * (interior_point(task, constraints) - centre)
     sent = essential(constraints, objective)
     smallest = objective.least_squares.loss_scale(centre)

@@ -93,7 +93,7 @@ def link_surfaces(
     path: str | Path,
     held: Mapping[str, float] | None = None,
 ) -> list[Array | None]:
-    """Triangles of the moving links' visual meshes, for pictures.
+    """Return the triangles of the moving links' visual meshes, for pictures.
 
     Parameters
     ----------
@@ -126,7 +126,9 @@ def link_surfaces(
 
 
 def _visual_surfaces(path: Path, link: Any, placement: Array) -> Iterator[Array]:
-    """(m, 3, 3) triangles of each visual mesh of a <link> element that can be read."""
+    """Yield the triangles (m, 3, 3) [m] of each visual mesh of a <link> element that
+    can be read: m triangles, three corners, x y z. ``placement`` (4, 4) is the pose of
+    the link."""
     for visual in link.findall("visual"):
         element = visual.find("geometry/mesh")
         if element is None:
@@ -214,7 +216,7 @@ class _Collisions:
         return len(self._geometry.collisionPairs) > 0
 
     def is_free(self, poses: Array) -> bool:
-        """Whether no pair touches at any of the poses (N, n)."""
+        """Tell whether no pair of shapes touches at any of the poses (N, n) [rad, m]."""
         return not any(self._touch(q, stop_at_first=True) for q in poses)
 
     def leave_out_neighbours(self) -> None:
@@ -297,6 +299,7 @@ def _write_collision_copy(urdf: Path, copy: Path) -> bool:
             lines += [f"f {a} {b} {c}" for a, b, c in faces]
             (copy.parent / names[name]).write_text("\n".join(lines))
         element.set("filename", names[name])
+    # Visual meshes are not needed.
     for link in robot.findall("link"):
         for element in link.findall("visual"):
             link.remove(element)
@@ -343,9 +346,13 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
 
 
 def _solid(path: Path, shape: Any) -> Geometry | None:
-    """Return points around a box, sphere, cylinder, capsule or mesh, and its volume
-    [m^3].
+    """Return points around a solid (box, sphere, cylinder, capsule or mesh) about its
+    origin, and its volume [m^3].
+
+    ``shape`` is the child of a <geometry> element. Corner points enclose the solid.
+    None for another shape.
     """
+    # (8, 3) corners of the cube from -1 to 1.
     corners = np.array(
         [
             [

@@ -182,6 +182,7 @@ class Sensor:
             times = np.cumsum(np.maximum(steps, 0.2 * self.log_step)) - self.log_step
             times = np.concatenate([[0.0], times[times > 0.0]])
             times = times[times <= duration]
+        # The controller's sample that is current at each entry; 1e-9 against rounding.
         last_renewed = np.floor(times * self.rate + 1e-9).astype(np.intp)
         rows = np.clip(last_renewed, 0, len(q) - 1)
         return (
@@ -318,6 +319,7 @@ class Experiment:
         Returns
         -------
         Measurements
+            Positions (N, n) and noisy torques (N, n) at the sensor's time stamps.
         """
         return simulate(
             self.trajectory,
@@ -386,10 +388,13 @@ def experiment(problem: Problem) -> Experiment:
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
-    """Make the experiment that simulation.toml describes."""
+    """Make the experiment that a problem's simulation.toml describes: true links and
+    friction, exciting trajectory, sensor, and number and length of the validation runs.
+    """
     truth = data["truth"]
     motion = data["trajectory"]
     limits = data["validation"]
+    # The trajectory of a published table, or a random one from a seed.
     if "table" in motion:
         trajectory = published_trajectory(problem, motion)
     else:
@@ -410,6 +415,7 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         sensor[name] = (
             np.array(value, float) if isinstance(value, list) else float(value)
         )
+    # The sensor's first three fields in their order; the others are passed by name.
     needed = [sensor.pop(name) for name in ("rate", "torque_std", "position_step")]
     return Experiment(
         problem,
@@ -425,8 +431,8 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
 def _assumed(problem: Problem) -> Experiment:
     """Assume an experiment for a robot without simulation.toml.
 
-    Nominal links, a random trajectory of 21 s, friction of 2 % and noise of 0.1 % of
-    each joint's RMS torque.
+    The links are the nominal ones, and the trajectory is a random one of 21 s. Friction
+    saturates at 2 % and the noise has 0.1 % of each joint's RMS torque.
     """
     robot = problem.robot
     zeros = np.zeros(problem.robot.n)

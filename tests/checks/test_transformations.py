@@ -81,7 +81,7 @@ def test_masses_near_the_axes_do_not_tell_which_way_is_down(lever, is_decisive):
     settings = PROBLEM.preprocessing.resolve(RUN)
     log = Likelihood(PROBLEM, RegressionData.of(PROBLEM, RUN, settings))
     log.problem = SimpleNamespace(robot=PROBLEM.robot, nominal_links=links)
-    log_odds = log._make_loudest_weight(log.as_logged.motion_part)
+    log_odds = log._make_weight_log_odds(log.as_logged.motion_part)
     assert (log_odds > MAX_INERTIA_LOG_ODDS) is is_decisive
 
 

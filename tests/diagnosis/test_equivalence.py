@@ -5,6 +5,7 @@ The logs are of an arm that shares no code with the library (point_mass_arm).
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from point_mass_arm import (
 
 from sdp_vs_penalty import Problem, diagnose, identify
 from sdp_vs_penalty.diagnosis import Diagnosis, Finding
+from sdp_vs_penalty.diagnosis.equivalence import _explains_the_same
 from sdp_vs_penalty.effects import TorqueFilter
 
 EFFECTS = ["rigid_body", "viscous_friction", "coulomb_friction", "torque_offset"]
@@ -147,3 +149,21 @@ def test_a_torque_may_be_certain_and_its_name_or_size_not(reasons, certain):
         gain=30.0,
     )
     assert replace(finding, remarks=reasons).torque_is_certain == certain
+
+
+@pytest.mark.parametrize(
+    ("left_beside_rival", "same"),
+    [(0.5, True), (100.0, False)],
+)
+def test_a_rival_on_another_joint_explains_the_same_torque(left_beside_rival, same):
+    """And not as much torque of its own joint."""
+    term = SimpleNamespace(form=None, columns=None)
+    group = SimpleNamespace(terms=[term], others=[], fit=None, deviance_margin=10.0)
+    search = SimpleNamespace(
+        nuisances=SimpleNamespace(with_law_misfits=list),
+        score=SimpleNamespace(
+            fit=lambda terms, near: None,
+            evidence_of=lambda *_: SimpleNamespace(drop=left_beside_rival),
+        ),
+    )
+    assert _explains_the_same(search, group, object()) == same

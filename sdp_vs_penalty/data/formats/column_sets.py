@@ -32,15 +32,17 @@ class ColumnSet:
 
     @property
     def keys(self) -> frozenset[Hashable]:
-        """Joints, numbers or words that tell the columns apart."""
+        """What tells the columns apart: the robot's joints (from 0), the numbers, or
+        the words in their names."""
         return frozenset(self.columns)
 
     @property
     def preference(self) -> tuple[int, int, int, int]:
-        """Sort key by which sets of one quantity compete; the smallest wins.
+        """Sort key among the sets of one quantity; the smallest wins.
 
-        In this order: rank of the word, number of further words, style, and size (the
-        larger set wins).
+        In this order: rank of the word that says the quantity (0 for the most certain
+        word), number of further words in the names, style (how the names tell the
+        joints apart), and minus the size, so that the larger set wins.
         """
         style = _STYLES.index(self.style)
         return self.rank, len(self.other_words), style, -len(self.columns)

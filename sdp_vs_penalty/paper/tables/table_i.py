@@ -187,8 +187,11 @@ def _with_intervals(
     weights: Array,
     oversampling: float,
 ) -> SigmoidFit:
-    """Return phi with standard deviations and 95 % intervals, from the Jacobian of the
-    fit.
+    """Return phi with standard deviations and 95 % intervals, from the Jacobian J of
+    the fit.
+
+    The covariance of x is sigma^2 (J^T J)^-1, with sigma^2 the squared residuals over
+    the degrees of freedom.
 
     Parameters
     ----------
@@ -199,8 +202,8 @@ def _with_intervals(
     weights : (n,) array
         Weight of each joint.
     oversampling : float
-        Number of rows that repeat each other; J^T J counts each of them, which the
-        degrees of freedom correct.
+        Number of rows that repeat each other. J^T J counts each of them; the degrees of
+        freedom count one.
     """
     n = len(weights)
     jacobian = data.weighted_columns(x, weights)
@@ -269,7 +272,12 @@ class _Data:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds (b + 3 n,) of x; pi and phi_1 are free."""
+        """Lower and upper bounds (b + 3 n,) of x = (base parameters, phi_1, log phi_2,
+        phi_3).
+
+        Base parameters and phi_1 are free; slopes phi_2 lie between FLATTEST and
+        STEEPEST [s/rad], shifts phi_3 within +-LARGEST_SHIFT [rad/s].
+        """
         n = self.robot.n
         free = np.full(self.rigid.shape[2] + n, np.inf)
         shift = np.full(n, LARGEST_SHIFT)

@@ -125,7 +125,9 @@ def base_parameter_table(study: Study) -> Table:
         Rows, notes and headline.
     """
     base = tuple(base_parameter_symbols(study.problem))
-    others = dict.fromkeys(name for data in study.whole for name in _others(data))
+    others = dict.fromkeys(
+        name for data in study.whole for name in _effect_parameter_names(data)
+    )
     keys = [*base, *others, _CONDITION, _ERROR]
     printed = study.problem.published.get("table_III")
     known = {"true_simulated": study.experiment.links}
@@ -223,8 +225,9 @@ def _headline(study: Study, values: Mapping[str, Mapping[str, float]]) -> str:
     return f"Relative error on the training data: {', '.join(errors)}."
 
 
-def _others(data: Data) -> list[str]:
-    """Return the names of the parameters that belong to effects, not to links."""
+def _effect_parameter_names(data: Data) -> list[str]:
+    """Return the names of the parameters that belong to effects such as friction, not
+    to links: ["f_v1", "f_c1", ...], in the order of theta."""
     names = (p.name for p in data.model.parameters)
     return np.delete(list(names), data.model.rigid_indices).tolist()
 
@@ -263,10 +266,11 @@ def _estimates(
     """
     task = study.task(data)
     rigid = data.model.rigid_indices
-    keys = [*base, *_others(data)]
+    keys = [*base, *_effect_parameter_names(data)]
     out = {}
     for name, method in study.methods.items():
         theta = study.theta(method, data)
+        # Base parameters of the links, then the parameters of effects.
         values = dict(
             zip(
                 keys,

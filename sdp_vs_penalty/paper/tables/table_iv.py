@@ -211,9 +211,9 @@ def _estimates(
             *study.problem.model("rigid_body").effects,
             SigmoidFriction(robot, shapes),
         )
-        others = (
-            amplitude * [1.0, 0.0, 0.0]
-        ).ravel()  # of phi_2 and phi_3 nothing is left to correct
+        # The effect's parameters of each joint: phi_1, and corrections of phi_2 and
+        # phi_3, which are zero for the published friction.
+        others = (amplitude * [1.0, 0.0, 0.0]).ravel()
         out["p_hat_table_I"] = Frozen(published["p_hat"], others), effects
     return out | {name: (method, None) for name, method in study.methods.items()}
 
@@ -236,7 +236,8 @@ def _judgement(study: Study) -> str:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """Return the notes below the table; rows : those of the table."""
+    """Return the notes below the table; ``rows`` are those of the table, from which a
+    note on the filter takes the errors."""
     printed = "table_IV" in study.problem.published
     sigmoid = ""
     published = ""
