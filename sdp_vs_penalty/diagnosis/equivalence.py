@@ -14,7 +14,7 @@ A finding is confident only if no rival passes both.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -217,29 +217,52 @@ def _judge_group(
 def _rivals_on_rows(search: Search, group: _Group) -> list[ScoredEffect]:
     """List the candidates that explain the searched rows as well as a group.
 
-    Continuous shape constants of each promising candidate are refined first.
+    Continuous shape constants of each promising candidate are refined first. A single
+    finding may have a rival on another joint: masses that are fitted again turn a gain
+    of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. Such a
+    rival has to explain the finding's torque, and not its own joint's.
     """
     judge = partial(search.evidence_of, group.fit)
     out = []
-    for form in _promising(search, group):
+    for form in _promising(search, group, _acts_there):
         rival = refine_constants(judge, judge(form))
         if group.is_rival(rival):
+            out.append(rival)
+    if len(group.terms) > 1:
+        return out
+    for form in _promising(search, group, _acts_elsewhere):
+        rival = refine_constants(judge, judge(form))
+        if group.is_rival(rival) and _explains_the_same(search, group, rival):
             out.append(rival)
     return out
 
 
-def _promising(search: Search, group: _Group) -> list[Candidate]:
+def _explains_the_same(search: Search, group: _Group, rival: ScoredEffect) -> bool:
+    """Return whether a single finding has nothing to add beside a rival."""
+    (term,) = group.terms
+    others = search.nuisances.with_law_misfits(group.others)
+    beside_rival = search.score.fit([*others, rival], group.fit)
+    added = search.score.evidence_of(beside_rival, term.form, term.columns)
+    return added.drop < group.deviance_margin
+
+
+def _promising(
+    search: Search,
+    group: _Group,
+    may_rival: Callable[[_Group, Batch], bool],
+) -> list[Candidate]:
     """List the candidates that explain at least half of what a group of findings does.
 
     Half (_PROMISING) is enough here, since the candidates' shape constants stand on a
     coarse grid and are refined afterwards. Of each law (effect, joint and discrete
     constants) the best grid point is listed; at most MAX_CANDIDATES_REFINED in all, the
-    best first.
+    best first. Only batches that ``may_rival`` accepts are asked; other values of the
+    model's own constants are no rivals.
     """
     # By law: the share of the group's squares, and the best candidate so far.
     best = dict[Hashable, tuple[float, Candidate]]()
     for batch in search.library.batches:
-        if not _may_do_the_same(group, batch):
+        if batch.forms[0].replaces_own_constant or not may_rival(group, batch):
             continue
         explained, _ = search.score.explained(group.fit, batch)
         shares = explained / max(group.squares, 1e-300)
@@ -253,20 +276,18 @@ def _promising(search: Search, group: _Group) -> list[Candidate]:
     return [form for _, form in ranked[:MAX_CANDIDATES_REFINED]]
 
 
-def _may_do_the_same(group: _Group, batch: Batch) -> bool:
-    """Return whether a batch's candidates may make a group's torque beside the model.
-
-    A single finding may have a rival on any joint: masses that are fitted again turn a
-    gain of joint 2 that is 1 % too large into one of joint 1 that is 1 % too small. For
-    several findings all their joints are needed. Other values of the model's own
-    constants are no rivals.
-    """
-    if batch.forms[0].replaces_own_constant:
-        return False
-    if len(group.terms) == 1:
-        return True
+def _acts_there(group: _Group, batch: Batch) -> bool:
+    """Return whether candidates act on a joint of a single finding, or on all joints of
+    several findings."""
     joints = frozenset[int]().union(*(t.joints for t in group.terms))
-    return joints <= {*batch.joints}
+    if len(group.terms) > 1:
+        return joints <= {*batch.joints}
+    return not joints.isdisjoint(batch.joints)
+
+
+def _acts_elsewhere(group: _Group, batch: Batch) -> bool:
+    """Return whether candidates act on no joint of a single finding."""
+    return not _acts_there(group, batch)
 
 
 def _list_possible_replacements(
