@@ -165,6 +165,7 @@ def _one(
     """
     word = "sample"
     label = None
+    # Measurements, a path, or columns by name.
     if isinstance(part, Measurements):
         run_read = without_traces(without_held(part, names))
     elif isinstance(part, str | Path):
@@ -192,6 +193,7 @@ def _one(
         run_read = without_traces(without_held(header.read(columns), names))
         if joints is not None and run_read.n != joints:
             raise other_robot(run_read.n, joints, what, names=names or ())
+    # Each run is checked, unless the caller reports faults by itself.
     for run in run_read.runs() if usable else ():
         check_usable(label or run.names[0], run, word)
     return run_read

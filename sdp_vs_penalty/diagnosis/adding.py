@@ -596,8 +596,11 @@ def all_given(effect: Effect) -> bool:
 
     Needed are the constants that a search may vary, and the start t0 of a clock.
     """
-    clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-    return _given_constants(effect) >= clock.union(effect.searched)
+    starts_of_clock = {
+        key for key, shape in effect.shapes.items() if shape.role == "clock"
+    }
+    needed = starts_of_clock.union(effect.searched)
+    return needed <= _given_constants(effect)
 
 
 def estimate_constants(

@@ -725,8 +725,8 @@ class Effect(ABC):
 
     @property
     def text(self) -> str:
-        """The effect as the command line takes it: "viscous_friction:2+3",
-        "stribeck_friction@vs=0.1"."""
+        """The effect as the command line takes it, with joints from 1 and shape
+        constants: "viscous_friction:2+3", "stribeck_friction@vs=0.1"."""
         text = self.name
         if self.asked_joints is not None:
             text += ":" + "+".join(str(j + 1) for j in self.joints)

@@ -310,6 +310,7 @@ class Plant:
         the directions of dry friction along the m contacts. Returns (P, W, n) forces [N
         m, N].
         """
+        # All P variants of W simulations are one motion of P W instants.
         count = len(moves)
         size = len(state.q)
         travel = np.concatenate([way for way, _ in moves])
@@ -327,11 +328,13 @@ class Plant:
         )
         if self.model.needs_reference:
             motion = self._with_load(motion, np.tile(state.ddq, (count, 1)))
+        # Friction states after the displacement of each variant.
         z = (
             self.advanced(np.tile(state.z, (count, 1)), travel)
             if self.states
             else state.z
         )
+        # One row of parameters for all instants, or a row for each.
         theta = np.tile(self.theta, (count if len(self.theta) > 1 else 1, 1))
         return self._sum(self.effects, motion, z, theta).reshape(
             count,
@@ -376,10 +379,13 @@ class Plant:
         reference = self.model.reference
         assert reference is not None
         links = reference[self.model.rigid_indices].reshape(-1, 10)
+        # Effects that do not refer to a current model; then those without friction
+        # states.
         free = [
             (e, k) for e, k in self.effects if not (e.needs_torque or e.needs_links)
         ]
         plain = [(e, k) for e, k in free if not isinstance(e, StatefulEffect)]
+        # Torque of the links plus that of these effects.
         torque = self.robot.inverse_dynamics(
             links,
             motion.q,
@@ -450,6 +456,7 @@ class Plant:
         if effect.needs_torque or effect.needs_links:
             return False
         n = self.robot.n
+        # Any pose will do.
         q = np.full((1, n), 0.1)
         still = np.zeros((1, n))
 

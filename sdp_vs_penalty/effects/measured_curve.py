@@ -64,6 +64,8 @@ class Variable:
             return motion.sign(j)
         if self.word == "abs(ddq)":
             return np.abs(motion.ddq[:, j])
+        # A joint's q, dq or ddq, or a combination x_j + ratio x_other (other = -1:
+        # none).
         x = {"q": motion.q, "dq": motion.dq, "ddq": motion.ddq}[self.word]
         return np.asarray(
             x[:, j] if self.other < 0 else x[:, j] + self.ratio * x[:, self.other]
@@ -266,22 +268,28 @@ class MeasuredCurve(JointEffect):
         constants: dict[str, float] = {
             k: s.default for k, s in type(self).shapes.items()
         } | shape
+        # Values that were passed replace all of the class's default values.
         if any(_is_value(key) for key in shape):
             constants = {
                 k: v for k, v in constants.items() if k in shape or not _is_value(k)
             }
+        # {1: "v1", 2: "w2", ...}: places of the table, row by row.
         key_of_place = {int(key[1:]): key for key in constants if _is_value(key)}
         known = sorted(key_of_place)  # from 1, row by row
         self._refuse(robot, constants, known)
         first_joint = 0 if joints is None else min(joints, default=0)
         values = [key_of_place[k] for k in known]
+        # This effect's own constants, with the units of its variables, before the base
+        # class checks them.
         self.shapes = self._own_shapes(robot, first_joint, constants, values)
         super().__init__(robot, joints, **shape)
         self.shape = {key: self.shape[key] for key in self.shapes}
+        # What the columns need to be computed.
         words = {variable.word for variable in self.variables(first_joint)}
         self.needs_torque = "tau" in words
         self.follows_clock = "t" in words
         self.needs_temperature = "temp" in words
+        # The table (xn, yn), and flags of the places where nothing was measured.
         size = (int(constants["xn"]), int(constants["yn"]))
         known_values = [self.shape[key] for key in values]
         self._table = _filled_table(size, np.array(known) - 1, known_values)
@@ -296,8 +304,12 @@ class MeasuredCurve(JointEffect):
         constants: Mapping[str, float],
         known: Sequence[int],
     ) -> None:
-        """Raise InputError for constants that make no table; ``known`` holds the sorted
-        places, from 1, of the given values."""
+        """Raise InputError for constants that make no table: sizes xn and yn that are
+        no whole numbers, values outside of xn yn places, or ends in the wrong order.
+
+        ``known`` holds the sorted places (from 1, row by row) of the values that are
+        there.
+        """
         who = f"effect {self.name}:"
         for key in ("xn", "yn"):
             size = constants[key]

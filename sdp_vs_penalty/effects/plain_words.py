@@ -327,6 +327,7 @@ def _fields(fitted: FittedEffect) -> dict[str, object]:
     unit = formatting.plain_unit(fitted.unit)
     text = f"{formatting.number(size, 2)} {unit}".rstrip()
     is_slide = _is_slide(fitted.unit)
+    # The joint (from 1) whose motion acts on this one; 0 for the neighbour.
     source = fitted.shape.get("i", 0.0)
     return {
         "joint": formatting.joints(fitted.joints) if fitted.joints else "the arm",

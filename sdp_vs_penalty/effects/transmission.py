@@ -49,8 +49,11 @@ class JointCoupling(JointEffect):
     def __init__(
         self, robot: Robot, joints: Sequence[int] | None = None, **shape: float
     ) -> None:
-        """Check that each joint is coupled to another one; without joints, take all but
-        joint i."""
+        """Check that each joint is coupled to another one.
+
+        The shape constant i is the joint (from 1) whose motion acts; 0 stands for each
+        joint's neighbour. Without ``joints`` the effect acts on all joints but joint i.
+        """
         super().__init__(robot, joints, **shape)
         i = self.shape["i"]
         if i != int(i) or not 0 <= i <= robot.n:
@@ -192,6 +195,7 @@ class TransmissionFriction(StatefulEffect):
         over its own. Only the hysteresis law has a travel d, only Stribeck's a velocity
         vs.
         """
+        # The last two joints, such as a wrist's, are the default.
         last_two = list(range(max(0, robot.n - 2), robot.n))
         acting_joints = last_two if joints is None else sorted(set(joints))
         # The law, and the constant that it alone has.
@@ -239,7 +243,8 @@ class TransmissionFriction(StatefulEffect):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """One parameter, such as "f_t_coulomb(q5+q6)", at least zero."""
+        """The effect's one parameter: its size, at least zero, such as
+        "f_t_coulomb(q5+q6)" [N m] for law coulomb along q5 + q6."""
         first = self.joints[0]
         position = self.robot.position_units[first]
         torque = self.robot.torque_units[first]

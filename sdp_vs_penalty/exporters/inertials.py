@@ -136,7 +136,9 @@ class LinkCheck:
         return self.gyration > self.reach
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the check as JSON; a margin that is not known is null."""
+        """Return the check as JSON: mass, margins, verdict and radius of gyration; for
+        an inconsistent link also the nearest inertia and the distance to it. A margin
+        that is not known is null."""
         names = ("link", "pseudo_inertia_margin", "consistent", "verdict")
         out = {name: getattr(self, name) for name in names} | {
             "radius_of_gyration": self.gyration

@@ -313,12 +313,13 @@ def _joint(
     part: LinkPart,
     content: Content,
 ) -> None:
-    """Append a joint to a URDF: frame, axis, limits, and damping and friction or
-    "mimic".
+    """Append a joint to a URDF: frame, parent and child, axis, limits, and either
+    damping and friction (driven joints) or "mimic" (joints that follow another).
 
     A limit that is not known becomes +-1e6, because URDF demands a number.
     """
     joint = part.joint
+    # A revolute joint without ends is "continuous" in URDF.
     bounded = np.isfinite(joint.lower) and np.isfinite(joint.upper)
     kind = joint.kind if bounded or joint.kind == "prismatic" else "continuous"
     joint_element = element(
@@ -352,6 +353,7 @@ def _joint(
         "limit",
         **{k: v if np.isfinite(v) else np.copysign(1e6, v) for k, v in limits.items()},
     )
+    # A driven joint, number k, has friction; another mimics its leader.
     if (k := part.place) is not None:
         element(
             joint_element,
@@ -399,10 +401,11 @@ def edit_urdf(
     robot: Robot,
     content: Content,
 ) -> bytes:
-    """Return the user's URDF with the model's inertials, damping and friction.
+    """Return the user's URDF with the model's inertials, damping and friction; every
+    other byte stays.
 
-    Every other byte stays. Links fixed to a moving one get a mass of zero, because
-    theirs is part of the moving link's.
+    Links fixed to a moving one get a mass of zero, because theirs is part of the moving
+    link's.
 
     Parameters
     ----------

@@ -212,6 +212,7 @@ def _figure(
     ellipses = ""
     impossible = list[str]()
     too_large = list[str]()
+    # An ellipse for each link that fits into the picture.
     for number, (link, carrier, joint_pose) in enumerate(
         zip(links, robot.joints, poses, strict=True), start=1
     ):
@@ -227,6 +228,7 @@ def _figure(
             f"link {number}: {link[0]:.3g} kg",
             "link" if exists else "impossible",
         )
+    # The arm as a line with dots, and the caption.
     line = " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
     dots = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/>' for x, y in places)
     verdict = "every link can exist"
@@ -289,7 +291,8 @@ def _ellipse(
 
 
 def _section(table: Table) -> str:
-    """Return a table as an HTML section: title, headline, cells, caption and notes."""
+    """Return a table as an HTML section: title, headline, cells, caption and notes; all
+    texts are escaped."""
     cells = table.cells()
     head = "".join(f"<th scope=col>{escape(_spaced(name))}</th>" for name in cells)
     body = "".join(

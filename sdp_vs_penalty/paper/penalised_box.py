@@ -143,6 +143,7 @@ class BoxedProblem:
         constraints += problem.between(limit)
         for k in range(n):
             constraints += self._cell(k, low[k], high[k])
+        # The loss, the cost and the bounds in all variables: theta', slacks, Q.
         data = problem.in_slacks
         without_q = np.zeros((len(data.R), 6 * n))
         widened = replace(data, R=np.hstack([data.R, without_q]))
@@ -164,6 +165,7 @@ class BoxedProblem:
             )
         theta = problem.theta(fit.theta)
         lower = max(fit.lower, 0.0)
+        # How far Q is from m c c^T on its diagonal: zero if the relaxation is exact.
         mass = theta[self.links[:, 0]]
         h = theta[self.links[:, 1:4]]
         q = fit.theta[self.first_q :].reshape(n, 6)
@@ -280,6 +282,7 @@ class BoxedProblem:
             np.array(rows).T,
             np.zeros(len(rows)),
         )
+        # The link's own slack follows the p parameters.
         with_slack = np.append(link, self.problem.p + k)
         return [
             _lifted(name, link, q),
@@ -380,6 +383,7 @@ class BoxedProblem:
         data = problem.in_slacks
         folded_data = replace(data, R=(data.R @ fold)[:, columns])
         folded = [_fold(x, fold, number) for x in constraints]
+        # Cost, start and bounds of the remaining variables.
         cost = np.append(np.zeros(problem.p), weight * problem.prices)[columns]
         start = self._start(c, c, limit)[: len(fold)][columns]
         bound = self._bound(limit)[columns]

@@ -133,16 +133,19 @@ class PenalisedProblem:
         """
         self.task = task
         self.two_step = two_step
+        # Rows of the loss |R theta - rho|^2.
         self.data = _links_distance(task) if two_step else task.data
         self.p, self.n = len(task.bound), len(task.links)
         free = task.model.rigid_indices if two_step else np.arange(self.p)
         self.published = PenalisedLoss(task, self.data, free)
+        # Hard constraints stay; demands are what the penalty pays for when violated.
         convex = task.constraints.convex
         self.hard = [
             c for c in convex if c.family not in (*self.soft_families, "trace")
         ]
         self.hard += self._moment_limits
         self.demands = [c for c in convex if c.family in self.soft_families[1:]]
+        # A point strictly inside all of them, from which solvers start.
         self.interior = interior_point(
             task, ConstraintSet((*self.hard, *self.consistency, *self.demands))
         )
@@ -313,11 +316,13 @@ class PenalisedProblem:
         PenalisedOptimum
             With its certified lower bound.
         """
+        # A start with slacks inside their limits.
         limit = self.slack_limits(weight)
         slack = self.slack_start * np.minimum(limit, 1.0)
         start = np.append(self.interior + self.links_slack @ slack[: self.n], slack)
         bound = np.append(self.bound + self.links_slack @ limit[: self.n], limit)
         constraints = (*self.hard, *self.consistency, *self.soft, *self.between(limit))
+        # Slacks cost xi times their prices; theta' costs nothing by itself.
         linear = np.append(np.zeros(self.p), weight * self.prices)
         solved = solve_once(self.in_slacks, linear, constraints, start, bound)
         if solved is None:
@@ -473,7 +478,8 @@ class PenalisedProblem:
 
     @cached_property
     def feasible(self) -> Fit:
-        """The certified optimum subject to the demands themselves (xi infinite)."""
+        """The certified optimum of the loss subject to the demands themselves, without
+        a penalty: the limit of infinite weight xi."""
         constraints = (*self.hard, *self.consistency, *self.demands)
         return solve_certified(
             self.data,

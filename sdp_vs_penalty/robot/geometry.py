@@ -299,6 +299,7 @@ def _write_collision_copy(urdf: Path, copy: Path) -> bool:
             lines += [f"f {a} {b} {c}" for a, b, c in faces]
             (copy.parent / names[name]).write_text("\n".join(lines))
         element.set("filename", names[name])
+    # Visual meshes are not needed.
     for link in robot.findall("link"):
         for element in link.findall("visual"):
             link.remove(element)
@@ -345,9 +346,13 @@ def _shape(path: Path, geometry: Any) -> Geometry | None:
 
 
 def _solid(path: Path, shape: Any) -> Geometry | None:
-    """Return points around a box, sphere, cylinder, capsule or mesh, and its volume
-    [m^3].
+    """Return points around a solid (box, sphere, cylinder, capsule or mesh) about its
+    origin, and its volume [m^3].
+
+    ``shape`` is the child of a <geometry> element. Corner points enclose the solid.
+    None for another shape.
     """
+    # (8, 3) corners of the cube from -1 to 1.
     corners = np.array(
         [
             [

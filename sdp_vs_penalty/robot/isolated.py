@@ -169,6 +169,7 @@ def _fork_and_parse(
     """
     _function(*request["prepare"])()
     function = _function(*request["parser"])
+    # What is buffered would otherwise be written by both processes.
     sys.stdout.flush()
     sys.stderr.flush()
     read_end, write_end = os.pipe()
@@ -176,6 +177,7 @@ def _fork_and_parse(
     if child == 0:
         _be_child(function, request, write_end)
     os.close(write_end)
+    # None until the child has ended and was waited for.
     status = None
     try:
         with open(read_end, "rb", buffering=0) as pipe:
@@ -407,6 +409,7 @@ def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
     Raises ParserEndedError for anything else: a parser that was taken over can send
     anything.
     """
+    # The length of the head, the head as JSON, then each array's numbers.
     start = bytearray(8)
     if source.read_into(memoryview(start)) < len(start):
         return None
@@ -422,6 +425,7 @@ def _receive(source: _Timed) -> tuple[dict[str, Any], Arrays] | None:
         shapes = [(str(name), tuple(map(int, shape))) for name, shape in head["arrays"]]
     except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise ParserEndedError("its parser sent no message") from error
+    # Sizes are checked before memory is taken.
     for name, shape in shapes:
         n_bytes = 8 * int(np.prod([float(n) for n in shape]))
         if len(shape) > 3 or min(shape, default=0) < 0 or n_bytes > _LIMITS.array:

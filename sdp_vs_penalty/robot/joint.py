@@ -44,7 +44,8 @@ class Joint(JsonRecordSkippingNone):
     effort: float = np.inf
 
     def __post_init__(self) -> None:
-        """Raise InputError for frames, axis, kind or limits that no joint can have."""
+        """Raise InputError for frames that are no poses, an axis that is no unit
+        vector, an unknown kind, or a lower limit above the upper one."""
         if not (isinstance(self.name, str) and self.name):
             raise InputError(f"a joint's name is {self.name!r}", "give it as text")
         place = f"joint {self.name}"
@@ -56,6 +57,7 @@ class Joint(JsonRecordSkippingNone):
             check_finite(f"{place}: {name}", getattr(self, name), shape)
         for name in ("placement", "link_frame"):
             check_pose(f"{place}: {name}", getattr(self, name))
+        # 1e-9 allows for rounding.
         if abs(np.linalg.norm(self.axis) - 1.0) > 1e-9:
             raise InputError(
                 f"{place}: the axis is no unit vector", "divide it by its length"
@@ -64,6 +66,7 @@ class Joint(JsonRecordSkippingNone):
             raise InputError(
                 f"{place}: kind {self.kind!r} is unknown", "write revolute or prismatic"
             )
+        # "not <=" also refuses nan.
         if not self.lower <= self.upper:
             what = f"the lower limit {self.lower:g} is above the upper {self.upper:g}"
             raise InputError(f"{place}: {what}", "swap them")

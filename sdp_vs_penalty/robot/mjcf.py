@@ -199,7 +199,11 @@ def _robot_of(
 
 
 def _compiled(path: Path) -> MujocoModel:
-    """Compile a file by MuJoCo in a process of its own."""
+    """Compile an MJCF file by MuJoCo, in a child process, which a broken file can end.
+
+    Returns the fields of MuJoCo's model that are needed, with the names of the robot
+    and its joints. Raises InputError for a file that MuJoCo does not read.
+    """
     try:
         first, *named_arrays = parse_isolated(
             model_arrays,
@@ -213,9 +217,12 @@ def _compiled(path: Path) -> MujocoModel:
         what = f"MuJoCo does not read it ({error})"
         raise InputError(what, "correct it", path) from error
     arrays = dict(first)
+    # The first dict holds fields of the model; the others hold one name each,
+    # "0:robot", "1:joint", ....
     x, y, z = arrays.pop("gravity").tolist()
     names = [name for part in named_arrays for name in part]
     model_name, *joint_names = names
+    # A joint without a name is called by its number.
     names_of_joints = tuple(
         text.partition(":")[2] or f"joint{k}"
         for k, text in enumerate(joint_names, start=1)
@@ -421,8 +428,11 @@ def _joint(
     parent: int,
     placement: Array,
 ) -> Joint:
-    """Return joint j of MuJoCo's model, placed (4, 4) in the frame of its parent's
-    joint.
+    """Return joint j of MuJoCo's model as ours.
+
+    ``parent`` is the index of the joint that carries its body's parent, -1 for the
+    world; ``placement`` (4, 4) is its pose in that joint's frame. Limits that the file
+    does not give are infinite; MuJoCo has no limits of velocity.
     """
     lower = -np.inf
     upper = np.inf

@@ -365,6 +365,7 @@ def _read(
     joints: list[Joint] = []
     parts: list[Parts] = []
 
+    # ``body`` is the number of the moving link that carries a link; -1 is the base.
     def visit(name: str, body: int, pose: Array) -> None:
         """Add a link and what hangs on it; pose is the link's in the frame of its
         moving body."""
@@ -431,6 +432,7 @@ def _tree(root: Any) -> tuple[dict[str, Any], dict[str, list[Any]], str]:
             "no <link>", "name a URDF; a xacro file has to be expanded first"
         )
     children: dict[str, list[Any]] = {name: [] for name in links}
+    # Links that some joint carries; exactly one link, the base, is not carried.
     carried: set[str] = set()
     for element in root.findall("joint"):
         name = element.get("name")
@@ -472,8 +474,11 @@ def _end_of_joint(
 
 
 def _joint(element: Any, parent: int, placement: Array) -> Joint:
-    """Return the moving joint of a <joint> element, placed (4, 4) in its parent's joint
-    frame.
+    """Return the moving joint of a <joint> element.
+
+    ``parent`` is the index of the joint that carries its parent link, -1 for the base;
+    ``placement`` (4, 4) is its pose in that joint's frame. Raises InputError for
+    another type than revolute, continuous and prismatic, or an axis of length zero.
     """
     kind = element.get("type")
     name = element.get("name")
@@ -482,6 +487,7 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         raise InputError(
             f"joint {name!r} {what}", "make it one of these (fix a floating base)"
         )
+    # URDF's default axis is x.
     axis = np.array(
         _numbers(
             element.find("axis"),
@@ -496,6 +502,8 @@ def _joint(element: Any, parent: int, placement: Array) -> Joint:
         raise InputError(
             f"joint {name!r} has an axis of length zero", "correct the file"
         )
+    # Lower and upper position, velocity and effort; infinite where there is no limit. A
+    # continuous joint has no ends, even if the file writes some.
     limit = element.find("limit")
     limits = []
     for key, no_limit in (

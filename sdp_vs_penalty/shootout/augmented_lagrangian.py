@@ -25,7 +25,7 @@ from sdp_vs_penalty.shootout.judge import Answer, no_answer
 
 #: Logarithms of a factor's diagonal end here, in units of an interior point: at what
 #: doubles resolve.
-_LEAST = float(np.log(np.finfo(float).eps))
+_SMALLEST_LOGARITHM = float(np.log(np.finfo(float).eps))
 #: Of the demands (100 fails on the Panda), and rounds of multipliers.
 _WEIGHT = 10.0
 _ROUNDS = 60
@@ -87,6 +87,7 @@ class Chart:
         LinAlgError
             If ``inside`` is not strictly feasible.
         """
+        # Which parameters in theta (p,) are those of links (links, 10), which others.
         links = _link_demands(demands)
         self.indices = np.array([c.indices for c in links], np.intp).reshape(-1, 10)
         self.others = np.setdiff1d(np.arange(len(inside)), self.indices)
@@ -126,10 +127,11 @@ class Chart:
         count = self.indices.size
         factors = np.zeros((len(self.indices), 4, 4))
         factors[:, *self.lower] = x[:count].reshape(-1, 10)
+        # Logarithms end where doubles do, so that no step overflows.
         logarithms = factors[:, self.diagonal, self.diagonal]
-        pivots = np.exp(np.clip(logarithms, _LEAST, -_LEAST))
+        pivots = np.exp(np.clip(logarithms, _SMALLEST_LOGARITHM, -_SMALLEST_LOGARITHM))
         factors[:, self.diagonal, self.diagonal] = pivots
-        factors *= self.corners
+        factors *= self.corners  # back from the units of the start
         demands = factors @ factors.transpose(0, 2, 1)
         flat = demands.reshape(-1, 16) - self.shift
         theta = np.empty(len(x))

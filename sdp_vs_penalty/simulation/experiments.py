@@ -388,10 +388,13 @@ def experiment(problem: Problem) -> Experiment:
 
 
 def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
-    """Make the experiment that simulation.toml describes."""
+    """Make the experiment that a problem's simulation.toml describes: true links and
+    friction, exciting trajectory, sensor, and number and length of the validation runs.
+    """
     truth = data["truth"]
     motion = data["trajectory"]
     limits = data["validation"]
+    # The trajectory of a published table, or a random one from a seed.
     if "table" in motion:
         trajectory = published_trajectory(problem, motion)
     else:
@@ -412,6 +415,7 @@ def _described(problem: Problem, data: Mapping[str, Any]) -> Experiment:
         sensor[name] = (
             np.array(value, float) if isinstance(value, list) else float(value)
         )
+    # The sensor's first three fields in their order; the others are passed by name.
     needed = [sensor.pop(name) for name in ("rate", "torque_std", "position_step")]
     return Experiment(
         problem,

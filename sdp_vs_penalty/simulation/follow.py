@@ -212,6 +212,7 @@ class Following(Record):
 
         It grades nothing: the grade of a model comes from estimation/verdict.py.
         """
+        # Numbers with their units, as all texts show them.
         facts = self.facts()
         j = self.worst_joint - 1
         if self.drive == "pd":
@@ -267,6 +268,7 @@ class Following(Record):
         Columns: velocity after one step; position at the horizon with its 5 % and 95 %
         quantiles, and for a constant velocity; the free run with its 95 % band.
         """
+        # The first run stands for all free runs.
         free, ahead = self.free[0], self.ahead
         columns = {
             "velocity after 1 step [/s]": self.one_step.rms,
@@ -343,7 +345,9 @@ class Following(Record):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as JSON: verdict, errors, free runs and facts."""
+        """Return the result as JSON: verdict, drive and units, errors after one step
+        and at the horizon, free runs (without their motion), effects left out, and
+        facts."""
         held = {
             "drive": self.drive,
             "units": list(self.units),
@@ -553,6 +557,7 @@ class _Ride:
         course = self.course
         h = self.course.dt / self.substeps
         for m in range(self.substeps):
+            # A servo follows the command; otherwise a torque drives the arm.
             if self.servo is not None:
                 if course.command is None:
                     raise InputError(
@@ -688,6 +693,7 @@ def _free_run(
     # Distance from which the simulation counts as having left the measured motion.
     limit = np.array([_LEFT[unit] for unit in estimate.robot.position_units])
     start = int(np.flatnonzero(course.moving)[0]) if course.moving.any() else 0
+    # Every simulation starts from the measured state.
     state = states.rows(np.full(size, start))
     q = [state.q]
     added = []
@@ -709,6 +715,7 @@ def _free_run(
     motion = np.array(q)  # (samples, 1 + d, n): the model's motion first
     until = start + len(q)
     error = motion[:, 0] - states.q[start:until]
+    # Half width of the 95 % band that the parameters' uncertainty makes of the motion.
     spread = None
     if size > 2:
         deviation = motion[:, 1:] - motion[:, :1]

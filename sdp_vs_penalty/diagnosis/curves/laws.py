@@ -101,6 +101,7 @@ class Law:
         constants
             (c,) non-linear constants.
         """
+        # Texts of terms, such as "tanh({x} / {b})", have these places to fill.
         words = dict(zip("xy", names, strict=False))
         words |= dict(zip("bc", map(_number, constants), strict=False))
         if len(self.reads) < len(amplitudes):  # a wave: a sin + b cos

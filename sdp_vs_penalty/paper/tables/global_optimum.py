@@ -246,7 +246,11 @@ def search_table(searched: Sequence[Searched]) -> pandas.DataFrame:
 
 
 def _rows(problem: Searched) -> list[Row]:
-    """Return the table's rows of one problem, one for each weight."""
+    """Return the table's rows of one problem, one for each weight xi of the penalty.
+
+    A row has the certified optimum without the box on inertias ("optimum"), with it
+    ("box_..."), and the best of the runs of annealing and of local search.
+    """
     rows = []
     for k, (weight, free, boxed) in enumerate(
         zip(WEIGHTS, problem.free, problem.boxed, strict=True)

@@ -143,7 +143,8 @@ def link_table(
 
 
 def _headline(study: Study, names: pandas.Index) -> str:
-    """Say how many of these entries the torque determines by itself."""
+    """Return the headline: how many of the entries ``names`` torque determines by
+    itself at the default method's estimate, for each data set."""
     n_by_data = {
         data.label: int((sources(study, data).reindex(names) == DATA).sum())
         for data in study.whole

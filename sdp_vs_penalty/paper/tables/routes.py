@@ -186,9 +186,9 @@ def _errors(
 
 
 def _headline(rows: list[Row], judged: Mapping[str, CrossValidation]) -> str:
-    """Say how SDP and penalty compare on one problem, and the default SDP to least
-    squares.
-    """
+    """Return the table's headline: how SDP and penalty compare on the same problem, and
+    how the default SDP compares with least squares on unseen motion (only with the real
+    run)."""
     by_name = {row["method"]: row for row in rows}
     sdp = by_name[SDP]
     penalty = by_name[PENALTY]

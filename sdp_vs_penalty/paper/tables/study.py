@@ -533,9 +533,8 @@ class Study:
 
     @cached_property
     def sentence(self) -> str:
-        """The sentence on what is simulated and what is measured, which opens every
-        caption.
-        """
+        """The sentence that opens every caption: which figures are simulated, with
+        which truth, and which are measured."""
         x = self.experiment
         friction = "without friction" if x.friction is None else "with sigmoid friction"
         known = {

@@ -272,7 +272,12 @@ class _Data:
 
     @property
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds (b + 3 n,) of x; pi and phi_1 are free."""
+        """Lower and upper bounds (b + 3 n,) of x = (base parameters, phi_1, log phi_2,
+        phi_3).
+
+        Base parameters and phi_1 are free; slopes phi_2 lie between FLATTEST and
+        STEEPEST [s/rad], shifts phi_3 within +-LARGEST_SHIFT [rad/s].
+        """
         n = self.robot.n
         free = np.full(self.rigid.shape[2] + n, np.inf)
         shift = np.full(n, LARGEST_SHIFT)

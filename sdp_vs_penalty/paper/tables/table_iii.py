@@ -270,6 +270,7 @@ def _estimates(
     out = {}
     for name, method in study.methods.items():
         theta = study.theta(method, data)
+        # Base parameters of the links, then the parameters of effects.
         values = dict(
             zip(
                 keys,

@@ -236,7 +236,8 @@ def _judgement(study: Study) -> str:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """Return the notes below the table; rows : those of the table."""
+    """Return the notes below the table; ``rows`` are those of the table, from which a
+    note on the filter takes the errors."""
     printed = "table_IV" in study.problem.published
     sigmoid = ""
     published = ""

@@ -337,6 +337,7 @@ def engines(study: Study) -> Table:
     """
     n = study.problem.robot.n
     rows = []
+    # The paper's table; it has no standard deviations.
     for row in study.problem.published["table_V"]:
         about = {"motion": "published (V-REP)", **_NO_RUN, "status": "published"}
         rows.append(
@@ -346,6 +347,7 @@ def engines(study: Study) -> Table:
                 **about,
             }
         )
+    # Pose errors that stand in the paper's text.
     for engine, pose in _PUBLISHED_POSE.items():
         figures = dict(
             zip(
@@ -358,6 +360,7 @@ def engines(study: Study) -> Table:
         not_published = [None] * n  # torque errors of the joints
         joints = {**by_joint(not_published), **by_joint(not_published, "std_joint")}
         rows.append({"engine": engine, **joints, **about})
+    # Our runs: on sinusoids (simulated), and on the real run's motion if it is at hand.
     for data, runs in zip(study.whole, (sinusoidal_runs, measured_runs), strict=False):
         rows += [_row(study, data, kind, run) for kind, run in study.once(runs).items()]
     formulations = "; ".join(
@@ -402,7 +405,10 @@ def _row(
     run: EngineRun | str,
 ) -> Row:
     """Return an engine's row: mean and standard deviation of its torque error for each
-    joint, errors of the last frame's position and orientation, and its status.
+    joint [N m], errors of the last frame's position [mm] and orientation [degrees], and
+    its status.
+
+    ``run`` is the engine's run, or a sentence that says why there is none.
     """
     robot = study.problem.robot
     figures = _NO_RUN
@@ -413,6 +419,7 @@ def _row(
         inverse = inverse_dynamics_error(kind, robot, study.links(METHOD, data))
         far = 1e3 * run.position
         turned = np.rad2deg(run.angle)
+        # In the order of _NO_RUN.
         pose = far.mean(), far.max(), turned.mean(), turned.max()
         both = (*map(float, pose), inverse)
         figures = dict(zip(_NO_RUN, both, strict=True))

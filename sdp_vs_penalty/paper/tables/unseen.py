@@ -89,6 +89,7 @@ def data_needed(study: Study) -> Table:
                 }
                 for m in _METHODS
             ]
+    # The rows of the longest window of the last data set, for the headline.
     last = [
         row for row in rows if all(row[k] == rows[-1][k] for k in ("data", "seconds"))
     ]

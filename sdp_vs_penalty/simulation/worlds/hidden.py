@@ -111,7 +111,9 @@ class Hidden:
         return out
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the effect as JSON for truth.json; joints count from 1."""
+        """Return the effect as JSON for truth.json: name, joints from 1, size in the
+        unit of the library's parameter (None if it has several), shape constants and
+        details."""
         size = None if self.number is None else self.number * self.size
         about = {
             "effect": self.effect,
@@ -577,6 +579,7 @@ def _transmission(world: World, joint: int, rng: Generator) -> Hidden:
     left out: the joints' own viscous friction would absorb all of it but a cross term,
     which does not determine the ratio.
     """
+    # First joints of two revolute neighbours; the pair nearest to ``joint`` is taken.
     pairs = [i for i in range(world.arm.n - 1) if world.arm.rotary[i : i + 2].all()]
     if not pairs:
         raise InputError(
