@@ -414,6 +414,7 @@ def _add_frozen(
     fit = _fit_new_effects(estimate, new, runs, seed, progress)
     theta = np.concatenate([estimate.theta, fit.theta])
     problem = estimate.problem
+    # Details: which of the new parameters the data determine, beside the model's record.
     base = base_rows(problem, fit.model_of_new)
     sources = parameter_sources(
         fit.task,
@@ -439,6 +440,7 @@ def _add_frozen(
         "versions": versions(),
         "verdict": None,  # that of the smaller model is not this one's
     }
+    # Motion that the model or the new effects were fitted to; None if one is unknown.
     known_motion = estimate.training_motion
     new_motion = record_motion(runs)
     training_motion = None
@@ -596,8 +598,11 @@ def all_given(effect: Effect) -> bool:
 
     Needed are the constants that a search may vary, and the start t0 of a clock.
     """
-    clock = {key for key, shape in effect.shapes.items() if shape.role == "clock"}
-    return _given_constants(effect) >= clock.union(effect.searched)
+    starts_of_clock = {
+        key for key, shape in effect.shapes.items() if shape.role == "clock"
+    }
+    needed = starts_of_clock.union(effect.searched)
+    return needed <= _given_constants(effect)
 
 
 def estimate_constants(

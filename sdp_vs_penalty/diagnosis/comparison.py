@@ -336,10 +336,23 @@ class Comparison(Record):
         data: Mapping[str, Any],
         estimate: Estimate,
     ) -> Self:
-        """Restore a comparison from what :meth:`to_dict` wrote, without its signals."""
+        """Restore a comparison from the JSON of :meth:`to_dict`.
+
+        Parameters
+        ----------
+        data
+            The JSON. A noise floor of nulls stands for an unknown one.
+        estimate
+            The model.
+
+        Returns
+        -------
+        Comparison
+            Its signals are empty, since the JSON does not contain them.
+        """
         floor = data["noise_floor"]
         known = bool(floor) and floor[0] is not None
-        none = np.zeros((0, len(data["rmse"])))
+        no_rows = np.zeros((0, len(data["rmse"])))
         return cls(
             name=data["model"],
             estimate=estimate,
@@ -350,7 +363,7 @@ class Comparison(Record):
             noise_source=data["verdict"]["noise_source"],
             relative_error_percent=float(data["relative_error_percent"]),
             band_hz=float(data["band_hz"]),
-            signals=Signals(np.zeros(0), none, none, none, none),
+            signals=Signals(np.zeros(0), no_rows, no_rows, no_rows, no_rows),
             runs=tuple(data["verdict"]["judged_on"]),
             new_motion_share=data["new_motion_share"],
             outside=dict(data["outside"]),

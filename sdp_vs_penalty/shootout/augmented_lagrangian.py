@@ -25,7 +25,7 @@ from sdp_vs_penalty.shootout.judge import Answer, no_answer
 
 #: Logarithms of a factor's diagonal end here, in units of an interior point: at what
 #: doubles resolve.
-_LEAST = float(np.log(np.finfo(float).eps))
+_SMALLEST_LOGARITHM = float(np.log(np.finfo(float).eps))
 #: Of the demands (100 fails on the Panda), and rounds of multipliers.
 _WEIGHT = 10.0
 _ROUNDS = 60
@@ -87,6 +87,7 @@ class Chart:
         LinAlgError
             If ``inside`` is not strictly feasible.
         """
+        # Which parameters in theta (p,) are those of links (links, 10), which others.
         links = _link_demands(demands)
         self.indices = np.array([c.indices for c in links], np.intp).reshape(-1, 10)
         self.others = np.setdiff1d(np.arange(len(inside)), self.indices)
@@ -126,10 +127,11 @@ class Chart:
         count = self.indices.size
         factors = np.zeros((len(self.indices), 4, 4))
         factors[:, *self.lower] = x[:count].reshape(-1, 10)
+        # Logarithms end where doubles do, so that no step overflows.
         logarithms = factors[:, self.diagonal, self.diagonal]
-        pivots = np.exp(np.clip(logarithms, _LEAST, -_LEAST))
+        pivots = np.exp(np.clip(logarithms, _SMALLEST_LOGARITHM, -_SMALLEST_LOGARITHM))
         factors[:, self.diagonal, self.diagonal] = pivots
-        factors *= self.corners
+        factors *= self.corners  # back from the units of the start
         demands = factors @ factors.transpose(0, 2, 1)
         flat = demands.reshape(-1, 16) - self.shift
         theta = np.empty(len(x))
@@ -242,10 +244,11 @@ class Round:
 
 
 def solve(instance: Instance, accuracy: float) -> Answer:
-    """Minimise from the interior point in rounds, each followed by new multipliers.
+    """Minimise the augmented Lagrangian in rounds, from the interior point.
 
-    An optimum is claimed if gradient, violation and change of the multipliers are
-    within the accuracy.
+    Each round minimises in the log-Cholesky variables x with fixed shifts (multipliers
+    over the weight of the penalty), then updates the shifts. An optimum is claimed if
+    gradient, violation and change of the shifts are within the accuracy.
 
     Parameters
     ----------
@@ -257,11 +260,13 @@ def solve(instance: Instance, accuracy: float) -> Answer:
     Returns
     -------
     Answer
-        Without multipliers, since the variables leave none for the links.
+        Without multipliers: the variables keep the links' matrices positive, so that
+        those have none.
     """
     inside = instance.interior
     if inside is None:
         return no_answer(instance, "no interior point to start from")
+    # Matrix constraints hold by construction; the penalty imposes all others.
     others = ConstraintSet(tuple(c for c in instance.sent if c.cone != "psd"))
     penalty = ShiftedPenalty(instance.task, instance.data, others, inside)
     chart = Chart(instance.sent, inside)

@@ -154,24 +154,26 @@ def unscaled_sdp(
     constraints: Sequence[Constraint],
     formulation: str,
 ) -> SdpProblem:
-    """Pose a problem as users write it, without a centre, and without scaling anything.
+    """Pose a problem as users write it, without a centre and without any scaling.
 
-    gram   minimise theta^T (R^T R) theta - 2 rho^T R theta, whose constant rho^T rho is
-           left out; "gram in float32" sums R^T R and R^T rho in single precision
-    rows   minimise |z|^2 subject to R theta - z = rho
+    "gram": minimise theta^T (R^T R) theta - 2 rho^T R theta; the constant rho^T rho is
+    left out. "gram in float32": the same with R^T R and R^T rho in single precision.
+    "rows": minimise |z|^2 subject to R theta - z = rho.
 
     Parameters
     ----------
     data : LeastSquares
         R (r, p), rho (r,).
     constraints : sequence of Constraint
-        On theta.
+        Constraints on theta (p,).
     formulation : str
         "gram", "gram in float32" or "rows".
 
     Returns
     -------
     SdpProblem
+        minimise 1/2 x^T P x + q^T x over cones, and how theta and the loss follow from
+        x.
     """
     r, p = data.R.shape
     groups = list[ConeGroup]()
@@ -190,6 +192,8 @@ def unscaled_sdp(
         P = scipy.sparse.csc_matrix(np.triu(2.0 * gram))
         q = -2.0 * (R.T @ rho).astype(float)
         offset += float(data.rho @ data.rho)
+    # The r equations, if any, are the first rows of the conic problem. Centre 0 and
+    # scales 1 leave the constraints as they are.
     first = r if groups else 0
     more, placed = scaled(
         constraints,
