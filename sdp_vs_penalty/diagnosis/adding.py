@@ -414,6 +414,7 @@ def _add_frozen(
     fit = _fit_new_effects(estimate, new, runs, seed, progress)
     theta = np.concatenate([estimate.theta, fit.theta])
     problem = estimate.problem
+    # Details: which of the new parameters the data determine, beside the model's record.
     base = base_rows(problem, fit.model_of_new)
     sources = parameter_sources(
         fit.task,
@@ -439,6 +440,7 @@ def _add_frozen(
         "versions": versions(),
         "verdict": None,  # that of the smaller model is not this one's
     }
+    # Motion that the model or the new effects were fitted to; None if one is unknown.
     known_motion = estimate.training_motion
     new_motion = record_motion(runs)
     training_motion = None

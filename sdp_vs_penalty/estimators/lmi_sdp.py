@@ -256,7 +256,11 @@ class LmiSdpTwoStep(Estimator):
         objective: Objective,
         feasible: ConstraintSet,
     ) -> Fit:
-        """Solve one SDP of the chain."""
+        """Minimise one step's objective over the feasible set by an SDP; return the
+        Fit.
+
+        The method has several steps, each with an objective of its own.
+        """
         posed = PosedSdp(task, objective, feasible, self.solver)
         return posed.fit(objective, self.accuracy)
 

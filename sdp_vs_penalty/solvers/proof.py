@@ -476,8 +476,9 @@ def _signed(proof: Proof) -> Proof:
 
 
 def _checked(proof: Proof) -> Proof:
-    """Return the signed proof after verifying it with verify_proof, which raises
-    ValueError.
+    """Return the signed proof after checking it by the stand-alone verify_proof.
+
+    verify_proof raises ValueError for a proof that does not hold.
     """
     signed_proof = _signed(proof)
     verify_proof.check(signed_proof)

@@ -403,15 +403,16 @@ def recognise_law(
     """
 
     def in_splines(law: Law, constants: Array) -> tuple[Array, Array]:
-        return _normal_equations(
-            _coefficients_in_splines(f.basis, law, constants), f.columns
-        )
+        """Return the normal equations of a law's amplitudes, with the curve's splines."""
+        coefficients = _coefficients_in_splines(f.basis, law, constants)
+        return _normal_equations(coefficients, f.columns)
 
     def evidence_of(fit: LawFit) -> float:
+        """Return the evidence J of a law by its drop of the squared error."""
         n_numbers = np.array(fit.size)
         return float(f.columns.score(np.array(fit.chi2), n_numbers, looked))
 
-    # Every law at the best of its starts, in the curve's splines.
+    # Fast: every law at the best of its starts, approximated by the curve's splines.
     fits = []
     for law, coefficients in _laws_with_starts(f.basis):
         gram, pull = _normal_equations(coefficients, f.columns)
@@ -420,14 +421,14 @@ def recognise_law(
         constants = np.array(law.starts[best], float)
         fits.append(LawFit(law, amplitudes[best], constants, float(chi2[best])))
     fits.sort(key=evidence_of, reverse=True)
-    # The best few with refined constants, on the rows.
+    # Exact: the best few with refined constants, fitted on the rows of the log.
     scored = []
     for start in fits[:MAX_CANDIDATES_REFINED]:
-        near = _refine_law(start, in_splines)
-        columns = on_rows(near.law, near.constants)
+        refined = _refine_law(start, in_splines)
+        columns = on_rows(refined.law, refined.constants)
         amplitudes, chi2 = _solve_amplitudes(columns.D[None], columns.s[None])
         exact = replace(
-            near,
+            refined,
             amplitudes=amplitudes[0],
             chi2=float(chi2[0]),
             columns=columns,
@@ -436,6 +437,7 @@ def recognise_law(
     top = max([f.J, *(J for J, _ in scored)])
     threshold = top - EVIDENCE_TO_DISTINGUISH - LAW_TOLERANCE * top
     equivalent = [(J, law) for J, law in scored if threshold < J]
+    # The fewest numbers first, then the highest evidence.
     return min(
         equivalent,
         key=lambda pair: (pair[1].size, -pair[0]),
